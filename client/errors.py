@@ -1,11 +1,11 @@
-"""What can go wrong when a team is asked for something, beyond what it answers.
+"""Errors of a client, besides those that a team replies.
 
 RobrainError
-└── BadTask                   a task that cannot be asked for: no such kind, or a field that is missing or invalid
+└── BadTask                   an invalid task: unknown kind, or a field that is missing or invalid
 """
 
 from robrain.protocol.wire.errors import RobrainError
 
 
 class BadTask(RobrainError):
-    """A task that cannot be asked for; the text names the field and what was expected."""
+    """An invalid task; the text names the field and what was expected."""

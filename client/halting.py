@@ -1,4 +1,4 @@
-"""Emergency halts of a team or one robot, their end, and which robots have obeyed. They need no coordinator."""
+"""Emergency halts of a team or one robot, their end, and their confirmation. They need no coordinator."""
 
 import msgspec
 
@@ -23,16 +23,16 @@ POLL_S = 0.01
 
 
 class HaltReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a halt, or of its end."""
+    """Which robots have confirmed a halt, or its end."""
 
     halted: bool
     """True for a halt, False for its end."""
     by: str
-    """Who gave it."""
+    """Name of the sender."""
     confirmed: tuple[str, ...]
     """Robots that have stopped, or resumed; sorted."""
     unconfirmed: dict[str, str]
-    """Every other robot of the team, and in words what is known of it; sorted."""
+    """Every other robot of the team, with its last known state in words; sorted."""
 
 
 def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
@@ -51,13 +51,13 @@ def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
 class TeamOrder:
     """A halt of all robots, or its end.
 
-    It is sent before anything else is done, and sent again until all robots have confirmed.
+    It is sent first of all, and repeated until all robots have confirmed.
 
     Args:
         transport: to the team.
         publisher: of the topic `halt`.
-        wire: a new endpoint, for what the robots reply.
-        wanted: what is sent.
+        wire: a new endpoint, for the robots' replies.
+        wanted: the message to send.
 
     """
 
@@ -77,7 +77,7 @@ class TeamOrder:
         self._coordinators = wire.watch(COORDINATOR_ALIVE)
 
     def report(self) -> HaltReport:
-        """Wait until the robots have confirmed, 2 s at the most.
+        """Wait until the robots have confirmed, at most 2 s.
 
         Raises:
             NobodyThere: there is no robot. The halt was sent all the same.
@@ -92,7 +92,7 @@ class TeamOrder:
             if now_s >= began_s + transport.gather_s and not coordinator_is_silent:
                 if not self._disobedient() and self._robots:
                     break
-                if not self._wanted.halted:  # who refuses does not change its mind: it is asked why
+                if not self._wanted.halted:  # a refusal is final: ask for the reason
                     break
             if now_s >= repeat_s and self._wanted.halted and (self._disobedient() or not self._robots):
                 self._publisher.put(self._wanted)
@@ -103,7 +103,7 @@ class TeamOrder:
         return _report(self._wanted, {name: self._why(name) for name in self._robots})
 
     def _hear(self) -> bool:
-        """Take in what has come; whether there is a coordinator that has not said yet which robots it knows."""
+        """Process replies; returns whether a coordinator is present that has not listed its robots yet."""
         self._robots |= {change.names["robot"] for change in self._presence.changes() if change.present}
         for received in self._states.drain():
             self._latest[received.message.robot] = received.message
@@ -140,7 +140,7 @@ class TeamOrder:
 
 
 def _ask(wire: Endpoint, robot: str, wanted: Halt) -> str | None:
-    """Have one robot halt or resume; why it did not, empty if it did, None if it is not there."""
+    """Halt or resume one robot; returns why it did not, empty if it did, None if it is absent."""
     try:
         if wanted.halted:
             answer = wire.ask(HOST_HALT, HaltRequest(by=wanted.by, reason=wanted.reason), robot=robot)

@@ -1,4 +1,4 @@
-"""Queries to a team: to its coordinator, which may be away for a moment, and to its robots."""
+"""Queries to a team: to its coordinator, which may be restarting, and to its robots."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,13 +15,13 @@ from robrain.protocol.wire.topics import ROBOT_CALL
 
 ASK_TIMEOUT_S = 2.0
 ROBOT_TIMEOUT_S = 10.0
-"""The least time that a robot is given; its host may be busy."""
+"""Minimum time limit for a robot's answer; its host may be busy."""
 AGAIN_S = 0.25
 _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
 
 
 class Requests:
-    """Asks, and repeats where that is safe.
+    """Sends queries, and repeats them where that is safe.
 
     Args:
         transport: to the team.
@@ -34,7 +34,7 @@ class Requests:
         self._wire = wire
 
     def coordinator(self, topic: Query[Q, R], request: Q | None) -> R:
-        """Ask the coordinator, again and again while it is away, until the transport's patience is over.
+        """Query the coordinator, repeatedly while it is away, until the transport's patience is over.
 
         Raises:
             CallError: it refuses.
@@ -55,7 +55,7 @@ class Requests:
             transport.pass_time(AGAIN_S)
 
     def robot(self, topic: Query[Q, R], request: Q | None, robot: str) -> R:
-        """Ask a robot.
+        """Query a robot.
 
         Raises:
             CallError: it refuses.
@@ -87,7 +87,7 @@ class Requests:
         try:
             return msgspec.json.decode(reply)
         except msgspec.DecodeError as error:
-            raise WireError(f"{robot} answered with something else than was asked for: {error}") from error
+            raise WireError(f"{robot} sent an invalid answer: {error}") from error
 
     def _no_coordinator(self) -> NobodyThere:
         text = f"no coordinator of team {self._wire.team} answers"

@@ -1,4 +1,4 @@
-"""A team of robots, from a script: one class for a live team and for a simulated one.
+"""`Team`: a team of robots for scripts, live or simulated.
 
 team = robrain.Team.connect("tcp/10.0.0.5:7447")       # live; without an endpoint, this machine's hub
 team = robrain.Scenario.builtin("depot").team(seed=3)  # in lockstep, in this process
@@ -7,8 +7,8 @@ with team:
     task = team.submit("visit", place=(3, 4), deadline_s=120)
     print(team.wait(task).state, team.why(task).now)
 
-Both have the same methods with the same meaning. Live, time passes by itself. In lockstep it passes only within methods
-that wait: `wait`, `wait_all`, `run_for`, `events`, `readings`, `halt` and `resume`.
+Both have the same methods. Live, time passes by itself. In lockstep it passes only within methods that wait:
+`wait`, `wait_all`, `run_for`, `events`, `readings`, `halt` and `resume`.
 """
 
 import os
@@ -81,7 +81,7 @@ from robrain.protocol.wire.topics import (
     TASK_WHY,
 )
 
-# `list` is also what a team is asked for its tasks by.
+# The method `list` hides the built-in within the class.
 Names = list[str]
 PluginInfos = list[PluginInfo]
 TaskRecords = list[TaskRecord]
@@ -95,14 +95,14 @@ TASK_TIMEOUT_S = 600.0
 
 
 class Team:
-    """A team to talk to; use it in a `with` block.
+    """A connection to a team; use it in a `with` block.
 
-    While a live coordinator is away, as while it restarts, each query to it is repeated until it is answered or the
-    transport's patience is over. That is safe: a task's id makes a submission count once, however often it arrives.
+    While a live coordinator is away, for example during a restart, each query to it is repeated until it is answered or
+    the transport's patience is over. This is safe, because a task with the same id is accepted only once.
 
     Args:
         transport: to the team; the `Team` closes it.
-        by: who asks, for the records of tasks and halts, and as the holder of plugins.
+        by: name of the client in the records of tasks and halts, and as the holder of plugins.
 
     """
 
@@ -121,13 +121,13 @@ class Team:
     def connect(
         cls, endpoint: str | None = None, *, team: str = DEFAULT_TEAM, by: str = "", patience_s: float = PATIENCE_S
     ) -> Self:
-        """Talk to a live team.
+        """Connect to a live team.
 
         Args:
             endpoint: of the team, `tcp/HOST:PORT`; None uses $ROBRAIN_CONNECT, else this machine's hub.
             team: its name.
-            by: who asks; $USER if empty.
-            patience_s: how long to ask a coordinator again that does not answer, as while it restarts.
+            by: name of the client; $USER if empty.
+            patience_s: how long to repeat a query that the coordinator does not answer, as during a restart.
 
         Raises:
             NobodyThere: nothing answers at the endpoint.
@@ -149,11 +149,11 @@ class Team:
         """Let time pass.
 
         Args:
-            seconds: this much at the most.
-            until: looked at every 0.2 s; time stands still, or the wait is over, as soon as it holds.
+            seconds: maximum duration.
+            until: called every 0.2 s; the method returns as soon as it is true.
 
         Returns:
-            Whether `until` held in time; True without one.
+            Whether `until` became true in time; True without it.
 
         """
         transport = self.transport
@@ -181,24 +181,24 @@ class Team:
         robots: int | None = None,
         parameters: Mapping[str, Any] | None = None,
     ) -> TaskRecord:
-        """Have a task done; the same task with the same id again has the same answer.
+        """Submit a task; submitting the same task with the same id again returns the same answer.
 
         Args:
-            task: a kind, such as `visit`, with the arguments below; or a whole task, with none of them but the times.
+            task: a kind, such as `visit`, with the arguments below; or a whole task, with only the times.
             id: the task's name; None for a new one, such as `visit-3`.
-            place: where, x and y, metres, arena frame.
+            place: x and y, metres, arena frame.
             priority: reward for doing it; 1 if not given.
-            earliest_s: it must not begin before, seconds from its acceptance.
-            deadline_s: it must be done by then, seconds from its acceptance.
+            earliest_s: earliest start, seconds from its acceptance.
+            deadline_s: latest end, seconds from its acceptance.
             service_s: expected time at its place.
             needs: plugins that a robot must have for it.
             after: tasks that must be done before.
             robots: number of robots that must work on it at the same time; 1 if not given.
-            parameters: further fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
+            parameters: fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
 
         Raises:
             BadTask: a field is missing or invalid.
-            CallError: the task is refused, as one of a kind that no robot does; the text says why.
+            CallError: the task is refused, for example because no robot does its kind; the text says why.
             NobodyThere: no coordinator answers.
 
         """
@@ -234,27 +234,27 @@ class Team:
         return self._fresh_ids.submit(task, submit, self.by)
 
     def cancel(self, task: TaskName, why: str = "") -> TaskRecord:
-        """End a task unfinished; its robot is told to stop (CallError if it has ended otherwise)."""
+        """Cancel a task; its robot is told to stop (CallError if it has already ended)."""
         return self._requests.coordinator(TASK_CANCEL, TaskRequest(id=_id_of(task), by=self.by, why=why))
 
     def get(self, task: TaskName) -> TaskRecord:
-        """How a task stands (CallError if there is none of that id)."""
+        """Return a task's record (CallError for an unknown id)."""
         return self._requests.coordinator(TASK_GET, TaskRequest(id=_id_of(task)))
 
     def why(self, task: TaskName) -> TaskWhy:
-        """Why a task stands as it does, and how each robot stood to it (CallError if there is none of that id)."""
+        """Explain a task's state, with each robot's cost or exclusion (CallError for an unknown id)."""
         return self._requests.coordinator(TASK_WHY, TaskRequest(id=_id_of(task)))
 
     def list(self, wanted: TaskFilter | None = None) -> TaskRecords:
-        """The tasks that match, in the order in which they were accepted."""
+        """Return the matching tasks, in the order of acceptance."""
         return self._requests.coordinator(TASK_LIST, wanted or TaskFilter())
 
     def wait(self, task: TaskName, *, timeout_s: float | None = TASK_TIMEOUT_S) -> TaskRecord:
-        """Wait until a task has ended (TimeoutError if it has not in time), and return how."""
+        """Wait until a task has ended, and return its record (TimeoutError if it has not in time)."""
         return self.wait_all([task], timeout_s=timeout_s)[0]
 
     def wait_all(self, tasks: Iterable[TaskName], *, timeout_s: float | None = TASK_TIMEOUT_S) -> TaskRecords:
-        """Wait until all of some tasks have ended (TimeoutError if they have not in time), and return how."""
+        """Wait until all these tasks have ended, and return their records (TimeoutError if they have not in time)."""
         wanted = [_id_of(task) for task in tasks]
         if wanted:
             for _ in self.events(wanted, timeout_s=timeout_s):
@@ -262,16 +262,16 @@ class Team:
         return [self.get(task) for task in wanted]
 
     def events(self, tasks: Iterable[TaskName] = (), *, timeout_s: float | None = None) -> Iterator[TaskEvent]:
-        """Each change of some tasks, beginning with how they stand, until all of them have ended.
+        """Yield each change of tasks, beginning with their present state, until all of them have ended.
 
-        A change that happens while the coordinator cannot be heard may be missed; how a task ends never is.
+        A change during a lost connection may be missed; the end of a task never is.
 
         Args:
-            tasks: which; without any, all tasks, without end.
-            timeout_s: how long to go on at most; None is for ever.
+            tasks: the tasks to follow; if empty, all tasks, without end.
+            timeout_s: maximum duration; None for no limit.
 
         Raises:
-            CallError: there is no task of an id.
+            CallError: an id is unknown.
             NobodyThere: no coordinator answers.
             TimeoutError: they have not all ended in time.
 
@@ -283,15 +283,15 @@ class Team:
     # -- planning ---------------------------------------------------------------------------------------------
 
     def kinds(self) -> KnownKinds:
-        """The kinds of tasks that robots of the team do, each with the JSON Schema of its parameters."""
+        """Return the kinds of task that robots of the team do, each with the JSON Schema of its parameters."""
         return self._requests.coordinator(TASK_KINDS, None)
 
     def planning(self) -> PlanningStatus:
-        """How the team's tasks are planned."""
+        """Return the state of planning."""
         return self._requests.coordinator(COORDINATOR_PLANNING, None)
 
     def set_objective(self, objective: Objective) -> PlanningStatus:
-        """Change what the team's plans are optimised for, from now on."""
+        """Change the planning objective."""
         return self._requests.coordinator(COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=objective, by=self.by))
 
     # -- robots -----------------------------------------------------------------------------------------------
@@ -306,12 +306,12 @@ class Team:
     @overload
     def state(self, robot: str) -> RobotState: ...
     def state(self, robot: str | None = None) -> TeamState | RobotState:
-        """The last state that a robot has sent; without a robot, the coordinator's last summary of the team.
+        """Return the last state of a robot; without a name, the coordinator's last summary of the team.
 
-        `stamp_ns` says when it was sent. The first time, a live team is listened to for 2 s at the most.
+        `stamp_ns` is the time of sending. The first call on a live team waits for at most 2 s.
 
         Raises:
-            NobodyThere: nothing was heard of it; of a robot that is not present, the text lists those that are.
+            NobodyThere: no state was received; if the robot is absent, the text lists the present ones.
 
         """
         if robot is None:
@@ -319,11 +319,11 @@ class Team:
         return self._standing.robot(robot)
 
     def readings(self, seconds: float, *, mote: str = "") -> Iterator[MoteReading]:
-        """What robots and gateways bring in from motes, in order of arrival, for so long.
+        """Yield readings of motes, published by robots and gateways, in order of arrival.
 
         Args:
             seconds: how long to listen.
-            mote: of this mote only.
+            mote: only this mote; all if empty.
 
         """
         wire, inbox = self._listening.open(), Inbox(4096)
@@ -350,11 +350,11 @@ class Team:
             timeout_s: time limit for the result.
 
         Returns:
-            The result, as JSON has it.
+            The result, as decoded JSON.
 
         Raises:
             CallError: the call is refused, or the plugin fails; the text says why.
-            NobodyThere: the robot is not there; the text lists those that are.
+            NobodyThere: the robot is absent; the text lists the present ones.
             ValueError: arguments are given by position and by name.
 
         """
@@ -365,32 +365,32 @@ class Team:
         return self._requests.call(robot, plugin, function, given, timeout_s=timeout_s, by=by)
 
     def command(self, robot: str, text: str) -> str:
-        """Have a robot execute a call in its text form, such as `call driver drive(0.5)`; the result as text."""
+        """Execute a call in the text form, such as `call driver drive(0.5)`; returns the result as text."""
         return self._requests.robot(HOST_COMMAND, CommandRequest(text=text, by=self.by), robot)
 
     def hold(self, robot: str, plugin: str, *, lease_s: float = 5.0) -> None:
-        """Have an exclusive plugin for oneself, for at most 60 s; again in time to have it longer.
+        """Hold an exclusive plugin for at most 60 s; call again before the end to renew the lease.
 
-        Nobody else can call it meanwhile, plugins of the robot included.
+        Meanwhile no other caller can use it, including plugins of the robot.
 
         Raises:
-            CallError: somebody else has it (`busy`), or there is no such plugin.
+            CallError: another holder has it (`busy`), or the plugin does not exist.
 
         """
         self._requests.robot(HOST_HOLD, HoldRequest(plugin=plugin, by=self.by, lease_s=lease_s), robot)
         self._held.add((robot, plugin))
 
     def release(self, robot: str, plugin: str) -> bool:
-        """Give back a plugin that was held; False if it was not, or no longer."""
+        """Release a held plugin; False if it was not held, or no longer."""
         self._held.discard((robot, plugin))
         return self._requests.robot(HOST_RELEASE, ReleaseRequest(plugin=plugin, by=self.by), robot)
 
     def plugins(self, robot: str) -> PluginInfos:
-        """The plugins of a robot: their states, functions, and why they do not run."""
+        """Return the plugins of a robot with state, functions and, if not running, the reason."""
         return self._requests.robot(ROBOT_PLUGINS, None, robot)
 
     def load(self, robot: str, plugin: str | Path) -> PluginInfos:
-        """Load a plugin into a robot that is running, with what it requires.
+        """Load a plugin into a running robot, with the plugins that it requires.
 
         Args:
             robot: name of the robot.
@@ -407,7 +407,7 @@ class Team:
         return self._requests.robot(HOST_LOAD, LoadRequest(plugin=plugin), robot)
 
     def unload(self, robot: str, plugin: str, *, cascade: bool = False) -> PluginInfos:
-        """Unload a plugin, and with `cascade` those that require it (CallError if others do, without)."""
+        """Unload a plugin (CallError if others require it); `cascade` unloads those too."""
         return self._requests.robot(HOST_UNLOAD, UnloadRequest(plugin=plugin, cascade=cascade), robot)
 
     def reload(self, robot: str, plugin: str) -> PluginInfos:
@@ -417,18 +417,18 @@ class Team:
     # -- emergency halt ---------------------------------------------------------------------------------------
 
     def halt(self, robot: str | None = None, *, reason: str = "", by: str | None = None) -> HaltReport:
-        """Emergency halt of all robots, or of one. It is sent at once; then robots have 2 s to confirm it.
+        """Halt all robots, or one, in an emergency. Robots have 2 s to confirm.
 
         Args:
             robot: halt only this one.
             reason: for the logs; truncated, as a halt message must be small.
-            by: who halts, in place of the team's `by`. That name may end the halt, and any `operator…`.
+            by: name to halt as, in place of the team's `by`. This name may end the halt, and any `operator…`.
 
         Returns:
-            Which robots have confirmed that they stopped, and what is known of the others.
+            Which robots have confirmed that they stopped, and the state of the others.
 
         Raises:
-            NobodyThere: there is no robot, or not that one. A halt of all was sent all the same.
+            NobodyThere: no robot is present, or not that one. A halt of the team was sent anyway.
 
         """
         return self._order(robot, halted=True, reason=reason, by=by)
@@ -451,7 +451,7 @@ class Team:
     # -- the end ----------------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Leave the team; a team in lockstep ends."""
+        """Close the connection; a team in lockstep ends."""
         try:
             self._listening.close()
         finally:

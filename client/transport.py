@@ -1,4 +1,4 @@
-"""What a client needs of the team that it talks to: a session, and how time passes."""
+"""A client's connection to a team: a session, and how time passes."""
 
 import time
 from pathlib import Path
@@ -35,15 +35,15 @@ class Transport(Protocol):
 
     @property
     def drive(self) -> Drive:
-        """Who moves time."""
+        """Whether time is real or virtual."""
 
     @property
     def patience_s(self) -> float:
-        """How long a coordinator that is away is asked again; 0 where it cannot be away."""
+        """How long queries to an absent coordinator are repeated; 0 where it cannot be absent."""
 
     @property
     def gather_s(self) -> float:
-        """How long robots may take to be heard of; 0 where all are known at once."""
+        """How long to wait for robots to be discovered; 0 where all are known at once."""
 
     def elapsed_s(self) -> float:
         """Seconds since the client began; never goes back."""

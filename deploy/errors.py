@@ -1,10 +1,10 @@
-"""What can go wrong when a team is started.
+"""Errors of the command line.
 
 RobrainError
 ├── UsageError                the command line is wrong
-├── ChildFailed               a process of the team did not start; carries what it said
-├── LogError                  a lidar log, or a file of relations, cannot be read, or is none
-└── InstanceError             a public routing instance cannot be read, or is none that the allocators' model holds
+├── ChildFailed               a process of the team did not start; carries its output
+├── LogError                  a lidar log or a file of relations cannot be read, or is invalid
+└── InstanceError             a public routing instance cannot be read, or does not fit the allocators' model
 """
 
 from robrain.protocol.wire.errors import RobrainError

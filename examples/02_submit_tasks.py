@@ -1,9 +1,9 @@
-"""Tasks for a team: where, how urgent, by when. The coordinator decides who goes, and says why."""
+"""Tasks with place, priority and deadline. The coordinator assigns them to robots and explains its decisions."""
 
 from robrain import Scenario
 
 with Scenario.builtin("arena_small").replace(robots=2).team(seed=3) as team:
-    team.run_for(1.0)  # the robots start, and look around
+    team.run_for(1.0)  # the robots start and scan
     team.submit("visit", id="door", place=(4.2, 3.0), service_s=2.0)
     team.submit("visit", id="corner", place=(1.0, 1.0), priority=5.0)
     team.submit("inspect", id="picture", place=(6.0, 3.0), deadline_s=60.0, parameters={"look_at": (7.5, 5.0)})

@@ -1,4 +1,4 @@
-"""Your own plugin, loaded into a robot that is driving: the folder beside this file has it, in ten lines."""
+"""Your own plugin, ten lines in the folder beside this file, loaded into a driving robot."""
 
 from pathlib import Path
 

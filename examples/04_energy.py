@@ -1,4 +1,4 @@
-"""Energy: a robot with a small battery patrols; when it could not come home any more, it charges and goes on."""
+"""Energy: a robot with a small battery patrols, charges before it has too little energy left, and continues."""
 
 from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario
 

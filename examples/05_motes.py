@@ -1,4 +1,4 @@
-"""Motes: a robot fetches what a mote has stored; a reading is brought by whom it costs less: mote or robot."""
+"""Motes: a robot fetches stored readings of a mote; a reading is assigned to a mote or a robot, by cost."""
 
 from collections import Counter
 

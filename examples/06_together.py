@@ -1,4 +1,4 @@
-"""Work that hangs together: one task after another, and one that takes two robots at once."""
+"""Dependent tasks: one task after another, and one for two robots at once."""
 
 from robrain import Scenario
 

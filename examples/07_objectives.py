@@ -1,4 +1,4 @@
-"""What is a good plan? The same tasks planned for least energy and for the earliest end, and why each went where."""
+"""Planning objectives: the same tasks planned for least energy and for the earliest end, with the decisions."""
 
 from robrain import Objective, PlanningPolicy, Scenario
 
@@ -6,11 +6,11 @@ PLACES = [(1.0, 1.0), (2.0, 1.0), (1.0, 2.8), (2.2, 3.0), (4.0, 1.0), (4.2, 3.0)
 
 
 def work(objective: Objective) -> None:
-    """Have the same team do the same tasks, and say how it went."""
+    """Run the same tasks with the same team, and print the result."""
     policy = PlanningPolicy(objective=objective)
     scenario = Scenario.builtin("arena_small").replace(robots=2, motes=0, planning=policy)
     with scenario.team(seed=6) as team:
-        team.run_for(40.0)  # first the floor is explored
+        team.run_for(40.0)  # explore the floor first
         began_s = team.now_s
         records = team.wait_all([team.submit("visit", place=place, service_s=4.0) for place in PLACES])
         energy_j = sum(record.result["energy_j"] for record in records)

@@ -1,4 +1,4 @@
-"""A kind of task of your own: the folder beside this file has it, and nothing else in the team knows of it."""
+"""A kind of task of your own, defined only by the plugin in the folder beside this file."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ FOLDER = Path(__file__).with_name("08_your_own_task")
 with Scenario.builtin("arena_small").replace(robots=2).team() as team:
     team.run_for(20.0)
     team.load("r1", FOLDER)
-    team.run_for(2.0)  # the coordinator asks r1 what it can do now
+    team.run_for(2.0)  # the coordinator queries r1 for its new kinds of task
     (sweep,) = [known for known in team.kinds() if known.kind == "sweep"]
     print(f"{', '.join(sweep.robots)} can {sweep.kind}: {', '.join(sweep.parameters['properties'])}")
 

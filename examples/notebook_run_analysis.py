@@ -21,29 +21,29 @@ else:
 run = robrain.load(path)
 print(f"{run.info.duration_s:.0f} s, {run.info.messages} messages; topics: {', '.join(run.topics)}")
 
-# %% A table for each topic: pandas, a row for each message
+# %% A pandas table for each topic, with a row for each message
 states = run.table("robot_state")
 states["speed_m_s"] = states["velocity.forward_m_s"].abs()
 print(states.groupby("robot")[["speed_m_s", "battery.soc"]].agg(["mean", "min"]).round(3))
 
-# %% How far each robot has come, by its own poses
+# %% Distance driven by each robot, from its own poses
 steps = states.sort_values("t_s").groupby("robot")[["pose.x_m", "pose.y_m"]].diff()
 states["step_m"] = (steps["pose.x_m"] ** 2 + steps["pose.y_m"] ** 2) ** 0.5
 print(states.groupby("robot")["step_m"].sum().round(1).rename("way_m"))
 
-# %% Typed messages, where a table is not enough
+# %% Typed messages
 done = [told for told in run.messages("task_event") if told.message.state == "done"]
 for told in done[:3]:
     print(f"{told.t_s:6.1f} s  {told.message.task.id} done by {told.message.robot}")
 
-# %% The map as the team knew it half-way and at the end
+# %% The team's map half-way and at the end
 for t_s in (run.info.duration_s / 2, run.info.duration_s):
     grid = run.map_at(t_s)
     if grid is not None:
         area_m2 = grid.known_count * grid.geometry.resolution_m**2
         print(f"after {t_s:.0f} s: {area_m2:.0f} m² known")
 
-# %% A figure; the report (`robrain report`) has many
+# %% A figure; `robrain report` has more
 from matplotlib.figure import Figure  # noqa: E402 - a cell of its own
 
 figure = Figure(figsize=(7, 4), layout="constrained")

@@ -1,4 +1,4 @@
-"""The command line. Each command reads its options, and leaves the work to the folder that it belongs to."""
+"""The command line. Each command reads its options and calls the folder that does the work."""
 
 import logging
 import sys
@@ -382,7 +382,7 @@ def wire(
 
 
 def main() -> None:
-    """Entry point: what is wrong is said in one sentence, with exit status 2."""
+    """Entry point: prints an error as one sentence, with exit status 2."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     with _said_in_words():
         app()

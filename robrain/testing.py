@@ -1,7 +1,7 @@
-"""For tests of plugins.
+"""Test benches for plugins.
 
 `PluginBench` runs plugins on a real robot host in lockstep, with a clock that the test moves. `ForeignBench` runs a
-plugin that is a process of its own, in whatever language, on a live hub of its own.
+plugin in its own process, written in any language, on a live hub.
 
 @pytest.fixture
 def bench():

@@ -13,7 +13,6 @@ def install(tmp_path: Path, monkeypatch):
     site = tmp_path / "site"
     site.mkdir()
     monkeypatch.syspath_prepend(site)
-    before = set(sys.modules)
 
     def install(
         distribution: str, entry_points: dict[str, str], files: dict[str, str], group: str = "robrain.plugins"
@@ -31,5 +30,6 @@ def install(tmp_path: Path, monkeypatch):
         return site
 
     yield install
-    for name in set(sys.modules) - before:
-        del sys.modules[name]
+    for name, module in list(sys.modules.items()):
+        if (getattr(module, "__file__", None) or "").startswith(str(site)):
+            del sys.modules[name]

@@ -1,1 +1,1 @@
-"""Allocation: who does which task, in which order, at what energy. Pure functions of what they are given; no wire."""
+"""Task allocation: assigns jobs to robots, orders them and accounts for energy. Pure functions, no wire."""

@@ -1,6 +1,6 @@
-"""What every allocator promises, its time limit, and the allocators by name.
+"""The allocator interface, its time limit, and the registry of allocators.
 
-`[planning] method` of a scenario or a planning file chooses one.
+The key `method` of `[planning]`, in a scenario or a planning file, selects one by name.
 """
 
 import math
@@ -13,7 +13,7 @@ from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import Registry
 
 Monotonic = Callable[[], float]
-"""Seconds from some beginning, never going back; it is passed in, as all time is."""
+"""A monotonic clock in seconds, with an arbitrary origin; passed in, as all time is."""
 
 OPTIMAL: Final = "optimal"
 """An auction, improved by a search."""
@@ -22,11 +22,11 @@ GREEDY: Final = "greedy"
 
 
 class Allocator(Protocol):
-    """Makes plans. Each that it returns passes `validate`; none is worse than its warm start, if that can be kept."""
+    """Makes plans. Each passes `validate`, and is no worse than the warm start as far as that is feasible."""
 
     @property
     def objective(self) -> Objective:
-        """What its plans are good at."""
+        """What its plans are optimised for."""
 
     def plan(
         self,
@@ -37,28 +37,28 @@ class Allocator(Protocol):
         seed: int = 0,
         warm_start: Plan | None = None,
     ) -> Plan:
-        """Decide who does what, and in which order.
+        """Assign the jobs to workers and order them.
 
         Args:
-            problem: jobs, workers and ways.
-            deadline_s: the answer is there after so many seconds of the allocator's clock.
-            iterations: the search does so many rounds; equal input then gives an equal plan, however fast the machine.
-            seed: of what is random in it.
-            warm_start: an earlier plan, of this problem or one like it. What of it still can be done is the least that
-                comes back. Its jobs and workers may be gone.
+            problem: jobs, workers and paths.
+            deadline_s: return within this many seconds of the allocator's clock.
+            iterations: number of search iterations; equal input then gives an equal plan on any machine.
+            seed: of the random choices.
+            warm_start: an earlier plan, of this problem or a similar one; its jobs and workers may no longer exist. The
+                result is at least as good as the part of it that is still feasible.
 
         """
 
 
 class Effort:
-    """How much of a search's deadline and iterations is left.
+    """The part of a search's deadline and iterations that is left.
 
-    Raises ValueError if neither is given: a search would then not end.
+    Raises ValueError if neither is given, because the search would not end.
 
     Args:
         monotonic: the clock.
-        deadline_s: from now.
-        iterations: in all.
+        deadline_s: counted from now.
+        iterations: in total.
 
     """
 
@@ -71,12 +71,12 @@ class Effort:
 
     @property
     def left_s(self) -> float:
-        """Seconds to the deadline; infinite without one. Without one the clock is not read."""
+        """Seconds to the deadline; infinite without one, and then the clock is not read."""
         return self._end_s - self._monotonic() if math.isfinite(self._end_s) else math.inf
 
     @property
     def left_iterations(self) -> float:
-        """Infinite if only the deadline counts."""
+        """Iterations left; infinite if only the deadline limits the search."""
         return self._iterations
 
     def spend(self) -> None:
@@ -86,10 +86,10 @@ class Effort:
 
 @runtime_checkable
 class Searching(Protocol):
-    """An allocator whose plans another can improve, search by search."""
+    """An allocator with a companion that improves its plans, one search at a time."""
 
     def search(self) -> Allocator | None:
-        """The one that improves them; None if what it needs is not installed."""
+        """Return the allocator that improves its plans; None if the package it needs is not installed."""
 
 
 ALLOCATORS: Registry[Callable[[Objective], Allocator]] = Registry(
@@ -101,4 +101,4 @@ ALLOCATORS: Registry[Callable[[Objective], Allocator]] = Registry(
         GREEDY: "robrain.coordinator.allocation.auction:GreedyAllocator",
     },
 )
-"""Each makes an allocator for an objective."""
+"""Each entry makes an allocator for an objective."""

@@ -1,9 +1,9 @@
 """The sequential single-item auction with cheapest insertion, and the greedy baseline.
 
 Koenig, Tovey, Lagoudakis and others, The Power of Sequential Single-Item Auctions for Agent Coordination, AAAI 2006:
-one job is handed out a round, to the lowest bid of all robots for all jobs, a bid being what the cheapest insertion
-into the robot's route costs (MiniSum), or when the robot would be back (MiniMax). Three ways to choose the winner of a
-round are tried and the best plan is kept; an auction is quick enough for that.
+each round assigns one job, to the lowest bid of all robots for all jobs. A bid is the cost of the cheapest insertion
+into the robot's route (MiniSum), or the time at which the robot would be back (MiniMax). Three rules for the winner of
+a round are tried and the best plan is kept.
 """
 
 import math
@@ -40,22 +40,22 @@ from robrain.coordinator.allocation.repair import keep
 from robrain.protocol.wire.reasons.plans import LeftOut
 
 FEW_PAIRS = 2000
-"""Up to so many robots × jobs all three auctions are held; beyond, one, so that the first plan is there at once."""
+"""Up to this many robots × jobs all three auctions are held; beyond, only one, to keep the first plan fast."""
 PRICELESS = 1e12
-"""Prizes so much greater, or so many joules more, outweigh every way."""
+"""Prizes, or joules, scaled by this outweigh any path."""
 LEAST_BID, GREATEST_GAIN, LEAST_PER_PRIZE = 0, 1, 2
-"""Which bid wins a round: the least; the one with most prize left over it; the least in proportion to its prize."""
+"""Which bid wins a round: the least; the one with the greatest prize minus bid; the least bid per prize."""
 
 ROUNDS = {
     Objective.ENERGY: ((BY_ENERGY, LEAST_PER_PRIZE), (BY_ENERGY, LEAST_BID), (BY_ENERGY, GREATEST_GAIN)),
     Objective.MAKESPAN: ((BY_FINISH, LEAST_BID), (BY_ENERGY, LEAST_BID), (BY_ENERGY, LEAST_PER_PRIZE)),
     Objective.LIFETIME: ((BY_LEAST_LEFT, LEAST_BID), (BY_ENERGY, LEAST_BID), (BY_ENERGY, LEAST_PER_PRIZE)),
 }
-"""What is bid, and which bid wins: three auctions for each objective, the first of which is its own."""
+"""The bid and the winning rule of the three auctions for each objective; the first matches the objective itself."""
 
 
 class AuctionAllocator:
-    """Plans by auction. There is no search in it: deadline, iterations and seed change nothing."""
+    """Plans by auction, without search: deadline, iterations and seed have no effect."""
 
     def __init__(self, objective: Objective = Objective.ENERGY) -> None:
         self.objective = objective
@@ -69,7 +69,7 @@ class AuctionAllocator:
         seed: int = 0,
         warm_start: Plan | None = None,
     ) -> Plan:
-        """See `Allocator`. A warm start that can be kept and is better comes back."""
+        """See `Allocator`. Returns the warm start if it is feasible and better."""
         pairs = len(problem.jobs) * len(problem.workers)
         tries = ROUNDS[self.objective][: 3 if pairs <= FEW_PAIRS else 1]
         plans = [self.hold(problem, rule, choice) for rule, choice in tries]
@@ -82,14 +82,14 @@ class AuctionAllocator:
     def hold(
         self, problem: Problem, rule: int, choice: int, rng: np.random.Generator | None = None
     ) -> tuple[Plan, dict[str, LeftOut | None]]:
-        """One auction: a plan without reasons, and the reasons that are known. Chance only touches coupled jobs."""
+        """Hold one auction: a plan without reasons, and the known reasons. `rng` only affects coupled jobs."""
         arrays = make_arrays(problem)
         routes = empty_routes(arrays.team, arrays.visits)
         open_visits = np.ones(len(arrays.visits.job), np.bool_)
         why = place_coupled(problem, arrays, routes, open_visits, rule, rng) if problem.coupled else {}
         team, visits = arrays.team, arrays.visits
         prize_j = visits.prize_j
-        # A prize first counts only against other prizes: the first job in a place is seldom worth the way alone.
+        # First, prizes only rank jobs: the first job in an area is seldom worth the drive by itself.
         priceless = prize_j * PRICELESS if choice == LEAST_PER_PRIZE else prize_j + PRICELESS
         hold_auction(team, visits._replace(prize_j=priceless), routes, open_visits, rule, choice)
         if self.objective is Objective.ENERGY:
@@ -102,7 +102,7 @@ class AuctionAllocator:
 
 
 class GreedyAllocator:
-    """The baseline: whoever is free first takes the nearest job. It looks at nothing beyond the next job."""
+    """The baseline: the robot that is free first takes the nearest job, without looking further ahead."""
 
     def __init__(self, objective: Objective = Objective.ENERGY) -> None:
         self.objective = objective
@@ -116,7 +116,7 @@ class GreedyAllocator:
         seed: int = 0,
         warm_start: Plan | None = None,
     ) -> Plan:
-        """See `Allocator`; a warm start is not looked at."""
+        """See `Allocator`; ignores the warm start."""
         arrays = make_arrays(problem)
         routes = empty_routes(arrays.team, arrays.visits)
         open_visits = np.ones(len(arrays.visits.job), np.bool_)
@@ -128,7 +128,7 @@ class GreedyAllocator:
 
 
 def plan_of(problem: Problem, arrays: ProblemArrays, routes: Routes, objective: Objective) -> Plan:
-    """The plan whose routes these are."""
+    """The plan with these routes."""
     jobs = arrays.visits.job
     orders = [
         [problem.jobs[index].id for index in pinned]
@@ -146,7 +146,7 @@ def _by_id(problem: Problem, why: Mapping[int, LeftOut | None]) -> dict[str, Lef
 
 
 def _indispensable(problem: Problem) -> set[int]:
-    """Jobs that others wait for or that several robots are at: they are not dropped for what they alone cost."""
+    """Jobs that other jobs wait for, or that need several robots: never dropped for their own cost."""
     return {index for index, others in problem.coupled.items() if others or problem.jobs[index].robots > 1}
 
 
@@ -154,10 +154,10 @@ def _indispensable(problem: Problem) -> set[int]:
 def hold_auction(
     team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], rule: int, choice: int
 ) -> None:
-    """Hand out visits one a round until nobody bids; `routes` and `open_visits` are changed in place.
+    """Assign one visit per round until no bid is left; changes `routes` and `open_visits` in place.
 
-    Each worker bids for each open visit what its cheapest insertion costs; one bid wins; only the winner's bids
-    change. Under the rule of energy nobody bids more than the prize.
+    Each worker bids the cost of its cheapest insertion for each open visit, and one bid wins. Only the winner's bids
+    change afterwards. Under the energy rule no bid exceeds the prize.
     """
     workers, count = visits.allowed.shape
     bids = np.full((workers, count), math.inf)
@@ -215,10 +215,11 @@ def _bid_again(
     old_position: int,
     inserted_at: int,
 ) -> tuple[float, float, int]:
-    """The cheapest insertion after a visit was put in at `inserted_at`.
+    """The cheapest insertion after a visit was inserted at `inserted_at`.
 
-    Two ways are new and one is gone, so only the old best and the new two are looked at, unless the old best was on
-    the way that is gone or has become too late. That is exact where detours are never shorter and waiting is free.
+    Two path segments are new and one is gone. Only the old best position and the two new ones are evaluated, unless the
+    old best was on the removed segment or is now too late. This is exact where detours are never shorter and waiting is
+    free.
     """
     if old_position == inserted_at or team.wait_w[worker] > 0 or routes.wait_s[worker] > 0:
         return cheapest_insertion(team, visits, routes, worker, visit, rule)
@@ -237,9 +238,9 @@ def _bid_again(
 def drop_unprofitable(
     team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], kept: NDArray[np.bool_]
 ) -> None:
-    """Take out what costs more than its prize: single visits, and whole routes.
+    """Remove visits, and whole routes, that cost more than their prize.
 
-    `routes` and `open_visits` are changed in place; visits that are `kept`, (V,), stay.
+    Changes `routes` and `open_visits` in place; visits marked in `kept`, (V,), stay.
     """
     for worker in range(len(routes.length)):
         while True:
@@ -291,10 +292,10 @@ def _is_less(bids: NDArray[np.float64], more_j: NDArray[np.float64], visit: int,
 def queue_nearest(
     team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], rule: int
 ) -> None:
-    """The greedy baseline: whoever is free first takes the open visit that it reaches with least energy.
+    """The greedy baseline: the worker that is free first takes the open visit that it reaches with least energy.
 
-    It is done at the end of the route; who finds none that it may do is out. `routes` and `open_visits` are changed in
-    place.
+    The visit is appended to the route; a worker without a feasible visit drops out. Changes `routes` and `open_visits`
+    in place.
     """
     workers, count = visits.allowed.shape
     is_in = np.ones(workers, np.bool_)

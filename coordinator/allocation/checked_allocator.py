@@ -1,4 +1,4 @@
-"""Allocators by name, those of other distributions behind a check of every plan that they make."""
+"""Allocators by name. Every plan of an allocator from another distribution is checked."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from robrain.coordinator.allocation.validate import validate
 
 
 class BadPlan(ValueError):
-    """A plan of another distribution's allocator that cannot be carried out."""
+    """A plan of another distribution's allocator failed `validate`."""
 
     def __init__(self, method: str, faults: Sequence[str]) -> None:
         super().__init__(f"the plan of {method} cannot be carried out: {'; '.join(faults)}")
@@ -19,12 +19,12 @@ class BadPlan(ValueError):
 
 
 class CheckedAllocator:
-    """An allocator, each of whose plans passes `validate`, also those of its search.
+    """Wraps an allocator: validates each of its plans, and those of its search.
 
-    Jobs that it leaves out without a reason get one.
+    Jobs that the allocator leaves out without a reason get one.
 
     Args:
-        method: its name, for the error.
+        method: its name, for the error message.
         allocator: makes the plans.
 
     """
@@ -47,7 +47,7 @@ class CheckedAllocator:
         seed: int = 0,
         warm_start: Plan | None = None,
     ) -> Plan:
-        """See `Allocator`; raises BadPlan if the plan cannot be carried out."""
+        """See `Allocator`; raises BadPlan if the plan fails `validate`."""
         plan = self._allocator.plan(
             problem, deadline_s=deadline_s, iterations=iterations, seed=seed, warm_start=warm_start
         )
@@ -66,6 +66,6 @@ class CheckedAllocator:
 
 
 def allocator_of(method: str, objective: Objective) -> Allocator:
-    """The allocator of a name; one of another distribution is checked (UnknownEntry if there is none)."""
+    """Return the named allocator, checked if another distribution provides it (UnknownEntry if there is none)."""
     allocator = ALLOCATORS.get(method)(objective)
     return allocator if ALLOCATORS.is_stock(method) else CheckedAllocator(method, allocator)

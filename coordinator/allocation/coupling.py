@@ -1,11 +1,11 @@
-"""Jobs that wait for each other: what comes after what, and k robots at once.
+"""Coupled jobs: precedence between jobs, and jobs for k robots at once.
 
-Such jobs couple routes, which neither the auction's bids nor PyVRP's model can hold. They are dealt with outside:
+Coupled jobs link routes, which neither the auction's bids nor PyVRP's model can express. They are handled separately:
 
-- the auction places them first, one by one in an order in which each comes after what it waits for, and fixes when they
-  are done; all else is then put around them (`place_coupled`);
-- for the search, a plan's times are turned into time windows that keep them apart whatever is moved within the windows
-  (`windows_of`). Both are restrictions: what they leave out may hold something better.
+- `place_coupled`: the auction places them first, in topological order, and fixes their times; all other jobs are then
+  placed around them;
+- `windows_of`: for the search, the times of a plan become time windows that keep the coupled jobs apart however visits
+  are moved within the windows. Both are restrictions: they may exclude better plans.
 """
 
 import math
@@ -28,9 +28,9 @@ from robrain.coordinator.allocation.problem import Problem, ProblemArrays, Visit
 from robrain.protocol.wire.reasons.plans import AfterUndone, LeftOut, NotTogether, WaitsForItself
 
 NOISE = (0.6, 1.4)
-"""What bids are multiplied by where chance is wanted; chosen."""
+"""Range of the random factor applied to bids (chosen)."""
 HORIZON_SHARE = 1.25
-"""Without a horizon, windows let a plan take so much longer than it would have to; chosen."""
+"""Without a horizon, windows allow a plan to take this factor longer than necessary (chosen)."""
 
 
 def place_coupled(
@@ -41,12 +41,12 @@ def place_coupled(
     rule: int,
     rng: np.random.Generator | None = None,
 ) -> dict[int, LeftOut | None]:
-    """Put the coupled jobs into empty routes and narrow their windows, both in place.
+    """Insert the coupled jobs into empty routes and narrow their windows; changes both in place.
 
-    With a generator the order among those that could be placed next is drawn, and bids are made a little more or less.
+    With a generator, the next job is drawn among those that can be placed, and bids are scaled by a random factor.
 
     Returns:
-        For each of them that nobody does, why, or None if no robot alone can do it. All of them are no longer open.
+        For each coupled job left out, the reason, or None if no single robot can do it. All coupled jobs are closed.
 
     """
     waiting = problem.coupled
@@ -93,7 +93,7 @@ def place_coupled(
 
 
 def _pinned_ends(problem: Problem, arrays: ProblemArrays) -> dict[int, float]:
-    """When what robots are at will have ended."""
+    """End times of the pinned jobs."""
     ends_s: dict[int, float] = {}
     for worker, jobs in zip(problem.workers, arrays.pinned, strict=True):
         now_s, place = worker.ready_s, worker.start
@@ -106,7 +106,7 @@ def _pinned_ends(problem: Problem, arrays: ProblemArrays) -> dict[int, float]:
 
 
 def _chain_worth(problem: Problem, waiting: dict[int, list[int]]) -> dict[int, float]:
-    """A job's prize and those of all that come after it, which cannot be had without it."""
+    """Prize of each job plus the prizes of all jobs that depend on it."""
     worth_j = {}
     for index in waiting:
         seen, stack = {index}, [index]
@@ -129,7 +129,7 @@ def _place(
     *,
     is_waited_for: bool,
 ) -> float | None:
-    """Give a job's visits to as many robots, at the least cost at which they can be there at once; when it ends."""
+    """Assign a job's visits to that many robots at the least cost; returns the job's end time, None if infeasible."""
     team, all_visits = arrays.team, arrays.visits
     count = len(visits)
     first = visits[0]
@@ -164,7 +164,7 @@ def _place(
     for number, (worker, visit) in enumerate(zip(workers, visits, strict=True)):
         _, _, position = cheapest_insertion(team, all_visits, routes, worker, visit, rule)
         if position < 0:
-            # Waiting for the others takes energy that it has not got.
+            # The robot lacks the energy to wait for the others.
             for other, (earliest_s, latest_s) in zip(visits, old, strict=True):
                 all_visits.earliest_s[other], all_visits.latest_s[other] = earliest_s, latest_s
             for other_worker, other in zip(workers[:number], visits[:number], strict=True):
@@ -180,28 +180,27 @@ def _place(
 
 
 class Windows(NamedTuple):
-    """Visits that may be moved freely without breaking what comes after what."""
+    """Visits with windows that keep the precedence of coupled jobs."""
 
     rows: NDArray[np.int64]
-    """Which of the problem's visits these are; coupled jobs that the plan leaves out are not among them."""
+    """Indices of these visits in the problem; coupled jobs that the plan leaves out are missing."""
     visits: VisitArrays
     required: NDArray[np.bool_]
 
 
 def windows_of(problem: Problem, arrays: ProblemArrays, plan: Plan, share: float, end_s: float) -> Windows:
-    """Time windows from a plan's times.
+    """Derive time windows from the times of a plan.
 
-    Each coupled job gets a time between its earliest in the plan and its latest that keeps to `end_s`. All limits are
-    differences of times, so any such mixture of the two schedules is itself one that can be kept. Between a job and
-    one that comes after it a moment is chosen, half-way, that the one ends before and the other starts after. A job
-    for k robots keeps its time.
+    Each coupled job gets a time between its earliest in the plan and its latest that meets `end_s`. All constraints are
+    differences of times, so any mixture of the two schedules is feasible. A time half-way between a job and its
+    successor separates the end of the one from the start of the other. A job for k robots keeps its time.
 
     Args:
-        problem: what is asked.
+        problem: the problem.
         arrays: of the problem.
         plan: passes `validate`.
         share: 0 takes the earliest times, 1 the latest.
-        end_s: everybody is to be at a charger by then; at least the plan's makespan.
+        end_s: latest arrival of every robot at a charger; at least the plan's makespan.
 
     """
     waiting = problem.coupled
@@ -243,7 +242,7 @@ def windows_of(problem: Problem, arrays: ProblemArrays, plan: Plan, share: float
 
 
 def _latest_starts(problem: Problem, plan: Plan, end_s: float) -> dict[str, float]:
-    """The greatest fixed point of the plan's orders, found by going over the routes backwards until nothing moves."""
+    """Greatest fixed point of the plan's orders, by backward passes over the routes until no time changes."""
     jobs = {job.id: job for job in problem.jobs}
     latest_s = {stop.job: math.inf for route in plan.routes for stop in route.stops}
     followers: dict[str, list[str]] = {}

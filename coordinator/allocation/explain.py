@@ -1,4 +1,4 @@
-"""Why a plan is as it is: for each job what each robot would need for it, or why it cannot or should not do it."""
+"""Reasons for a plan: for each job, its cost for each robot, or why the robot is excluded."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -49,41 +49,41 @@ from robrain.protocol.wire.reasons.robots import (
 
 
 class Option(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One robot and one job."""
+    """One robot's cost of one job, or why the robot is excluded."""
 
     worker: str
     energy_j: float | None = None
-    """What the job takes it, on top of the rest of its route; None if it is out."""
+    """Additional energy on top of the rest of its route; None if excluded."""
     time_s: float | None = None
-    """By how much later it is at its charger for it."""
+    """Additional time until the robot is at its charger."""
     start_s: float | None = None
-    """When it would start with it."""
+    """Start of the job."""
     why_not: RobotReason | None = None
-    """Why it is out; None if it is not."""
+    """Why the robot is excluded; None if it is not."""
 
 
 class Decision(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What was decided of one job. Encodes as JSON."""
+    """The decision about one job. Encodes as JSON."""
 
     job: str
     robots: tuple[str, ...] = ()
-    """Who does it; empty if nobody."""
+    """The robots that do it; empty if none does."""
     start_s: float | None = None
     reason: Chosen | LeftOut | None = None
-    """Why it is these robots, or why nobody does it."""
+    """Why these robots do it, or why none does."""
     options: tuple[Option, ...] = ()
     """One for each robot, in the problem's order."""
 
 
 def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> list[Decision]:
-    """The decisions of a plan.
+    """Return the decisions of a plan.
 
-    Each robot's figures are those of the cheapest place in its route of the plan, with all other jobs where they are;
-    a robot that does the job is asked as if it did not do it yet. Jobs that others wait for keep their windows.
+    Each robot's figures are those of the cheapest position in its route of the plan, with all other jobs in place. A
+    robot that does the job is evaluated without it. Jobs that others wait for keep their windows.
 
     Args:
-        problem: what was asked.
-        plan: what was answered.
+        problem: the problem.
+        plan: its plan.
         jobs: ids; all if None.
 
     """
@@ -130,7 +130,7 @@ def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArr
 
 
 def _take_out(problem: Problem, arrays: ProblemArrays, routes: Routes, index: int) -> dict[int, list[int]]:
-    """Remove a job's visits from the routes that have them; those routes as they were."""
+    """Remove a job's visits from their routes; returns the former routes."""
     taken: dict[int, list[int]] = {}
     for worker in range(len(problem.workers)):
         order = [int(visit) for visit in routes.order[worker, : routes.length[worker]]]
@@ -151,7 +151,7 @@ def _option(problem: Problem, arrays: ProblemArrays, routes: Routes, index: int,
 
 
 def _why_these(robots: tuple[str, ...], options: Sequence[Option]) -> Chosen:
-    """Whether they are the cheapest, and if not that the plan as a whole is."""
+    """Whether they are the cheapest robots, or the plan as a whole is cheaper this way."""
     costs = sorted((option.energy_j, option.worker) for option in options if option.energy_j is not None)
     cheapest = {worker for _, worker in costs[: len(robots)]}
     if set(robots) <= cheapest:
@@ -163,22 +163,22 @@ def _why_these(robots: tuple[str, ...], options: Sequence[Option]) -> Chosen:
 
 
 FITS, LACKS, NO_WAY, TOO_LATE, CROWDED, NO_ENERGY = range(6)
-"""A job fits into a route; the robot lacks something or may not; there is no way; it is there too late even if it goes
-at once; it would be in time but something else would then be too late; the energy does not suffice."""
+"""Whether a job fits into a route, or why not: the robot lacks a plugin or is not admitted; no path; too late even
+if it goes at once; another job would be too late; not enough energy."""
 
 
 class Judgement(NamedTuple):
-    """What a job would mean for a robot's route."""
+    """Effect of one more job on a robot's route."""
 
     code: int
     more_j: float
-    """Of the cheapest insertion, also of one that there is not the energy for; infinite otherwise."""
+    """Joules of the cheapest insertion, also if the energy does not suffice; infinite otherwise."""
     more_s: float
-    """By how much later the robot would be back."""
+    """Additional time until the robot is back."""
     start_s: float
-    """When the job would start there; when it could start at the earliest if that is too late."""
+    """Start of the job in that position; its earliest possible start if that is too late."""
     left_j: float
-    """What would be left of `usable_j`; below 0 if it does not suffice."""
+    """Energy left of `usable_j`; below 0 if it does not suffice."""
     position: int
 
 
@@ -186,7 +186,7 @@ class Judgement(NamedTuple):
 def judge_visit(
     team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int
 ) -> tuple[int, float, float, float, float, int]:
-    """The fields of a `Judgement`."""
+    """Compute the fields of a `Judgement`."""
     profile = team.profile[worker]
     here = visits.place[visit]
     if not visits.allowed[worker, visit]:
@@ -226,12 +226,12 @@ def judge_visit(
 
 
 def judge(arrays: ProblemArrays, routes: Routes, worker: int, visit: int) -> Judgement:
-    """What a visit would mean for a worker's route."""
+    """Evaluate a visit for a worker's route."""
     return Judgement(*judge_visit(arrays.team, arrays.visits, routes, worker, visit))
 
 
 def why_not(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) -> RobotReason | None:
-    """Why the worker is out; None if it is not."""
+    """Why the worker is excluded; None if it is not."""
     match judgement.code:
         case code if code == FITS:
             return None
@@ -254,13 +254,13 @@ def why_not(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) ->
 
 
 def _figure(value: float) -> float:
-    """Within the range of `Quantity`, and short."""
+    """Rounded, and within the range of `Quantity`."""
     return min(1e15, round(value, 6))
 
 
 @njit(cache=True, nogil=True)
 def _nearest_to_it(team: TeamArrays, visits: VisitArrays, routes: Routes, visit: int) -> int:
-    """The worker that could do it at least cost; if none can, the one that fails latest in the order of the codes."""
+    """The worker that could do it at least cost; if none can, the one whose code in the list above is highest."""
     best, best_code, best_more_j = -1, -1, math.inf
     for worker in range(len(team.ready_s)):
         code, more_j, _, _, left_j, _ = judge_visit(team, visits, routes, worker, visit)
@@ -274,10 +274,10 @@ def _nearest_to_it(team: TeamArrays, visits: VisitArrays, routes: Routes, visit:
 
 
 def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, known: Mapping[str, LeftOut | None]) -> Plan:
-    """The plan with a reason for each job that nobody does.
+    """Return the plan with a reason for each unassigned job.
 
-    A robot that could do it, but at more than its prize, is named; otherwise the robot that came nearest to it.
-    `known` has the reasons that are known already; those of jobs that the plan does do not count.
+    The reason names a robot that could do the job at more than its prize; otherwise the robot that came closest.
+    `known` has reasons that are known already; those of assigned jobs are ignored.
     """
     routes = routes_of(problem, arrays, plan)
     visit_of = {int(index): visit for visit, index in enumerate(arrays.visits.job)}
@@ -315,7 +315,7 @@ def _reason(problem: Problem, arrays: ProblemArrays, routes: Routes, job: Job, v
 
 
 def routes_of(problem: Problem, arrays: ProblemArrays, plan: Plan) -> Routes:
-    """A plan's routes as the kernels know them; what robots are at already is not in them."""
+    """A plan's routes in the kernels' form, without pinned jobs."""
     rows: dict[str, list[int]] = {}
     for visit, index in enumerate(arrays.visits.job):
         rows.setdefault(problem.jobs[index].id, []).append(visit)

@@ -1,4 +1,4 @@
-"""Routes under construction, and what it costs to put one more visit into one: the compiled heart of the auctions."""
+"""Routes under construction, and the cost of inserting a visit: the compiled kernels of the auctions."""
 
 import math
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robrain.coordinator.allocation.problem import Floats, Indices, TeamArrays, VisitArrays
 
 SLACK_J = 1e-6
-"""Sums of joules that differ by less are equal; against rounding in the order of summation."""
+"""Tolerance for sums of joules, against rounding that depends on the order of summation."""
 SLACK_S = 1e-6
 
 BY_ENERGY, BY_FINISH, BY_LEAST_LEFT = 0, 1, 2
@@ -20,22 +20,22 @@ class Routes(NamedTuple):
     """W routes of up to V visits."""
 
     order: NDArray[np.int32]
-    """(W, V) visits in order; what lies beyond a route's length means nothing."""
+    """(W, V) visits in order; entries beyond a route's length are undefined."""
     length: Indices
     """(W,)"""
     leave_s: Floats
-    """(W, V + 1) when the worker leaves its start (column 0) and each visit."""
+    """(W, V + 1) departure from the start (column 0) and from each visit."""
     late_s: Floats
-    """(W, V + 1) latest arrival at each visit, and at last at the charger, that keeps what comes after in time."""
+    """(W, V + 1) latest arrival at each visit, then at the charger, that keeps all later visits in time."""
     spent_j: Floats
-    """(W,) way to the charger and waiting included; 0 for an empty route."""
+    """(W,) including the path to the charger and waiting; 0 for an empty route."""
     wait_s: Floats
     end_s: Floats
     """(W,) arrival at the charger; `ready_s` for an empty route."""
 
 
 def empty_routes(team: TeamArrays, visits: VisitArrays) -> Routes:
-    """Nobody does anything."""
+    """Routes without visits."""
     workers, count = visits.allowed.shape
     routes = Routes(
         np.zeros((workers, count), np.int32),
@@ -53,7 +53,7 @@ def empty_routes(team: TeamArrays, visits: VisitArrays) -> Routes:
 
 @njit(cache=True, nogil=True)
 def refresh(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int) -> None:
-    """Work out one route's times and energy anew."""
+    """Recompute one route's times and energy."""
     profile = team.profile[worker]
     length = routes.length[worker]
     place = team.start[worker]
@@ -92,7 +92,7 @@ def refresh(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int) 
 
 @njit(cache=True, nogil=True)
 def insert(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int, position: int) -> None:
-    """Put a visit into a route."""
+    """Insert a visit into a route."""
     for index in range(routes.length[worker], position, -1):
         routes.order[worker, index] = routes.order[worker, index - 1]
     routes.order[worker, position] = visit
@@ -104,7 +104,7 @@ def insert(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, v
 def _finish(
     team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, place: int, now_s: float, position: int
 ) -> tuple[float, float]:
-    """Arrival at the charger, and seconds waited on the way, of who leaves `place` for the visit at `position`."""
+    """Arrival at the charger, and seconds of waiting, for a worker that leaves `place` for the visit at `position`."""
     profile = team.profile[worker]
     wait_s = 0.0
     for index in range(position, routes.length[worker]):
@@ -122,11 +122,11 @@ def _finish(
 def insertion_at(
     team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int, position: int, rule: int
 ) -> tuple[float, float]:
-    """What it takes to put a visit at a position of a worker's route.
+    """Cost of inserting a visit at a position of a worker's route.
 
     Returns:
-        The bid by the rule (joules more, the time of return, or minus what is left) and joules more. Both are infinite
-        if something would be late or there is no way; the bid alone if there is not the energy.
+        The bid by the rule (additional joules, time of return, or minus the energy left) and the additional joules.
+        Both are infinite if a visit would be late or there is no path; the bid alone if the energy does not suffice.
 
     """
     profile = team.profile[worker]
@@ -179,7 +179,7 @@ def insertion_at(
 def cheapest_insertion(
     team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int, rule: int
 ) -> tuple[float, float, int]:
-    """The best position of a visit in a worker's route: bid, joules more, position; −1 if there is none."""
+    """The best position of a visit in a worker's route: bid, additional joules, position; −1 if there is none."""
     best_bid, best_more_j, best_position = math.inf, math.inf, -1
     if visits.allowed[worker, visit]:
         for position in range(routes.length[worker] + 1):
@@ -199,7 +199,7 @@ def _arrival(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int,
 
 @njit(cache=True, nogil=True)
 def remove(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, position: int) -> None:
-    """Take the visit at a position out of a route."""
+    """Remove the visit at a position from a route."""
     for index in range(position, routes.length[worker] - 1):
         routes.order[worker, index] = routes.order[worker, index + 1]
     routes.length[worker] -= 1

@@ -1,15 +1,15 @@
-"""The allocator that searches: first an auction, then PyVRP for the time that is left.
+"""The searching allocator: an auction first, then PyVRP for the remaining time.
 
-What PyVRP's model cannot hold is dealt with around it:
+Features that PyVRP's model does not have are handled around it:
 
-- what comes after what and k robots at once: time windows from the best plan so far (`coupling.py`), made anew some
-  times with more and with less room;
-- the makespan and the least energy left: neither is an objective there, so a limit is tightened step by step, each
-  search starting from the best plan so far, which breaks the new limit a little;
-- energy that waiting takes (`Worker.wait_w`): plans are made without it and put right by leaving jobs out;
-- recharging: a plan ends at the charger. The next plan begins there.
+- precedence and k robots at once: time windows from the best plan so far (`coupling.py`), rebuilt several times with
+  more and with less slack;
+- makespan and least energy left: PyVRP has neither as an objective, so a limit is tightened step by step, and each
+  search starts from the best plan so far, which slightly violates the new limit;
+- energy used while waiting (`Worker.wait_w`): plans are made without it, then corrected by leaving jobs out;
+- recharging: a plan ends at the charger, and the next plan begins there.
 
-Whatever comes out is scheduled and checked in floats before it counts.
+Every result is scheduled and checked in floats before it is used.
 """
 
 import math
@@ -27,31 +27,31 @@ from robrain.coordinator.allocation.search import Search
 from robrain.coordinator.allocation.vrp_model import VrpModel
 
 SHARES = (0.5, 0.2, 0.8, 0.35, 0.65, 0.1)
-"""How far into its room each coupled job is set, one round after another; chosen to try early and late."""
+"""Position within its slack at which each coupled job is fixed, round by round (chosen to try early and late)."""
 STEP = 0.1
-"""A limit is first tightened by this share of the makespan, or of the room for energy left."""
+"""First step of a limit, as a share of the makespan or of the possible energy left."""
 LEAST_STEP = 0.005
 PATIENCE = 100
 PATIENCE_PER_VISIT = 6
-"""A search ends after so many iterations without anything better. Chosen by trying: late acceptance is then stuck."""
+"""Iterations without improvement after which a search ends. Found by experiment: late acceptance is then stuck."""
 FRUITLESS = 12
-"""After so many such searches one after another there is nothing more to be expected."""
+"""Consecutive searches without improvement after which the search gives up."""
 RANDOM_S_PER_CELL = 2e-6
-"""Making a random start good enough to begin with took 0.05 s for 400 visits; six times that, for a busy machine."""
+"""Making a random start feasible took 0.05 s for 400 visits; this is six times that, for a busy machine."""
 COUPLED_FRUITLESS = 60
-"""The same where jobs wait for each other, and other times for them are tried."""
+"""As `FRUITLESS`, where jobs are coupled and other times for them are tried."""
 MODEL_S_PER_CELL = 1e-7
-"""Making a model took 0.07 s for 4 profiles of 1,100² ways; doubled, and doubled again for a busy machine."""
+"""Building a model took 0.07 s for 4 profiles of 1,100² paths; this is four times that, for a busy machine."""
 CHECK_S_PER_JOB = 4e-5
-"""Turning a solution into a plan and checking it took 6 ms for 1,000 jobs; many times that, for a busy machine."""
+"""Converting and checking a solution took 6 ms for 1,000 jobs; this is several times that, for a busy machine."""
 
 
 class OptimalAllocator:
-    """Plans by search. It always answers within its deadline, and never worse than the auction or its warm start.
+    """Plans by search. It answers within its deadline, never worse than the auction or the warm start.
 
     Args:
-        objective: what its plans are to be good at.
-        monotonic: the clock that deadlines are measured by.
+        objective: what its plans are optimised for.
+        monotonic: the clock that deadlines refer to.
 
     """
 
@@ -79,7 +79,7 @@ class OptimalAllocator:
 
 
 class _Improvement:
-    """One problem's best plan on its way."""
+    """The best plan of one problem, while it is improved."""
 
     def __init__(self, problem: Problem, first: Plan, effort: Effort, seed: int, auction_s: float) -> None:
         self.best = first
@@ -117,13 +117,13 @@ class _Improvement:
         return self._effort.left_iterations > 0 and self._effort.left_s > self._model_s + 2 * self._check_s
 
     def _save_energy(self) -> None:
-        """Search from the best plan and from random ones in turn, until nothing comes of it or the effort is spent."""
+        """Search from the best plan and from random ones in turn, until neither improves or the effort is spent."""
         fruitless = attempt = 0
         random_start_s = RANDOM_S_PER_CELL * len(self._arrays.visits.job) ** 2
         while fruitless < (COUPLED_FRUITLESS if self._is_coupled else FRUITLESS) and self._has_time:
             is_random = attempt % 2 == 1 and self._effort.left_s > random_start_s
             if is_random and self._is_coupled and self._effort.left_s > 2 * self._auction_s + self._model_s:
-                # Times are not found by the search, so other times are drawn.
+                # The search does not change times, so other times are drawn.
                 is_better = self._search(1.0, base=self._drawn())
             else:
                 is_better = self._search(1.0, is_random=is_random and not self._is_coupled)
@@ -131,13 +131,13 @@ class _Improvement:
             attempt += 1
 
     def _drawn(self) -> Plan:
-        """An auction's plan in which chance had a hand in when and by whom coupled jobs are done."""
+        """An auction's plan with random times and robots for coupled jobs."""
         rule, choice = ROUNDS[self.best.objective][self._searches % 3]
         rng = np.random.default_rng((self._seed, self._searches))
         return self._auction.hold(self._problem, rule, choice, rng)[0]
 
     def _model(self, base: Plan, room_s: float) -> tuple[Windows, VrpModel, Search]:
-        """Of the best plan so far. Without coupled jobs there is one for all plans."""
+        """Model around the best plan so far; without coupled jobs, one model serves all plans."""
         if self._kept_model is not None:
             return self._kept_model
         share = SHARES[self._searches % len(SHARES)]
@@ -157,10 +157,10 @@ class _Improvement:
         is_random: bool = False,
         base: Plan | None = None,
     ) -> bool:
-        """One search with a share of the effort, from the base if there is one, otherwise from the best plan so far.
+        """Run one search with a share of the effort, from `base`, or else from the best plan so far.
 
         Returns:
-            Whether there is a better plan, and within the limits.
+            Whether it found a better plan within the limits.
 
         """
         if not self._has_time:
@@ -198,7 +198,7 @@ class _Improvement:
         return True
 
     def _shorten(self) -> None:
-        """The makespan: ask for ever less."""
+        """Shorten the makespan: tighten the limit step by step."""
         step, fruitless = STEP, 0
         while fruitless < FRUITLESS and self._has_time and self.best.makespan_s > 0:
             is_better = self._search(0.25, end_s=self.best.makespan_s * (1 - step))
@@ -207,7 +207,7 @@ class _Improvement:
                 step = max(step / 2, LEAST_STEP)
 
     def _level(self) -> None:
-        """The least energy left: ask for ever more, up to what the weakest has."""
+        """Raise the least energy left: tighten the limit step by step, up to the energy of the weakest robot."""
         most_j = min(float(worker.usable_j) for worker in self._problem.workers)
         step = 0.5
         while self._has_time and step >= LEAST_STEP:
@@ -216,7 +216,7 @@ class _Improvement:
                 step /= 2
 
     def _visits_of(self, plan: Plan, index: list[int]) -> list[list[int]]:
-        """The plan's orders as rows of the windows' visits; what is pinned is none."""
+        """The plan's orders as rows of the windows' visits, without pinned jobs."""
         rows: dict[str, list[int]] = {}
         for row, visit in enumerate(index):
             rows.setdefault(self._problem.jobs[self._arrays.visits.job[visit]].id, []).append(row)

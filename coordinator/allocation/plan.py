@@ -1,6 +1,6 @@
-"""An allocator's plan: who does what, when, and with how much energy left; and `make_plan`, from orders of jobs.
+"""An allocator's plan: assignments, times and energy left; and `make_plan`, which builds one from orders of jobs.
 
-`make_plan` has every robot start each job as early as it can.
+`make_plan` starts each job as early as possible.
 """
 
 import math
@@ -21,34 +21,34 @@ class Stop(msgspec.Struct, frozen=True):
     start_s: float
     end_s: float
     left_j: float
-    """What is left of the worker's `usable_j` when the job is done; the way to the charger is still to come."""
+    """Energy left of the worker's `usable_j` after the job, before the path to the charger."""
 
 
 class Route(msgspec.Struct, frozen=True):
-    """What one robot does. A robot without stops stays where it is and costs nothing."""
+    """The stops of one robot. A robot without stops stays where it is, at no cost."""
 
     worker: str
     stops: tuple[Stop, ...]
     end_place: int
-    """The charger that it goes to; its start if it has no stops."""
+    """The charger at the end; the robot's start if it has no stops."""
     end_s: float
-    """When it is there."""
+    """Arrival there."""
     energy_j: float
     left_j: float
-    """What is left of `usable_j` there."""
+    """Energy left of `usable_j` there."""
 
     @property
     def jobs(self) -> tuple[str, ...]:
-        """Ids in the order in which they are done."""
+        """Ids in order."""
         return tuple(stop.job for stop in self.stops)
 
 
 class Unassigned(msgspec.Struct, frozen=True):
-    """A job that nobody does, and why."""
+    """A job that no robot does, and why."""
 
     job: str
     reason: LeftOut | None = None
-    """None until `explain.reasons` has found it."""
+    """None until `explain.reasons` fills it."""
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,20 +60,20 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     cost_j: float
     lost_prize_j: float
     makespan_s: float
-    """When the last robot that does anything is at its charger; 0 if none does anything."""
+    """When the last robot with a job arrives at its charger; 0 if no robot has one."""
     least_left_j: float
-    """The least that any robot has left; infinite without robots."""
+    """The least energy left in any robot; infinite without robots."""
 
     @property
     def value(self) -> float:
-        """The objective's figure: joules (energy), seconds (makespan), joules (lifetime; the more the better)."""
+        """The objective's figure: joules (energy), seconds (makespan), joules (lifetime; more is better)."""
         if self.objective is Objective.ENERGY:
             return self.cost_j + self.lost_prize_j
         return self.makespan_s if self.objective is Objective.MAKESPAN else self.least_left_j
 
     @property
     def rank(self) -> tuple[float, float, float]:
-        """Of two plans of one problem and objective, that with the lesser rank is the better."""
+        """Of two plans for one problem and objective, the one with the lesser rank is better."""
         match self.objective:
             case Objective.ENERGY:
                 return (_coarse(self.cost_j + self.lost_prize_j), self.makespan_s, 0.0)
@@ -89,23 +89,23 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _coarse(value_j: float) -> float:
-    """Rounded to a millijoule, so that the order of summation decides nothing."""
+    """Rounded to a millijoule, so that the order of summation does not matter."""
     return round(value_j, 3) if math.isfinite(value_j) else value_j
 
 
 def make_plan(problem: Problem, orders: Sequence[Sequence[str]], objective: Objective) -> Plan | None:
-    """The plan in which each worker does its jobs in this order.
+    """Return the plan in which each worker does its jobs in this order.
 
-    A job starts when its robots are all there, its time has come and what comes before it has ended. Limits (energy,
-    deadlines, needs) are not looked at here; `validate` does.
+    A job starts when all its robots are there, its earliest time has come and its predecessors have ended. Limits
+    (energy, deadlines, needs) are not checked here; `validate` does.
 
     Args:
-        problem: what is asked.
+        problem: the problem.
         orders: ids of jobs for each of the problem's workers.
         objective: of the plan.
 
     Returns:
-        Its unassigned jobs without reasons (see `refusal.py`); None if the orders wait for each other in a ring.
+        The plan, its unassigned jobs without reasons (see `explain.py`); None if the orders form a cycle.
 
     """
     starts_s = _earliest_starts(problem, orders)
@@ -128,7 +128,7 @@ def make_plan(problem: Problem, orders: Sequence[Sequence[str]], objective: Obje
 
 
 def _earliest_starts(problem: Problem, orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
-    """Starts of the jobs: the least fixed point, found by going over the routes until nothing moves."""
+    """Starts of the jobs: the least fixed point, by passes over the routes until no time changes."""
     jobs = problem.jobs
     index = problem.job_index
     starts_s: dict[str, float] = {}
@@ -174,6 +174,6 @@ def _route(problem: Problem, worker: Worker, order: Sequence[str], starts_s: Map
 
 
 def nearest_end(problem: Problem, worker: Worker, place: int) -> int:
-    """The charger that it takes a worker least energy to reach from a place."""
+    """The charger that a worker reaches from a place with least energy."""
     ends = sorted(set(worker.ends))
     return ends[int(np.argmin(problem.energy_j[worker.profile, place, ends]))]

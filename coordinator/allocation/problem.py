@@ -1,10 +1,11 @@
-"""What an allocator is asked: jobs, workers, and what the ways between places cost; and its arrays.
+"""The input of an allocator: jobs, workers, and the cost of paths between places; and its arrays.
 
-Places are rows and columns of the matrices; what they are in the arena is the caller's affair. A job, a worker's start
-and a charger each name one. Joules and seconds are floats here; `vrp_model.py` says how they become integers.
+A place is an index into the matrices; the caller maps it to the arena. Each job, worker start and charger has one.
+Joules and seconds are floats here; `vrp_model.py` describes their conversion to integers.
 
-`make_arrays` turns a problem into what the compiled kernels and the solver's model take: a job that needs k robots at
-once becomes k visits.
+`make_arrays` converts a problem to arrays, the input of the compiled kernels and of the PyVRP model. A job for k robots
+becomes k *visits* of one robot each. A job that a robot is already doing becomes no visit: the robot starts at the
+place, time and energy at which it will have finished that job. Both conversions are exact.
 """
 
 import math
@@ -23,31 +24,31 @@ LARGEST = 1e25
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Something to be done at a place. Raises ValueError where it is built with what makes no sense."""
+    """Work to be done at a place. Raises ValueError if its values are invalid."""
 
     id: str
     place: int
     prize_j: float
-    """What it is worth, in joules: under `Objective.ENERGY` it is not done where it would cost more."""
+    """Value in joules: under `Objective.ENERGY` the job is left out if it would cost more."""
     service_s: float = 0.0
     service_j: float = 0.0
-    """Energy that each robot at it spends there."""
+    """Energy that each of its robots spends at the place."""
     earliest_s: float = 0.0
-    """It does not start before; a robot that is there earlier waits."""
+    """Earliest start; a robot that arrives earlier waits."""
     latest_s: float = math.inf
-    """It must be done (not merely begun) by then."""
+    """Latest end, not only start."""
     needs: frozenset[str] = frozenset()
-    """What a robot must offer."""
+    """Plugins that the robot must offer."""
     after: tuple[str, ...] = ()
-    """Jobs that must have ended before it starts. Ids that the problem does not know count as done."""
+    """Jobs that must have ended before it starts. Unknown ids count as done."""
     robots: int = 1
-    """So many must be at it at once, from its start to its end."""
+    """Number of robots that work on it together, from its start to its end."""
     pinned_to: str = ""
-    """The robot that is already at it: it does it first, and nobody else does."""
+    """The robot that is already doing it: this robot does it first, and no other does."""
     forbidden_workers: frozenset[str] = frozenset()
-    """Robots that are not to be given it."""
+    """Robots that must not get it."""
     ready_only: bool = False
-    """Whether only robots that are ready now, with `ready_s` 0, are to be given it."""
+    """Whether only robots with `ready_s` 0 may get it."""
 
     def __post_init__(self) -> None:
         for name in ("prize_j", "service_s", "service_j", "earliest_s"):
@@ -63,32 +64,32 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
             )
 
     def admits(self, worker: "Worker") -> bool:
-        """Whether a worker has what the job needs and may be given it."""
+        """Whether the worker offers what the job needs and is not excluded."""
         may = worker.name not in self.forbidden_workers and not (self.ready_only and worker.ready_s > 0)
         return may and self.needs <= worker.offers
 
 
 class Worker(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot as it will be when its present task ends. Raises ValueError where it is built with nonsense."""
+    """A robot as it will be after its present task. Raises ValueError if its values are invalid."""
 
     name: str
     start: int
-    """Place at which it is then."""
+    """Place where it is then."""
     ends: tuple[int, ...]
-    """Chargers that it may end at; after its last job it goes to the one that takes the least energy."""
+    """Chargers at which its route may end; it takes the one that is cheapest in energy."""
     usable_j: float
-    """What it may spend until it is at a charger: the reserve is taken off, and so is what the 95 % bound of the
-    estimate asks beyond its mean."""
+    """Energy that it may spend until it is at a charger, less the reserve and the margin between the mean and the 95 %
+    bound of the estimate."""
     offers: frozenset[str] = frozenset()
     ready_s: float = 0.0
     profile: int = 0
-    """Which of the problem's matrices are its own."""
+    """Index of its matrices."""
     wait_w: float = 0.0
-    """What standing draws while it waits between `ready_s` and its end."""
+    """Power while it waits, from `ready_s` to its end."""
     capacity_j: float = 0.0
-    """Its full battery, for words only; 0 if unknown."""
+    """Full battery, for explanations only; 0 if unknown."""
     reserve_j: float = 0.0
-    """What was taken off, for words only."""
+    """Deducted reserve, for explanations only."""
 
     def __post_init__(self) -> None:
         if not self.ends:
@@ -101,14 +102,14 @@ class Worker(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
-    """Jobs, workers and ways. Raises ValueError where it is built with what does not fit together.
+    """Jobs, workers and paths. Raises ValueError if they are inconsistent.
 
     Args:
-        jobs: each id once.
-        workers: each name once.
-        energy_j: (profiles, places, places) joules from a row's place to a column's; infinite where there is no way.
+        jobs: with unique ids.
+        workers: with unique names.
+        energy_j: (profiles, places, places) joules from a row's place to a column's; infinite where there is no path.
         time_s: the same in seconds.
-        horizon_s: by then every robot that does anything is at a charger.
+        horizon_s: every robot with a job must be at a charger by then.
 
     """
 
@@ -146,12 +147,12 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @cached_property
     def job_index(self) -> dict[str, int]:
-        """Where a job stands in `jobs`."""
+        """Index of each job in `jobs`."""
         return {job.id: index for index, job in enumerate(self.jobs)}
 
     @cached_property
     def worker_index(self) -> dict[str, int]:
-        """Where a worker stands in `workers`."""
+        """Index of each worker in `workers`."""
         return {worker.name: index for index, worker in enumerate(self.workers)}
 
     @cached_property
@@ -176,7 +177,7 @@ Indices = NDArray[np.int64]
 
 
 class TeamArrays(NamedTuple):
-    """W workers and the n places; as a worker is when it has done what it is pinned to."""
+    """W workers and n places; each worker is in the state that it has after its pinned jobs."""
 
     energy_j: Floats
     """(profiles, n, n)"""
@@ -188,7 +189,7 @@ class TeamArrays(NamedTuple):
     usable_j: Floats
     wait_w: Floats
     end_j: Floats
-    """(W, n) from each place to the charger that takes least energy."""
+    """(W, n) joules from each place to the charger that is cheapest in energy."""
     end_s: Floats
     horizon_s: float
 
@@ -200,17 +201,17 @@ class VisitArrays(NamedTuple):
     """Index into the problem's jobs."""
     place: Indices
     prize_j: Floats
-    """A share of the job's prize, if it takes several."""
+    """The job's prize, divided among its visits."""
     service_s: Floats
     service_j: Floats
     earliest_s: Floats
     latest_s: Floats
     """Latest start."""
     allowed: NDArray[np.bool_]
-    """(W, V) the worker has what is needed and may be given the job."""
+    """(W, V) whether the worker has what the job needs and is admitted to it."""
 
     def chosen(self, rows: Indices) -> "VisitArrays":
-        """Some of them; copies."""
+        """Select some visits; returns copies."""
         return VisitArrays(
             self.job[rows],
             self.place[rows],
@@ -224,18 +225,18 @@ class VisitArrays(NamedTuple):
 
 
 class ProblemArrays(NamedTuple):
-    """Both, and what was taken out of them."""
+    """Team and visits, and what was removed from them."""
 
     team: TeamArrays
     visits: VisitArrays
     pinned: tuple[tuple[int, ...], ...]
-    """For each worker the jobs that it is at."""
+    """For each worker, the jobs that it is doing."""
     refused: dict[int, HolderLacks | HolderLacksEnergy | HolderLate]
-    """Jobs that became no visit because their robot cannot finish them, with why."""
+    """Jobs without a visit because their robot cannot finish them, with the reason."""
 
 
 def make_arrays(problem: Problem) -> ProblemArrays:
-    """Turn structs into arrays."""
+    """Convert the structs to arrays."""
     ends = [nearest_ends(problem, worker) for worker in range(len(problem.workers))]
     team = TeamArrays(
         np.ascontiguousarray(problem.energy_j, np.float64),
@@ -274,7 +275,7 @@ def make_arrays(problem: Problem) -> ProblemArrays:
 
 
 def nearest_ends(problem: Problem, worker_index: int) -> tuple[Floats, Floats, Indices]:
-    """Joules, seconds and place of the charger of least energy, from each place; each (n,)."""
+    """Joules, seconds and place of the charger that is cheapest in energy, from each place; each (n,)."""
     worker = problem.workers[worker_index]
     ends = np.array(sorted(set(worker.ends)), np.int64)
     if len(ends) == 1:
@@ -289,7 +290,7 @@ def nearest_ends(problem: Problem, worker_index: int) -> tuple[Floats, Floats, I
 def _finish_what_is_running(
     problem: Problem, team: TeamArrays
 ) -> tuple[tuple[tuple[int, ...], ...], dict[int, HolderLacks | HolderLacksEnergy | HolderLate]]:
-    """Move each worker to the end of what it is at; `team` is changed in place."""
+    """Advance each worker to the end of its pinned jobs; changes `team` in place."""
     pinned: list[list[int]] = [[] for _ in problem.workers]
     refused: dict[int, HolderLacks | HolderLacksEnergy | HolderLate] = {}
     for index, job in enumerate(problem.jobs):

@@ -1,4 +1,4 @@
-"""Making the most of orders that were good once: what cannot be kept is left out until the rest can."""
+"""Reuse of earlier orders: jobs that are no longer feasible are left out until the rest is."""
 
 from collections.abc import Sequence
 
@@ -10,14 +10,14 @@ from robrain.coordinator.allocation.validate import SLACK, validate
 
 
 def keep(problem: Problem, plan: Plan, objective: Objective) -> Plan | None:
-    """An earlier plan's orders in this problem, as far as they can be kept; None if none can."""
+    """Apply an earlier plan's orders to this problem as far as they are feasible; None if none are."""
     orders_of = {route.worker: route.jobs for route in plan.routes}
     orders = [orders_of.get(worker.name, ()) for worker in problem.workers]
     return repaired(problem, orders, objective)
 
 
 def repaired(problem: Problem, orders: Sequence[Sequence[str]], objective: Objective) -> Plan | None:
-    """A plan with as much of these orders as passes `validate`; None if none of it does."""
+    """Return a plan with as much of these orders as passes `validate`; None if nothing does."""
     pinned = [[problem.jobs[index].id for index in jobs] for jobs in make_arrays(problem).pinned]
     kept = []
     for worker, order, first in zip(problem.workers, orders, pinned, strict=True):
@@ -27,7 +27,7 @@ def repaired(problem: Problem, orders: Sequence[Sequence[str]], objective: Objec
         _drop_incomplete(problem, kept)
         plan = make_plan(problem, kept, objective)
         if plan is None:
-            # They wait for each other: what waits for others goes.
+            # The orders form a cycle: drop the jobs that wait for others.
             dropped = {job.id for job in problem.jobs if problem.predecessors(job) or job.robots > 1}
         else:
             dropped = {
@@ -48,7 +48,7 @@ def _may(problem: Problem, worker: Worker, name: str) -> bool:
 
 
 def _drop_incomplete(problem: Problem, orders: list[list[str]]) -> None:
-    """Leave out what has too few robots or comes after what nobody does; in place."""
+    """Remove jobs with too few robots, or with a predecessor that no robot does; in place."""
     while True:
         count: dict[str, int] = {}
         for order in orders:
@@ -66,9 +66,9 @@ def _drop_incomplete(problem: Problem, orders: list[list[str]]) -> None:
 
 
 def _misfit(problem: Problem, worker: Worker, route: Route) -> str:
-    """A job of the route to leave out; empty if the route can be kept.
+    """Return a job of the route to leave out; empty if the route is feasible.
 
-    The first job that is too late; if energy or horizon do not suffice, the job that saves most for its prize.
+    This is the first job that is too late or, if energy or horizon do not suffice, the job that saves most per prize.
     """
     for stop in route.stops:
         if stop.end_s > problem.jobs[problem.job_index[stop.job]].latest_s + SLACK:

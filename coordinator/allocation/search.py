@@ -1,4 +1,4 @@
-"""PyVRP's iterated local search (Wouda, Lan, Kool: PyVRP, INFORMS J. Comput. 2024), stopped by a clock of ours."""
+"""PyVRP's iterated local search (Wouda, Lan, Kool: PyVRP, INFORMS J. Comput. 2024), stopped by robrain's own clock."""
 
 import warnings
 from collections.abc import Callable
@@ -28,17 +28,17 @@ from robrain.coordinator.allocation.allocator import Effort
 from robrain.coordinator.allocation.vrp_model import J_UNITS, MAX_PENALTY, S_UNITS
 
 NEIGHBOURS = 20
-"""Chosen by trying, as are the figures of `WARM`: 20 × 200 and 100 × 1000, five seconds of a core each, three seeds."""
+"""Found by experiment, like the figures of `WARM`: 20 × 200 and 100 × 1000, five seconds of one core, three seeds."""
 LARGE = 500
-"""From so many visits on, memory is shorter, and a step must not take long."""
+"""From this many visits on, memory is shorter and steps are smaller, so that one step stays short."""
 
 
 class Way(NamedTuple):
-    """How a search goes about it."""
+    """Parameters of a search."""
 
     perturbation: PerturbationParams
     first_penalties: tuple[float, float, float]
-    """For a unit too much of a load, of time and of energy."""
+    """Penalties per unit of excess load, time and energy."""
     penalties: PenaltyParams
     history: int
     large_history: int
@@ -51,24 +51,24 @@ WARM = Way(
     100,
     50,
 )
-"""From a plan: great steps, and what is a little too much is soon allowed for a while."""
+"""From a plan: large steps, and small violations are soon tolerated."""
 COLD = Way(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParams(max_penalty=MAX_PENALTY), 300, 50)
-"""From a random start, as PyVRP does by itself: small steps, and for long nothing that is too much. Now and then one of
-the two ways finds what the other never does."""
+"""From a random start, as PyVRP's defaults: small steps, and violations are not tolerated for a long time. Each of the
+two sometimes finds what the other does not."""
 
 
 class Search:
-    """Searches of one model, which may be limited differently each time.
+    """Searches of one model, each with its own limits.
 
     Args:
-        data: of the model; which visits are neighbours is worked out once.
+        data: of the model; neighbours of visits are computed once.
 
     """
 
     def __init__(self, data: ProblemData) -> None:
         self._neighbours = compute_neighbours(data, NeighbourhoodParams(num_neighbours=NEIGHBOURS))
         self.longest_s = 0.0
-        """The longest step of the search that was seen; nothing can end it early."""
+        """Longest step seen, in seconds; a step cannot be interrupted."""
 
     def run(
         self,
@@ -82,17 +82,17 @@ class Search:
         iterations: float = float("inf"),
         is_enough: Callable[[Solution], bool] | None = None,
     ) -> Solution | None:
-        """The best feasible solution that is found.
+        """Return the best feasible solution found; None if there is none.
 
         Args:
-            data: of the model, perhaps limited.
-            start: where the search starts; need not be feasible. None starts at random.
-            effort: stops it, and is spent.
+            data: of the model, possibly with limits.
+            start: first solution, feasible or not; None for a random one.
+            effort: stops the search, and is spent by it.
             seed: of the search.
-            patience: it stops after so many iterations without anything better; it then seldom gets further.
-            end_left_s: it stops when no more than this is left of the deadline.
-            iterations: it stops after so many.
-            is_enough: it stops when it has found such a solution.
+            patience: stop after this many iterations without improvement.
+            end_left_s: stop when no more than this is left of the deadline.
+            iterations: stop after this many.
+            is_enough: stop at a solution for which this is true.
 
         """
         generator = RandomNumberGenerator(seed=seed % 2**32)
@@ -113,14 +113,14 @@ class Search:
         )
         search = IteratedLocalSearch(data, penalties, local_search, start, parameters)
         with warnings.catch_warnings():
-            # That a limit cannot be kept is an answer here, not a mistake.
+            # An infeasible limit is a regular result here, no error.
             warnings.simplefilter("ignore", PenaltyBoundWarning)
             best = search.run(watch, collect_stats=False, display=False).best
         return best if best.is_feasible() else None
 
 
 class _Watch(IteratedLocalSearchCallbacks):
-    """Says when to stop, and measures how long a step takes."""
+    """Stops the search, and measures the duration of a step."""
 
     def __init__(
         self,
@@ -156,7 +156,7 @@ class _Watch(IteratedLocalSearchCallbacks):
         return False
 
     def on_best(self, best: Solution) -> None:
-        """Called by PyVRP."""
+        """See PyVRP."""
         self._patience_left = self._patience
         if self._is_enough is not None and best.is_feasible():
             self._found_enough = self._is_enough(best)

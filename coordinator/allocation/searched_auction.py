@@ -1,11 +1,11 @@
-"""The default method of planning: an auction at once, then searches that improve its plan."""
+"""The default planning method: an auction first, then searches that improve its plan."""
 
 from robrain.coordinator.allocation.allocator import Allocator
 from robrain.coordinator.allocation.auction import AuctionAllocator
 
 
 class SearchedAuction(AuctionAllocator):
-    """The auction, whose plans PyVRP improves."""
+    """The auction, with PyVRP to improve its plans."""
 
     def search(self) -> Allocator | None:
         """See `Searching`."""

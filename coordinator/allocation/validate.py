@@ -1,4 +1,4 @@
-"""The one checker of plans. It shares no code with what makes them: every figure is worked out anew."""
+"""The only checker of plans. It shares no code with the allocators and recomputes every figure."""
 
 import math
 
@@ -6,11 +6,11 @@ from robrain.coordinator.allocation.plan import Plan, Route, Stop
 from robrain.coordinator.allocation.problem import Job, Problem, Worker
 
 SLACK = 1e-4
-"""Joules and seconds by which figures may differ from those worked out here, and limits be missed: rounding."""
+"""Tolerance, in joules and seconds, for figures and limits: rounding."""
 
 
 def validate(problem: Problem, plan: Plan) -> list[str]:
-    """What is wrong with a plan, in sentences; empty if it can be carried out."""
+    """Return the faults of a plan as sentences; empty if the plan is feasible."""
     faults: list[str] = []
     if [route.worker for route in plan.routes] != [worker.name for worker in problem.workers]:
         return ["the routes are not those of the problem's workers, in their order"]

@@ -1,24 +1,23 @@
-"""A problem as PyVRP sees it: visits are clients, workers are vehicle types, energy is distance.
+"""A problem as a PyVRP model: visits are clients, workers are vehicle types, energy is distance.
 
-Every worker is a vehicle type of one vehicle with its own start, end, profile and greatest distance. Distances are
-joules and durations are seconds, both as integers: a median way takes `J_UNITS` and `S_UNITS`.
+Each worker is a vehicle type of one vehicle with its own start, end, profile and maximum distance. Distances are
+joules and durations are seconds, both as integers: a median path has `J_UNITS` and `S_UNITS`.
 
-Energy is rounded to the safe side: what a way takes is rounded up, what a worker may spend is rounded down. What PyVRP
-calls feasible is so in joules; what just is so in joules may be missed, by 1e-4 of a median way a stop. Times are
-rounded the other way, so that a plan's own times never are infeasible; at 1e-7 of a median way a stop, that is within
-the slack of `validate`, which everything passes in the end.
+Energy is rounded to the safe side: paths up, budgets down. A solution that is feasible in PyVRP is feasible in joules;
+a plan at its exact limit may be missed, by 1e-4 of a median path per stop. Times are rounded down, so that a plan's own
+times are never infeasible; at 1e-7 of a median path per stop, this is within the slack of `validate`, which every plan
+passes in the end.
 
-Greatest values: a budget is at most what going everywhere would take, a missing way is one unit longer than the
-greatest budget, and penalties are at most `MAX_PENALTY` a unit; with 1,000 visits that is 1e8 · 1e5 for a distance and
-1e11 · 1e5 for a time, far below 2^63.
+Largest values: a budget is at most the sum of all paths, a missing path is one unit longer than the largest budget, and
+penalties are at most `MAX_PENALTY` per unit. With 1,000 visits that is 1e8 · 1e5 for a distance and 1e11 · 1e5 for a
+time, far below 2^63.
 
-What a charger is, is resolved beforehand: one end for each set of chargers, whose column of the matrices is the way to
-the nearest of them.
+Chargers are resolved beforehand: one end for each set of chargers, whose matrix column is the path to the nearest one.
 
-What a worker may not do is forbidden by missing ways, in matrices of its own for each kind of worker; where that would
-take too much memory, what is needed is a load of one unit in a dimension of its own, for which a worker that offers it
-has room for all and another has none. Missing ways were better by 1.5 % at 20 × 200 after equal iterations (three
-seeds, 40 % of the jobs with a need), no different at 60 × 600.
+A visit that a worker must not make is a missing path, in separate matrices for each kind of worker. Where these would
+take too much memory, each need is a load of one unit in its own dimension; workers that offer it have capacity for all,
+others for none. Missing paths were better by 1.5 % at 20 × 200 after equal iterations (three seeds, 40 % of the jobs
+with a need), no different at 60 × 600.
 """
 
 import math
@@ -33,22 +32,22 @@ from pyvrp import Client, Depot, Location, ProblemData, Route, Solution, Vehicle
 from robrain.coordinator.allocation.problem import Floats, Indices, Objective, Problem, ProblemArrays, VisitArrays
 
 J_UNITS = 1e4
-"""Of a median way with the service at its end; chosen so that rounding costs about 1e-4."""
+"""Units of a median path including the service at its end; chosen so that rounding costs about 1e-4."""
 S_UNITS = 1e7
 MAX_PENALTY = 100_000.0
 PRIZE_LIMIT = 2.0**50
 Matrix = np.ndarray[Any, np.dtype[np.int64]]
 MOST_CELLS = 1e7
-"""Of all distance matrices together, 80 MB; beyond, needs become loads."""
+"""Limit for all distance matrices together, 80 MB; beyond, needs become loads."""
 FOREVER = 2**44
-"""A time that nobody reaches, in units."""
+"""A time beyond every schedule, in units."""
 
 ROUNDING = 1e-6
-"""Units by which a float may lie above an integer and still be meant to be it."""
+"""A float this far above an integer, in units, counts as that integer."""
 
 
 class _Load(NamedTuple):
-    """A constraint as a dimension of loads: its jobs load one unit, for which its workers have room."""
+    """A constraint as a load dimension: its jobs load one unit, and its workers have capacity for them."""
 
     jobs: frozenset[str]
     workers: frozenset[int]
@@ -72,14 +71,14 @@ def _loads(problem: Problem) -> list[_Load]:
 
 
 class VrpModel:
-    """One problem, which can be asked with tighter limits without building its matrices anew.
+    """One problem; its limits can be tightened without rebuilding the matrices.
 
     Args:
-        problem: what is asked.
+        problem: the problem.
         arrays: of the problem.
-        visits: those of the arrays, perhaps with narrower windows (see `coupling.py`).
+        visits: those of the arrays, possibly with narrower windows (see `coupling.py`).
         required: (V,) visits that must be made.
-        objective: prizes outweigh ways unless it is energy.
+        objective: unless it is energy, prizes outweigh paths.
 
     """
 
@@ -117,16 +116,16 @@ class VrpModel:
         )
 
     def limited(self, end_s: float = math.inf, left_j: float = 0.0) -> ProblemData:
-        """The same with every worker at its charger by `end_s` and with so much left there."""
+        """The same model with every worker at its charger by `end_s`, with at least `left_j` left."""
         return self.data.replace(vehicle_types=self._vehicles(end_s, left_j))
 
     def solution(self, data: ProblemData, orders: Sequence[Sequence[int]]) -> Solution:
-        """From visits in order, for each worker."""
+        """A solution from each worker's visits in order."""
         types = {worker: index for index, worker in enumerate(self._workers)}
         return Solution(data, [Route(data, list(order), types[worker]) for worker, order in enumerate(orders) if order])
 
     def orders(self, solution: Solution) -> list[list[int]]:
-        """Visits in order, for each worker."""
+        """Each worker's visits in order."""
         orders: list[list[int]] = [[] for _ in self._end_of]
         for route in solution.routes():
             visits = [activity.idx for activity in route if activity.is_client()]
@@ -154,7 +153,7 @@ class VrpModel:
         return scales[0], scales[1]
 
     def _matrices(self, visits: VisitArrays) -> tuple[list[Matrix], list[Matrix]]:
-        """For each kind of worker; locations are the visits, then a start for each worker, then the ends."""
+        """Matrices for each kind of worker; locations are the visits, then a start for each worker, then the ends."""
         team, count = self._team, self._count
         places = np.concatenate((visits.place, team.start[self._workers])).astype(np.int64)
         forbidden = max(self._budgets, default=0) + 1
@@ -257,20 +256,20 @@ def fill_matrix(
     forbidden: int,
     is_up: bool,
 ) -> NDArray[np.int64]:
-    """One matrix of a profile.
+    """Return one matrix of a profile.
 
     Args:
         ways: (n, n) joules or seconds between places.
-        places: (m,) of the visits and then of the starts.
-        allowed: (visits,) to which of them there is a way for this kind of worker.
-        service: (visits,) what each visit adds to every way to it.
-        ends: (m, e) from each of them to each end.
-        scale: units for one joule or second.
-        forbidden: what stands where there is no way.
-        is_up: rounds up; down otherwise.
+        places: (m,) of the visits, then of the starts.
+        allowed: (visits,) visits that this kind of worker may make.
+        service: (visits,) added to every path to the visit.
+        ends: (m, e) from each place to each end.
+        scale: units per joule or second.
+        forbidden: value where there is no path.
+        is_up: round up; down otherwise.
 
     Returns:
-        (m + e, m + e); rows of the ends and columns of the starts are 0, since nobody goes there.
+        (m + e, m + e); rows of the ends and columns of the starts are 0, because no path uses them.
 
     """
     count, end_count = ends.shape
@@ -295,6 +294,6 @@ def _units(length: float, scale: float, forbidden: int, is_up: bool) -> int:
 
 
 def greatest(ways: Floats) -> float:
-    """The longest way that there is; 0 if there is none."""
+    """The longest finite path; 0 if there is none."""
     most = float(np.max(ways)) if ways.size else 0.0
     return most if math.isfinite(most) else float(np.max(ways, where=np.isfinite(ways), initial=0.0))

@@ -1,4 +1,4 @@
-"""Compiling the allocators' kernels before a run, so that the first plan does not pay for it."""
+"""Compiles the allocators' kernels before a run, so that the first plan is not delayed."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from robrain.coordinator.allocation.vrp_model import fill_matrix
 def warm_up() -> None:
     """Call every kernel once.
 
-    The first call on a computer compiles and stores the machine code beside the sources (some seconds); later
-    processes load it (tenths of a second).
+    The first call on a machine compiles the kernels and stores the machine code beside the sources (some seconds).
+    Later processes load it (tenths of a second).
     """
     ways = np.array([[[0.0, 2.0], [2.0, 0.0]]])
     jobs = (

@@ -1,7 +1,7 @@
-"""Sends robots to charge, by tasks of the coordinator's own, as the schedule of the chargers says.
+"""Sends robots to charge, by tasks of the coordinator's own, following the schedule of the chargers.
 
-It also says how those who charge will be when they have, so that plans count on them, and calls off a charge that has
-brought enough while another robot waits.
+It also predicts the state of charging robots after the charge, for the planner, and ends a charge early when another
+robot waits.
 """
 
 from collections.abc import Mapping
@@ -26,25 +26,25 @@ from robrain.protocol.wire.reasons.robots import BelowReserve, LacksEnergy
 from robrain.protocol.wire.reasons.tasks import ChargedEnough
 
 AGAIN_NS = to_ns(30.0)
-"""A robot that refused to charge, or failed at it, is not sent again for so long (chosen)."""
+"""Pause after a robot refused to charge, or failed at it (chosen)."""
 EARLY_S = 5.0
-"""A robot sets out so much before it must: on its way it may have to stop (chosen)."""
+"""A robot sets out this much early, because it may have to stop on its way (chosen)."""
 
 
 class ChargeDesk:
-    """Decides who is to charge.
+    """Decides which robots charge.
 
     Args:
-        wire: the coordinator's place on the wire.
-        planning: knows the chargers, and who has tasks.
+        wire: the coordinator's Zenoh endpoint.
+        planning: knows the chargers, and which robots have tasks.
         book: of the tasks.
-        roster: the robots that there are.
+        roster: the robots of the team.
 
     """
 
     def __init__(self, wire: Endpoint, planning: Planning, book: TaskBook, roster: Roster) -> None:
         self.waiting: Mapping[str, ChargerWait | None] = {}
-        """Robots that should charge and have not set out, and what they wait for, if it is known."""
+        """Robots that should charge and have not set out, with the reason if it is known."""
         self._planning = planning
         self._book = book
         self._roster = roster
@@ -52,14 +52,14 @@ class ChargeDesk:
         self._telling = ChargePublisher(wire, planning, book)
         self._not_before_ns: dict[str, int] = {}
         self._to_soc: dict[str, float] = {}
-        """What each robot was last sent to charge to."""
+        """State of charge to which each robot was last sent to charge."""
 
     def choose(self, idle: list[Robot], now_ns: int) -> list[Charge]:
-        """Robots, of those without a task, that are to be asked to charge now.
+        """Return the robots, of those without a task, that must be asked to charge now.
 
         Raises:
-            JournalUnwritable: a charge that has brought enough could not be called off, or of a task not be told what
-                it waits for; both are tried again.
+            JournalUnwritable: the end of a charge, or the reason why a task waits, could not be written; both are tried
+                again.
 
         """
         planning = self._planning
@@ -90,7 +90,7 @@ class ChargeDesk:
         return charges
 
     def ended(self, robot: str, state: TaskState, now_ns: int) -> None:
-        """A robot's charge has ended, or was refused."""
+        """Handle the end, or the refusal, of a robot's charge."""
         self._planning.after_charge.pop(robot, None)
         if state is not TaskState.DONE:
             self._not_before_ns[robot] = now_ns + AGAIN_NS
@@ -100,7 +100,7 @@ class ChargeDesk:
             self._watch.cut_short.discard(robot)
 
     def _is_short(self) -> bool:
-        """Whether tasks wait for energy: nobody has it, or only who charges will."""
+        """Whether tasks wait for energy: no robot has enough, or only a charging one will."""
         planning, book, robots = self._planning, self._book, self._roster.robots
         if any(is_for_energy(left.reason) for left in planning.left_out.values()):
             return True
@@ -110,7 +110,7 @@ class ChargeDesk:
         )
 
     def _charge(self, turn: Turn, one: Seeker) -> Charge | None:
-        """What a robot is to be asked now: to set out, as its time has come; or, charging of its own accord, to end."""
+        """What to ask a robot now: to set out when it is time, or, if it charges on its own initiative, to end."""
         is_due = one.bound_for is None and turn.set_out_s <= EARLY_S
         is_firm = one.bound_for is not None and one.to_soc is None and self._book.of_robot(turn.robot) is None
         if not (is_due or (is_firm and one.is_there and one.soc >= turn.to_soc < TO_SOC)):
@@ -121,7 +121,7 @@ class ChargeDesk:
         return Charge(turn.robot, charger, round(turn.to_soc, 3))
 
     def _end(self, turns: tuple[Turn, ...], seekers: dict[str, Seeker]) -> None:
-        """Call off a charge that has brought enough, for whoever waits for the charger."""
+        """End the charges that have reached their level while another robot waits for the charger."""
         next_one = {turn.behind: turn.robot for turn in turns}
         for turn in turns:
             at, one = self._book.of_robot(turn.robot), seekers[turn.robot]
@@ -150,7 +150,7 @@ class ChargeDesk:
         return charges
 
     def _taken(self) -> list[Point2D]:
-        """Where somebody charges or goes to, by a task or of its own accord."""
+        """Places of chargers at which a robot charges or to which one drives, by a task or on its own initiative."""
         taken = [record.task.place for record in self._book.open if record.task.kind == RECHARGE]
         for robot in self._roster.robots.values():
             state = robot.state

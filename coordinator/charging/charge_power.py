@@ -1,4 +1,4 @@
-"""What chargers put into batteries, as the robots that stand at them tell by and by."""
+"""The charging power of chargers, learned from the battery states of the robots at them."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,12 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robot_messages import BatteryState
 
 USUAL_W = 20.0
-"""Of a charger at which nobody has charged yet. Chosen: a dock of 40 W, less what a small robot draws itself, and what
-the last part of a charge takes longer."""
+"""Of a charger at which no robot has charged yet. Chosen: a dock of 40 W, less a small robot's own consumption and the
+slower last part of a charge."""
 LEAST_W = 1.0
-"""A charger that gives less, or nothing, still ends a charge some day."""
+"""Lower bound of a learned power, so that every charge has an end."""
 WINDOW_NS = to_ns(10.0)
-"""What has come in so long tells the power: batteries say what they hold with some noise."""
+"""Interval over which the power is measured, against noise in the reported energy."""
 KEPT = 256
 
 
@@ -24,19 +24,19 @@ class _Begun(NamedTuple):
 
 
 class ChargePower:
-    """Learns the power of each charger; the last word counts."""
+    """Learns the power of each charger; the latest measurement counts."""
 
     def __init__(self) -> None:
         self._power_w: dict[Point2D, float] = {}
         self._begun: dict[str, _Begun] = {}
 
     def of(self, charger: Point2D) -> float:
-        """Watts into the battery, above 0."""
+        """Power into the battery in watts, above 0."""
         known = self._known(charger)
         return USUAL_W if known is None else self._power_w[known]
 
     def note(self, robot: str, charger: Point2D, battery: BatteryState, now_ns: int) -> None:
-        """A robot stands at a charger and is charged."""
+        """Record a battery state of a robot that is charged at a charger."""
         begun = self._begun.get(robot)
         if begun is None or not is_same_charger(begun.charger, charger):
             self._begun[robot] = _Begun(charger, battery.remaining_j, now_ns)
@@ -49,7 +49,7 @@ class ChargePower:
             self._begun[robot] = _Begun(charger, battery.remaining_j, now_ns)
 
     def left(self, robot: str) -> None:
-        """A robot is not charged any more."""
+        """Record that a robot is no longer charged."""
         self._begun.pop(robot, None)
 
     def _known(self, charger: Point2D) -> Point2D | None:

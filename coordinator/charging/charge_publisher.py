@@ -1,4 +1,4 @@
-"""Tells who charges where and when, and which tasks wait for that."""
+"""Publishes which robots charge where and when, and which tasks wait for a charge."""
 
 from robrain.coordinator.charging.charge_schedule import Seeker, Turn
 from robrain.coordinator.planning.planning import Planning
@@ -13,16 +13,16 @@ from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.topics import COORDINATOR_CHARGES
 
 MOVED_NS, MOVED_SHARE = to_ns(10.0), 0.1
-"""The schedule is told again when the end of a charge has moved by more than both, of the time until then, or anything
-else has changed (chosen)."""
+"""The schedule is published again when the end of a charge has moved by more than both (the share is of the time until
+then), or when anything else has changed (chosen)."""
 
 
 class ChargePublisher:
-    """Tells.
+    """Publishes the schedule of charges.
 
     Args:
-        wire: the coordinator's place on the wire.
-        planning: gets the schedule as well, for those who ask it.
+        wire: the coordinator's Zenoh endpoint.
+        planning: receives the schedule too, to answer queries.
         book: of the tasks.
 
     """
@@ -36,7 +36,7 @@ class ChargePublisher:
     def schedule(
         self, turns: tuple[Turn, ...], seekers: dict[str, Seeker], has_set_out: set[str], now_ns: int
     ) -> dict[str, WaitsForCharger | None]:
-        """Tell the schedule, if it is another; why each robot waits that has not set out, if that is known."""
+        """Publish the schedule if it has changed; returns why each robot that has not set out waits, if known."""
         charges = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
         self._planning.charges = charges
         if not _is_the_same(self._said, charges, now_ns):
@@ -45,7 +45,7 @@ class ChargePublisher:
         return {one.robot: one.reason for one in charges if not one.has_set_out}
 
     def tasks(self, now_ns: int) -> None:
-        """Tell of each queued task that it waits for its robot to charge; and when it does not any more."""
+        """Publish for each queued task that it waits for its robot to charge, and when this ends."""
         for record in self._book.open:
             if record.own or record.state is not TaskState.QUEUED:
                 continue
@@ -80,7 +80,7 @@ def _planned(turn: Turn, one: Seeker, has_set_out: bool, now_ns: int) -> Planned
 
 
 def _is_the_same(said: tuple[PlannedCharge, ...], now: tuple[PlannedCharge, ...], now_ns: int) -> bool:
-    """Whether what was said still holds, but for the passing of time."""
+    """Whether the published schedule still holds, apart from the passing of time."""
     if len(said) != len(now):
         return False
     for one, other in zip(said, now, strict=True):

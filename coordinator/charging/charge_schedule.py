@@ -1,13 +1,13 @@
-"""Who charges where, from when until when: times at chargers, planned ahead for robots that outnumber them.
+"""The schedule of chargers: which robot charges where, from when until when.
 
-List scheduling (Graham: Bounds on Multiprocessing Timing Anomalies, SIAM J. Applied Mathematics 17(2), 1969): robots
-in one order, each at the charger at which it can begin first. Who stands at a charger comes first, then who goes to one
-already, then the others, those with least charge before the rest. Nobody is left out who knows a charger, and nobody
-waits for one while another stands empty that it could use.
+List scheduling (Graham: Bounds on Multiprocessing Timing Anomalies, SIAM J. Applied Mathematics 17(2), 1969): in turn
+each robot gets the charger at which it can begin first. First come the robots at chargers, then those on the way to
+one, then the others, lowest charge first. Every robot that knows a charger gets a turn, and no robot waits while a
+charger that it could use is free.
 
-A charge ends when the battery is full enough. While tasks wait for energy, and behind a robot waits one that is much
-lower, it ends at a share that will do for a turn: two robots with half a battery do more than one with a whole. Pure:
-equal robots, equal schedule.
+A charge ends when the battery is full enough. While tasks wait for energy and the next robot has much less charge, it
+ends at the level of a short turn: two robots with half a battery do more than one with a full one. Pure: equal robots
+give an equal schedule.
 """
 
 import math
@@ -18,36 +18,36 @@ from robrain.coordinator.charging.charge_turns import SAME_M
 from robrain.protocol.model.geometry import Point2D
 
 DOCK_S = 10.0
-"""What docking takes, about, as the robots reckon."""
+"""Approximate time to dock; robots assume the same."""
 CLEAR_S = 10.0
-"""A robot that leaves a charger is out of the way after so long (chosen: changing places takes some 20 s)."""
+"""Time until a robot that leaves a charger is out of the way (chosen: changing places takes some 20 s)."""
 TURN_GAIN = 0.15
-"""A turn is cut short only for a robot to which it gives so much more of a battery: less is not worth the change."""
+"""A turn is cut short only for a robot that gains at least this share of a battery."""
 
 
 class Way(NamedTuple):
-    """From a robot to a charger that it knows."""
+    """The path from a robot to a charger that it knows."""
 
     charger: Point2D
     way_s: float
 
 
 class Seeker(NamedTuple):
-    """A robot that charges, goes to charge, or should."""
+    """A robot that charges, drives to a charger, or should charge."""
 
     name: str
     soc: float
     capacity_j: float
-    """Its full battery."""
+    """Full battery."""
     ways: tuple[Way, ...]
     bound_for: Point2D | None = None
-    """The charger that it stands at or goes to already; None if it has yet to be sent."""
+    """The charger that it stands at or drives to; None if it has not been sent yet."""
     is_there: bool = False
-    """It stands at that charger."""
+    """Whether it stands at that charger."""
     to_soc: float | None = None
-    """What it has set itself, if nobody can tell it otherwise."""
+    """Level that the robot has set for itself; None if the coordinator decides."""
     is_whole: bool = False
-    """Its turn is not to be cut short: the last short one was of no use to it."""
+    """Whether its turn must not be cut short, because it made no use of its last short turn."""
 
 
 class Turn(NamedTuple):
@@ -56,35 +56,35 @@ class Turn(NamedTuple):
     robot: str
     charger: Point2D
     set_out_s: float
-    """When it is to set out, so as to be there when the charger comes free."""
+    """When it must set out to arrive as the charger becomes free."""
     free_s: float
     """When the charger is free for it."""
     from_s: float
     until_s: float
     to_soc: float
     behind: str = ""
-    """The robot that has the charger before it; empty if none has."""
+    """The robot that has the charger before it; empty if there is none."""
 
 
 class Demand(NamedTuple):
-    """What a charge is to reach."""
+    """Target levels of a charge."""
 
     full_soc: float
     turn_soc: float
-    """While others wait."""
+    """Target while others wait."""
     is_short: bool
-    """Tasks wait for energy."""
+    """Whether tasks wait for energy."""
 
 
 def schedule_charges(
     seekers: Iterable[Seeker], demand: Demand, power_w: Callable[[Point2D], float]
 ) -> tuple[Turn, ...]:
-    """The turns of all robots that know a charger, in the order in which they were given out.
+    """Return the turns of all robots that know a charger, in the order in which they were assigned.
 
     Args:
-        seekers: each robot once.
-        demand: what a charge is to reach.
-        power_w: what a charger puts into a battery, above 0.
+        seekers: the robots, each once.
+        demand: target levels.
+        power_w: power of a charger into the battery, above 0.
 
     """
     those = sorted((one for one in seekers if one.ways or one.bound_for is not None), key=_order)
@@ -109,7 +109,7 @@ def schedule_charges(
 
 
 def is_same_charger(one: Point2D, other: Point2D) -> bool:
-    """Whether two robots mean one charger: where they believe it to be may differ."""
+    """Whether two robots mean the same charger; their estimates of its place may differ."""
     return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) < SAME_M
 
 
@@ -135,7 +135,7 @@ def _way_to(one: Seeker, place: Point2D) -> float:
 
 
 def _earliest(one: Seeker, places: Sequence[Point2D], free_s: dict[Point2D, float]) -> tuple[Point2D, float]:
-    """The charger at which it can begin first, and the way there; of two alike the nearer one."""
+    """The charger at which the robot can begin first, and its path length; of two equal ones the nearer."""
     wanted = [one.bound_for] if one.bound_for is not None else [way.charger for way in one.ways]
     known = [place for place in places if any(is_same_charger(place, other) for other in wanted)]
     ways_s = {place: _way_to(one, place) for place in known}
@@ -157,7 +157,7 @@ def _turns(place: Point2D, queue: list[tuple[Seeker, float]], demand: Demand, po
     free_s, behind = 0.0, ""
     for index, (one, way_s) in enumerate(queue):
         needy = [other for other, _ in queue[index + 1 :] if other.soc < demand.turn_soc - TURN_GAIN]
-        # What was said to one that has set out is kept to, whatever became of the tasks.
+        # A robot that has set out keeps the target that it was given, even if the tasks change.
         is_short = needy and (demand.is_short or any(other.bound_for for other in needy)) and not one.is_whole
         to_soc = _goal(one, demand.turn_soc if is_short else demand.full_soc)
         from_s, until_s = _times(one, way_s, free_s, to_soc, power_w)

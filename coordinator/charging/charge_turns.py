@@ -1,8 +1,8 @@
-"""Who is to charge, and at which charger, in turns: never two robots at one.
+"""Chargers assigned in turns, without looking ahead: the baseline of `charge_schedule.py`.
 
-Robots without tasks charge when they have little left, or when a task is left out for want of energy; those with least
-come first, the others wait for their turn where they are. Pure: of the robots and chargers as they are now. It is what
-`charge_schedule.py`, which looks ahead, is compared with.
+Robots without tasks charge when their battery is low, or when a task is left out for lack of energy. The robots with
+the lowest charge come first; the others wait where they are. A charger has at most one robot. Pure: depends only on
+the present robots and chargers.
 """
 
 import math
@@ -14,25 +14,25 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.reasons.plans import ChargersTaken
 
 SAME_M = 0.6
-"""Chargers nearer to each other than this are one to two robots; a robot so near to one is at it (chosen)."""
+"""Chargers closer together than this are the same charger; a robot this close to a charger is at it (chosen)."""
 TO_SOC = 0.95
-"""What a charge is for that nothing cuts short."""
+"""Target level of a charge that is not cut short."""
 FULL_ENOUGH = 0.9
-"""A robot with so much charge does not go for more, whatever is left out."""
+"""A robot above this level is not sent to charge, whatever tasks are left out."""
 
 
 class Idle(NamedTuple):
-    """A robot that has nothing to do."""
+    """A robot without a task."""
 
     name: str
     place: Point2D
     soc: float
     chargers: tuple[Charger, ...]
-    """Those that it knows."""
+    """The chargers that it knows."""
 
 
 class Charge(NamedTuple):
-    """A robot and the charger that it is to go to."""
+    """A robot and the charger that it is sent to."""
 
     robot: str
     charger: Charger
@@ -46,11 +46,11 @@ def assign_chargers(
 
     Args:
         idle: robots without tasks.
-        taken: places of chargers at which a robot is, or to which one goes.
+        taken: places of chargers at which a robot is, or to which one drives.
         below: state of charge below which a robot charges.
 
     Returns:
-        Who goes where, and why each other robot that should charge does not.
+        The assignments, and for each other robot that should charge the reason why it does not.
 
     """
     used = list(taken)
@@ -70,7 +70,7 @@ def assign_chargers(
 
 
 def nearest(place: Point2D, chargers: Sequence[Charger]) -> Point2D | None:
-    """The charger nearest to a place, as the crow flies; None if there is none."""
+    """The charger nearest to a place by straight line; None if there is none."""
     return min((charger.place for charger in chargers), key=lambda one: _order(place, one), default=None)
 
 

@@ -1,4 +1,4 @@
-"""Which robots charge, go to charge, or should: the team as the schedule of the chargers sees it."""
+"""Collects the robots that charge, drive to a charger, or should charge, as the input of the schedule."""
 
 import math
 
@@ -18,36 +18,36 @@ from robrain.protocol.model.tasks.task import parameters_of
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 
 DETOUR = 1.5
-"""How much longer than a straight line a way is taken to be that no plan knows (chosen, as the robots do)."""
+"""Assumed ratio of path length to straight line where no plan has the length (chosen; robots assume the same)."""
 STILL_M = 1.0
-"""Of a robot that has not gone farther, the last plan knows how far it is to the chargers."""
+"""While a robot has moved less than this, the path lengths of the last plan hold for it."""
 
 
 class ChargeWatch:
-    """Looks at the team.
+    """Finds the robots that compete for chargers.
 
     Args:
-        planning: knows the chargers, and who has tasks.
+        planning: knows the chargers, and which robots have tasks.
         book: of the tasks.
-        roster: the robots that there are.
+        roster: the robots of the team.
 
     """
 
     def __init__(self, planning: Planning, book: TaskBook, roster: Roster) -> None:
         self.power = ChargePower()
         self.cut_short: set[str] = set()
-        """Robots whose last turn was cut short, and which have done nothing with it yet."""
+        """Robots whose last turn was cut short and which have not done a task since."""
         self._planning = planning
         self._book = book
         self._roster = roster
 
     def seekers(self, idle: list[Robot], below: float, paused: set[str], now_ns: int) -> dict[str, Seeker]:
-        """By name.
+        """Return them by name.
 
         Args:
             idle: robots without a task.
-            below: those of them should charge that have less than this.
-            paused: robots that are not to be asked to charge now.
+            below: state of charge below which an idle robot should charge.
+            paused: robots that must not be asked to charge now.
             now_ns: the time.
 
         """
@@ -66,7 +66,7 @@ class ChargeWatch:
         return found
 
     def seeker(self, robot: Robot, at: TaskRecord | None, below: float, is_paused: bool, now_ns: int) -> Seeker | None:
-        """A robot as the schedule takes it; None if it neither charges nor is to."""
+        """A robot's entry for the schedule; None if it neither charges nor should."""
         planning, state, name = self._planning, robot.state, robot.name
         chargers = planning.chargers.of.get(name, ())
         if state is None or state.pose is None or state.battery is None or state.halted:
@@ -82,9 +82,9 @@ class ChargeWatch:
             self.power.note(name, bound_for, battery, now_ns)
         to_soc = None
         if at is None and bound_for is not None and (is_paused or not is_there):
-            to_soc = TO_SOC  # it goes of its own accord, and is not to be told otherwise
+            to_soc = TO_SOC  # on its own initiative: the robot decides the level
         elif at is not None and not at.own and at.task.kind == RECHARGE:
-            to_soc = parameters_of(at.task, Recharge).until_soc  # somebody asked for it
+            to_soc = parameters_of(at.task, Recharge).until_soc  # a submitted task
         return Seeker(
             name=name,
             soc=battery.soc,
@@ -97,7 +97,7 @@ class ChargeWatch:
         )
 
     def _ways(self, robot: Robot, here: Point2D, chargers: tuple[Charger, ...], *, is_bound: bool) -> tuple[Way, ...]:
-        """The ways to the chargers that it reaches with its reserve; to all if it is bound for one already."""
+        """Paths to the chargers that it reaches with its reserve; to all if it is bound for one already."""
         assert robot.state is not None
         model, battery, policy = robot.state.energy, robot.state.battery, self._planning.policy
         profile = profile_of(model, policy.time_margin)
@@ -110,13 +110,13 @@ class ChargeWatch:
         if model is not None and battery is not None and not is_bound:
             bound_j = model.usable_j - policy.reserve_share * battery.remaining_j / max(battery.soc, SOC_LEAST)
             safe = [one for one in there if estimate(model, Work(path_m=one[0])).high_j(policy.confidence) <= bound_j]
-        # Who cannot get to any with its reserve goes to the nearest, whoever is there.
+        # A robot that reaches none with its reserve goes to the nearest.
         nearest_one = sorted(there, key=lambda way: (way[0], way[1].x_m, way[1].y_m))[:1]
         return tuple(Way(place, way_m * profile.s_per_m) for way_m, place in safe or nearest_one)
 
 
 def _bound_for(robot: Robot, at: TaskRecord | None, here: Point2D, chargers: tuple[Charger, ...]) -> Point2D | None:
-    """The charger that a robot stands at or goes to; None if it does neither."""
+    """The charger that a robot stands at or drives to; None if there is none."""
     if not is_charging(robot, at):
         return None
     charges = robot.state is not None and robot.state.battery is not None and robot.state.battery.charging

@@ -1,4 +1,4 @@
-"""Which chargers each robot knows, and where it started, as it tells when it is asked."""
+"""The chargers that each robot knows, and its start place, queried from the robot."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -12,12 +12,12 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ROBOT_CALL
 
 ASK_AGAIN_NS = to_ns(30.0)
-"""A robot learns of chargers by tasks to recharge (chosen)."""
+"""Interval of the queries: a robot learns of chargers by tasks to recharge (chosen)."""
 ASK_UNHEARD_NS = to_ns(2.0)
-"""The first pause of one that does not answer; each is twice as long as the last, up to a minute."""
+"""First pause after a query without an answer; it doubles each time, up to a minute."""
 LONGEST_NS = to_ns(60.0)
 ASKED_MAX = 32
-"""Robots at a time: to ask a thousand at once takes a quarter of a second, in which the team waits."""
+"""Robots queried at once: a query to a thousand takes a quarter of a second, in which the team waits."""
 PLUGIN = "home"
 
 
@@ -28,26 +28,26 @@ class _Charger(msgspec.Struct):
 
 
 class Charger(msgspec.Struct, frozen=True):
-    """A place to charge at, arena frame."""
+    """A charger's place, arena frame."""
 
     place: Point2D
     yaw_rad: float | None = None
 
 
 class KnownChargers:
-    """Asks each robot's skill `home`, without waiting for the answers.
+    """Queries each robot's skill `home`, without waiting for the answers.
 
     Args:
-        wire: the coordinator's place on the wire.
-        plugins: of each robot, as far as it has told them: only who has `home` is asked. None asks all.
+        wire: the coordinator's Zenoh endpoint.
+        plugins: plugins of each robot, as far as announced: only robots with `home` are queried. None queries all.
 
     """
 
     def __init__(self, wire: Endpoint, plugins: Mapping[str, frozenset[str] | None] | None = None) -> None:
         self.of: dict[str, tuple[Charger, ...]] = {}
-        """Of each robot that has told them."""
+        """Chargers of each robot that has answered."""
         self.home: dict[str, Point2D] = {}
-        """Where it started; of one that has not told it, where it was first seen."""
+        """Where each robot started; if it has not answered, where it was first seen."""
         self._wire = wire
         self._plugins = plugins
         self._inbox = Inbox()
@@ -56,7 +56,7 @@ class KnownChargers:
         self._seen_ns: dict[str, int] = {}
 
     def follow(self, robots: dict[str, Point2D], now_ns: int) -> None:
-        """Take in what was answered, and ask these robots if it is time."""
+        """Process the answers, and query these robots if it is time."""
         left = ASKED_MAX
         for robot, place in robots.items():
             self.home.setdefault(robot, place)
@@ -73,7 +73,7 @@ class KnownChargers:
                     )
         for received in self._inbox.drain():
             robot = received.names["robot"]
-            # A robot that speaks otherwise ends where it was first seen.
+            # An answer of another form counts as none: the robot ends where it was first seen.
             with suppress(msgspec.DecodeError, UnicodeDecodeError):
                 if received.names["function"] == "start":
                     self.home[robot] = msgspec.json.decode(received.message, type=Point2D)
@@ -82,7 +82,7 @@ class KnownChargers:
                     self.of[robot] = tuple(Charger(Point2D(one.x_m, one.y_m), one.yaw_rad) for one in found)
 
     def _may_have_it(self, robot: str, now_ns: int) -> bool:
-        """Whether a robot has the plugin, or has not told its plugins for long enough that it never may."""
+        """Whether a robot has the plugin, or has not announced its plugins for so long that it never may."""
         if self._plugins is None:
             return True
         plugins = self._plugins.get(robot)
@@ -93,7 +93,7 @@ class KnownChargers:
         return PLUGIN in plugins
 
     def came(self, robot: str) -> None:
-        """A robot came, maybe another than before: it is asked anew."""
+        """A robot joined, possibly another than before: query it again."""
         self._due_ns.pop(robot, None)
         self._pause_ns.pop(robot, None)
         self._seen_ns.pop(robot, None)

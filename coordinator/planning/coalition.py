@@ -1,9 +1,9 @@
-"""Tasks for several robots at once: the robots gather around the place, and begin when all are there.
+"""Tasks for several robots at once: the robots gather around the place, and start when all are there.
 
-Such a task is `running` from when its robots set out, without a robot of its own. What its robots do are *parts*: tasks
-of the coordinator's own, asked for (`by`) by the task. First each goes to its spot, then all are told at once to do
-the task. When all parts of that are done, the task is; when one is not, the others are called off and the task is
-queued again. As the parts are in the journal like all tasks, a coordinator that begins anew goes on from them.
+Such a task is `running` from the time its robots set out, with no robot in its record. The work of its robots are
+*parts*: tasks of the coordinator's own, submitted (`by`) by the task. Each robot first drives to its spot; then all get
+the task at once. The task is done when all these parts are. If one fails, the others are cancelled and the task is
+queued again. Parts are in the journal like all tasks, so a restarted coordinator continues from them.
 """
 
 import math
@@ -31,34 +31,34 @@ if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it
 
 PARTS_MAX = 1000
 GATHER, SHARE = "gather", "share"
-"""What the ids of parts begin with."""
+"""Prefixes of the ids of parts."""
 
 ROOM_M = 0.3
-"""Between the edges of two robots at their spots (chosen: they give way to each other on less)."""
+"""Gap between the edges of two robots at their spots (chosen: closer robots give way to each other)."""
 DIRECTIONS = 24
 
 
 class _Group(NamedTuple):
-    """Who does a task, and how far they are."""
+    """The robots of a task, and their progress."""
 
     robots: tuple[str, ...]
     spots: tuple[Point2D, ...]
     gathering: tuple[str, ...]
-    """Ids of the parts, in the order of the robots."""
+    """Ids of the gathering parts, in the order of the robots."""
     doing: tuple[str, ...] = ()
-    """The same of the task itself; empty as long as they gather."""
+    """Ids of the parts that do the task; empty while the robots gather."""
 
 
 class Coalitions:
-    """Has tasks done by several robots at once.
+    """Executes tasks for several robots.
 
     Args:
-        planning: says who, and when.
+        planning: decides which robots, and when.
         lifecycle: offers the parts.
         book: of the tasks.
-        roster: the robots that there are.
-        team_map: what is known of the floor.
-        new_id: makes an id of a kind that no task has.
+        roster: the robots of the team.
+        team_map: the known map.
+        new_id: makes an unused task id of a kind.
 
     """
 
@@ -84,7 +84,7 @@ class Coalitions:
         self._hold()
 
     def step(self, now_ns: int) -> None:
-        """Begin what can begin, and go on with what has begun."""
+        """Start tasks that can start, and advance those that run."""
         if not self._groups and not self._planning.has_teamwork:
             return
         with self._lifecycle.as_far_as_written(now_ns):
@@ -116,7 +116,7 @@ class Coalitions:
 
     def _go_on(self, task_id: str, now_ns: int) -> None:
         group, record = self._groups[task_id], self._book.find(task_id)
-        if record is None or record.state is not TaskState.RUNNING:  # it was called off, or it is too late for it
+        if record is None or record.state is not TaskState.RUNNING:  # it was cancelled, or is too late
             self._call_off(task_id, None if record is None else WholeIs(task_id, record.state))
             return
         if not group.robots:
@@ -152,7 +152,7 @@ class Coalitions:
                 return
 
     def _fail(self, task_id: str, robot: str, reason: RobotReason, now_ns: int, *, failed: bool) -> None:
-        """A robot does not do its part: all come free, for a new plan that leaves it out for a while."""
+        """A robot does not do its part: free all its robots, and exclude this one from the task for a while."""
         self._lifecycle.backoff.note(task_id, robot, reason, now_ns)
         self._call_off(task_id, RobotOut(robot, reason))
         record = self._book.give_back(task_id, RobotOut(robot, reason), failed=failed)
@@ -175,7 +175,7 @@ class Coalitions:
         return msgspec.structs.replace(task, id=self._new_id(SHARE), robots=1, after=(), earliest_ns=0, place=spot)
 
     def _spots(self, task: Task, robots: Sequence[str]) -> list[Point2D]:
-        """Each robot gets the spot that is left nearest to it, in their order."""
+        """Assign each robot, in order, the nearest spot that is left."""
         states = {name: self._roster.robots[name].state for name in robots}
         radius_m = max(state.radius_m for state in states.values() if state is not None)
         left = spots_around(task.place, len(robots), radius_m, self._map.grid)
@@ -189,14 +189,14 @@ class Coalitions:
         return chosen
 
     def _remembered(self, record: TaskRecord) -> _Group:
-        """Who was at a task, by the journal; parts of earlier tries have all ended otherwise than done."""
+        """Restore the robots of a task from the journal; parts of earlier attempts have all ended unfinished."""
         parts = self._book.journal.select(TaskFilter(by=record.task.id, own=True, limit=PARTS_MAX))
         count = record.task.robots
         gathers = [index for index, part in enumerate(parts) if part.task.id.startswith(GATHER)][-count:]
         gathering = [parts[index] for index in gathers]
         doing = parts[gathers[-1] + 1 :] if gathers else []
         if len(gathering) < count or len(doing) not in (0, count):
-            return _Group((), (), ())  # it was killed while it told them
+            return _Group((), (), ())  # the coordinator was killed between the offers
         return _Group(
             tuple(part.robot for part in gathering),
             tuple(part.task.place for part in gathering),
@@ -205,7 +205,7 @@ class Coalitions:
         )
 
     def _hold(self) -> None:
-        """Robots that wait for the others are not to be given anything else."""
+        """Reserve robots that wait for the others."""
         held = {}
         for task_id, group in self._groups.items():
             for robot in group.robots:
@@ -214,16 +214,16 @@ class Coalitions:
 
 
 def spots_around(place: Point2D, robots: int, radius_m: float, grid: "OccupancyGrid | None") -> list[Point2D]:
-    """Spots on a ring around a place, evenly spread, turned so that most of them are on floor known to be free.
+    """Return spots on a ring around a place, evenly spaced, turned so that most are on floor known to be free.
 
     Args:
-        place: what they are to be at, arena frame.
-        robots: how many spots.
-        radius_m: of the greatest robot.
-        grid: what is known of the floor.
+        place: centre of the ring, arena frame.
+        robots: number of spots.
+        radius_m: of the largest robot.
+        grid: the known map.
 
     Returns:
-        As many as robots; the place itself if it is one.
+        One spot per robot; for one robot, the place itself.
 
     """
     if robots == 1:

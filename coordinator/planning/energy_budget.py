@@ -1,7 +1,7 @@
-"""What a robot can spend and what ways take it, from the model that it tells of itself.
+"""A robot's energy budget and path costs, from the energy model that it publishes.
 
-A robot's budget is what its battery surely gives, less the reserve, less what the bound of the estimate asks beyond
-its mean: plans count in means, and what is within the budget is so at the bound.
+The budget is the battery's lower bound, less the reserve, less the margin between the bound and the mean of the
+estimate. Plans then count in means, and a plan within the budget keeps the bound.
 """
 
 import math
@@ -18,32 +18,32 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages.robot_messages import RobotState
 
 UNKNOWN = Profile(start_j=0.0, j_per_m=30.0, s_per_m=2.0)
-"""Of a robot that tells nothing of itself: chosen, about that of a small robot of 15 W."""
+"""Of a robot that publishes no model: chosen, about that of a small robot of 15 W."""
 PLENTY_J = 1e6
-"""What a robot that tells nothing of its battery may spend; it knows itself what it can afford."""
+"""Budget of a robot that publishes no battery state; the robot itself checks what it can afford."""
 SAME_SHARE = 0.02
-"""Robots whose ways differ by less are taken for one kind, which is the dearest and slowest of them."""
+"""Robots whose path costs differ by less than this share a profile, that of the most expensive and slowest of them."""
 KINDS_MAX = 16
-"""At the most: each kind has matrices of its own."""
+"""Most profiles; each has its own matrices."""
 SOC_LEAST = 0.01
 CHARGED_SHARE = 0.95
-"""Of what a charge is to bring, so much is counted on before it is there (chosen)."""
+"""Share of the expected energy of a charge that plans count on before it is in the battery (chosen)."""
 HALVINGS = 40
 
 
 class Means(NamedTuple):
-    """What a robot has, in joules at the battery's terminals."""
+    """A robot's energy, in joules at the battery's terminals."""
 
     usable_j: float
-    """What a plan may spend, counted in means."""
+    """What a plan may spend, in means."""
     capacity_j: float
-    """Full; 0 if unknown."""
+    """Full battery; 0 if unknown."""
     reserve_j: float
     standing_w: float
 
 
 def profile_of(model: EnergyModel | None, time_margin: float) -> Profile:
-    """What ways take a robot. A mean is affine in the length, so that two lengths tell all."""
+    """Path costs of a robot. A mean is affine in the length, so two lengths determine it."""
     if model is None:
         return _slower(UNKNOWN, time_margin)
     one, two = (estimate(model, Work(path_m=length_m)).mean_j for length_m in (10.0, 20.0))
@@ -52,12 +52,12 @@ def profile_of(model: EnergyModel | None, time_margin: float) -> Profile:
 
 
 def _slower(profile: Profile, time_margin: float) -> Profile:
-    """The same, slower."""
+    """The same profile, slower."""
     return Profile(profile.start_j, profile.j_per_m, time_margin * profile.s_per_m)
 
 
 def means_of(state: RobotState, waits_s: float, policy: PlanningPolicy) -> Means:
-    """What a robot has for a plan in which it stands for at most so long."""
+    """Energy of a robot for a plan in which it waits for at most `waits_s`."""
     model, battery = state.energy, state.battery
     if model is None or battery is None:
         return Means(PLENTY_J, 0.0, 0.0, 0.0)
@@ -69,7 +69,7 @@ def means_of(state: RobotState, waits_s: float, policy: PlanningPolicy) -> Means
 
 
 def when_charged(state: RobotState, after: AfterCharge) -> RobotState:
-    """How a robot that charges will be when it has: where, and with what. As it is now if it tells too little of it."""
+    """Predicted state of a charging robot after its charge: place and energy; its present state if that is unknown."""
     battery, model, pose = state.battery, state.energy, state.pose
     if battery is None or model is None or pose is None:
         return state
@@ -85,9 +85,9 @@ def when_charged(state: RobotState, after: AfterCharge) -> RobotState:
 
 
 def mean_within(model: EnergyModel, bound_j: float, waits_s: float, confidence: float) -> float:
-    """The greatest mean of work whose bound is at most `bound_j`, if it stands for at most so long of it.
+    """The greatest mean of work whose bound is at most `bound_j`, if it includes at most `waits_s` of waiting.
 
-    Of two ways to spend the same joules, driving all the time and standing as long as may be, the less certain counts.
+    The joules may be spent driving all the time or waiting as long as possible; the less certain of the two counts.
     """
     if bound_j <= 0:
         return bound_j
@@ -111,7 +111,7 @@ def _bound_j(model: EnergyModel, mean_j: float, waits_s: float, confidence: floa
 
 
 def kinds_of(profiles: Sequence[Profile]) -> tuple[list[Profile], list[int]]:
-    """Few profiles for many robots, and which is whose; no robot's ways take more than its kind's."""
+    """Merge similar profiles: the merged ones, and each robot's index; no path costs a robot more than its profile."""
     share = SAME_SHARE
     while True:
         kinds: dict[tuple[int, int], int] = {}

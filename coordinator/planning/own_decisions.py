@@ -1,4 +1,4 @@
-"""What the coordinator's own tasks, to explore and to charge, will take: told as decisions of plans are."""
+"""Predicted cost of the coordinator's own tasks, to explore and to charge; published like the decisions of plans."""
 
 import math
 
@@ -14,22 +14,22 @@ from robrain.protocol.wire.reasons.plans import NothingElse, ToCharge
 from robrain.protocol.wire.reasons.words import told
 
 DETOUR = 1.5
-"""How much longer than a straight line a way is taken to be that nobody has measured (chosen, as the robots do)."""
+"""Assumed ratio of path length to straight line where the length is unknown (chosen; robots assume the same)."""
 DOCK_S = 10.0
-"""What docking takes, about, as the robots reckon. What comes after is the charger's."""
+"""Approximate time to dock; robots assume the same. The charge itself is not included."""
 
 
 def own_decision(
     task: Task, state: RobotState | None, way_m: float, plan: int, policy: PlanningPolicy
 ) -> TaskDecision | None:
-    """That a robot gets a task, with joules and seconds; None if it does not tell enough of itself.
+    """Return the decision for a robot, with joules and seconds; None if its state has too little for that.
 
     Args:
-        task: to be offered to it.
+        task: the task that it will be offered.
         state: of the robot.
-        way_m: how far it is; nan if that is not known.
+        way_m: path length; nan if unknown.
         plan: number of the last plan.
-        policy: how ways are reckoned.
+        policy: path cost parameters.
 
     """
     if state is None or state.pose is None or state.energy is None:

@@ -1,4 +1,4 @@
-"""Path lengths between places, over the floor that the team knows.
+"""Path lengths between places on the team's map.
 
 Dijkstra distance fields over the known map, one per destination, cached until the map changes.
 Paths run over the eight neighbours of cells of 0.2 m: on open floor they are up to 8 % (5 % on average) longer than a
@@ -28,7 +28,7 @@ SNAP_M = 0.8
 DETOUR = 1.5
 """Assumed ratio of path length to straight line where there is no map (chosen; robots assume the same)."""
 KEPT_BYTES = 96_000_000
-"""Of fields; beyond, the oldest are made anew when they are needed."""
+"""Limit for cached fields; beyond, the oldest are dropped."""
 
 
 class PathLengths:
@@ -55,9 +55,9 @@ class PathLengths:
         self._grids: dict[bool, _Grid] = {}
 
     def lengths_m(self, goals: Sequence[Point2D], starts: Sequence[Point2D]) -> NDArray[np.float64]:
-        """Lengths (n, n), metres, symmetric, among goals and then starts; infinite where there is no way.
+        """Lengths (n, n), metres, symmetric, among goals and then starts; infinite where there is no path.
 
-        From start to start nobody goes: those are straight lines.
+        No route leads from start to start: those entries are straight lines.
         """
         places = [*goals, *starts]
         xy = np.array([(place.x_m, place.y_m) for place in places]).reshape(-1, 2)

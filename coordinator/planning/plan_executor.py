@@ -1,4 +1,4 @@
-"""From the plan to the robots: what is due is offered, what is left out is told, and fails if that goes on."""
+"""Executes the plan: offers due tasks, publishes why tasks are left out, and fails those left out for too long."""
 
 from typing import TYPE_CHECKING
 
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 
 OFFERS_MAX = 16
-"""In one step: each is written down first, and the team is not to wait for the coordinator meanwhile."""
+"""Offers per step: each is journalled first, and the team must not wait for that."""
 TELL_NS = to_ns(5.0)
-"""How often what is left out is looked at while the plan stays the same."""
+"""Interval between checks of left-out tasks while the plan stays the same."""
 
 
 class PlanExecutor:
-    """Follows plans.
+    """Executes plans.
 
     Args:
         planning: makes them.
@@ -36,10 +36,10 @@ class PlanExecutor:
         self._tell_ns = 0
 
     def step(self, now_ns: int) -> bool:
-        """Offer what is due to robots that can take it now. What a robot explored is given up for it.
+        """Offer due tasks to robots that can take them now; a robot that explores gives that up.
 
         Returns:
-            Whether there is more to be offered, at the next step.
+            Whether more is to be offered, at the next step.
 
         """
         book, lifecycle, planning = self._book, self._lifecycle, self._planning
@@ -61,7 +61,7 @@ class PlanExecutor:
         return False
 
     def _tell_left_out(self, now_ns: int) -> None:
-        """Tell once why a task is left out, and again when the reason has another code."""
+        """Publish why a task is left out, once, and again when the reason's code changes."""
         if self._planning.number == self._told_number and now_ns < self._tell_ns:
             return
         self._told_number, self._tell_ns = self._planning.number, now_ns + TELL_NS
@@ -73,9 +73,9 @@ class PlanExecutor:
             if record is None or record.state is not TaskState.QUEUED:
                 continue
             if task_id in paused or reasons.nobody_can(record) is not None:
-                continue  # that is told already, and says more
+                continue  # the published reason says more
             if is_anybody_out and reasons.able_but_out(record, now_ns):
-                continue  # it may yet be done
+                continue  # it may still be done
             if record.task.deadline_ns is None and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
                 self._book.move(task_id, TaskState.FAILED, GaveUp(left.reason))
             elif not _is_alike(record.reason, left.reason):
@@ -83,7 +83,7 @@ class PlanExecutor:
 
 
 def _is_alike(told: TaskReason | None, reason: LeftOut) -> bool:
-    """Whether two reasons have one code, and so have those within them: figures and names may differ."""
+    """Whether two reasons, and those within them, have the same codes; figures and names may differ."""
     if isinstance(told, NearestOut) and isinstance(reason, NearestOut):
         return type(told.because) is type(reason.because)
     return type(told) is type(reason)

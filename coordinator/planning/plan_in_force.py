@@ -1,4 +1,4 @@
-"""A plan as the coordinator follows it: who is to do what, in which order and when, and why."""
+"""A plan as the coordinator follows it: assignments with order and times, and the decisions behind them."""
 
 import math
 from collections.abc import Iterable
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from robrain.coordinator.planning.problem_builder import BuiltProblem
 
 BIDS_MAX = 4000
-"""In the decisions that are told of one plan, those first that are to be begun first; the rest follow with the next
-plans (chosen: a bid takes some microseconds)."""
+"""Limit for the bids in the published decisions of one plan, earliest tasks first; the rest follow with the next plans
+(chosen: a bid takes some microseconds)."""
 
 
 class Step(msgspec.Struct, frozen=True):
@@ -30,32 +30,32 @@ class Step(msgspec.Struct, frozen=True):
 
     task: str
     leave_ns: int
-    """When its robot has to set out for it so as not to be late."""
+    """Latest time for its robot to set out."""
     way_s: float
     start_ns: int
 
 
 class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
-    """A plan that was made."""
+    """A plan with its decisions."""
 
     problem: PlanProblem
     steps: dict[str, tuple[Step, ...]]
-    """Of each robot; those that it was at are not in it."""
+    """Of each robot, without the tasks that it was doing."""
     left_out: dict[str, LeftOut]
-    """Tasks that nobody does, and why."""
+    """Tasks that no robot does, and why."""
     waiting: dict[str, TaskReason]
-    """Tasks that could be no part of the plan, and why."""
+    """Tasks that could not be part of the plan, and why."""
     decisions: list[TaskDecision]
-    """Those that are new."""
+    """The new or changed ones."""
     failures: tuple[PlanFailure, ...] = ()
-    """What failed of other distributions' code while the plan was made."""
+    """Failures of other distributions' code while the plan was made."""
     took_s: float = 0.0
     charger_ways: dict[str, ChargerWays] = {}
-    """How far it was to the chargers, for each robot that was free."""
+    """Path lengths to the chargers, for each robot that was free."""
 
     @property
     def orders(self) -> Orders:
-        """The tasks of each robot."""
+        """The tasks of each robot, in order."""
         return {robot: tuple(step.task for step in steps) for robot, steps in self.steps.items() if steps}
 
 
@@ -68,8 +68,8 @@ def planned(
     took_s: float,
     failures: tuple[PlanFailure, ...] = (),
 ) -> PlanInForce:
-    """What the coordinator makes of a plan."""
-    # Here: it brings the allocators' kernels, and who only follows plans in live does without them.
+    """Convert an allocator's plan to the form that the coordinator follows."""
+    # Here: it imports the allocators' kernels, which a live coordinator does without.
     from robrain.coordinator.allocation.explain import explain
 
     pinned = {job.id for job in problem.jobs if job.pinned_to}
@@ -87,7 +87,7 @@ def planned(
     left_out: dict[str, LeftOut] = {}
     for one in plan.unassigned:
         if one.job not in pinned:
-            assert one.reason is not None  # an allocator's plan has one for each
+            assert one.reason is not None  # allocators give one for each
             left_out[one.job] = one.reason
     robots: dict[str, list[str]] = {}
     for route in plan.routes:

@@ -1,7 +1,8 @@
-"""Refinement passes by name: each takes the solver's plan, one after the other, and returns one that it prefers.
+"""Refinement passes: functions, found by name, that take a plan and return a preferred one.
 
-`[planning] passes` of a scenario or a planning file lists them in their order. A pass of another distribution is
-checked: if it fails, or returns a plan that cannot be carried out, that is counted and told, and the plan before stays.
+`[planning] passes` of a scenario or a planning file lists them in the order in which they are applied. A pass of
+another distribution is checked: if it raises, or its plan is not feasible, the failure is counted and reported, and the
+plan before it stays.
 
     [project.entry-points."robrain.plan_passes"]
     rest_at_noon = "my_team.rest:rest_at_noon"
@@ -25,11 +26,11 @@ STABILITY: Final = "stability"
 CHARGING_ROBOTS: Final = "charging_robots"
 EARLY_START: Final = "early_start"
 STOCK_PASSES: Final = (STABILITY, CHARGING_ROBOTS, EARLY_START)
-"""What is applied unless something else is chosen."""
+"""The passes that are applied by default."""
 
 
 class PlanFailure(msgspec.Struct, frozen=True):
-    """Code of another distribution that failed while a plan was made, or whose plan was not taken."""
+    """A failure of another distribution's code while a plan was made, or a plan of it that was rejected."""
 
     what: str
     """`plan_pass` or `allocator`."""
@@ -38,40 +39,40 @@ class PlanFailure(msgspec.Struct, frozen=True):
 
 
 class PlanDraft(msgspec.Struct, frozen=True, kw_only=True):
-    """A plan to refine, and what it was made from."""
+    """A plan to refine, and its inputs."""
 
     asked: Problem
-    """As it was asked."""
+    """The problem as it was posed."""
     problem: Problem
-    """Which the plan solves: as asked, but some jobs may be for the ready robots only (`Job.ready_only`)."""
+    """The problem that the plan solves: `asked`, but some jobs may be restricted to ready robots (`Job.ready_only`)."""
     plan: Plan
     orders: Mapping[str, Sequence[str]]
-    """Robots and their jobs in order, by the plan before."""
+    """The previous plan: each robot's jobs in order."""
     gain_min: float
-    """Share by which a plan must be better for jobs to change robots."""
+    """Minimum relative improvement for jobs to change robots."""
     allocator: Allocator
-    """Made the plan; may make others."""
+    """The allocator that made the plan; it can make others."""
     failures: tuple[PlanFailure, ...] = ()
-    """What failed of other distributions' code."""
+    """Failures of other distributions' code so far."""
 
     def with_plan(self, plan: Plan) -> "PlanDraft":
-        """The draft with another plan of the same problem."""
+        """The draft with another plan for the same problem."""
         return msgspec.structs.replace(self, plan=plan)
 
     def with_failure(self, what: str, name: str, why: str) -> "PlanDraft":
-        """The draft with one failure more."""
+        """The draft with one more failure."""
         return msgspec.structs.replace(self, failures=(*self.failures, PlanFailure(what, name, cut(why))))
 
 
 class Pass(Protocol):
-    """Refines plans; equal drafts give equal plans."""
+    """Refines plans. Equal drafts must give equal plans."""
 
     def __call__(self, draft: PlanDraft) -> PlanDraft:
-        """Return a draft with the plan that is preferred, or the same draft.
+        """Return a draft with the preferred plan, or the same draft.
 
-        Of what a pass of another distribution returns only `plan` counts. It must pass
-        `robrain.coordinator.allocation.validate.validate`, be for the same objective, and begin each robot's route
-        with the jobs that the robot is at (`Job.pinned_to`).
+        Only `plan` counts of what a pass of another distribution returns. It must pass
+        `robrain.coordinator.allocation.validate.validate`, have the same objective, and begin each robot's route with
+        the jobs that the robot is doing (`Job.pinned_to`).
         """
         ...
 
@@ -88,7 +89,7 @@ PASSES: Registry[Pass] = Registry(
 
 
 def refined(draft: PlanDraft, passes: Sequence[str]) -> PlanDraft:
-    """Apply the named passes in their order (UnknownEntry if there is none of a name)."""
+    """Apply the named passes in order (UnknownEntry for an unknown name)."""
     for name in passes:
         refine = PASSES.get(name)
         if PASSES.is_stock(name):
@@ -103,7 +104,7 @@ def refined(draft: PlanDraft, passes: Sequence[str]) -> PlanDraft:
 
 
 def _checked(draft: PlanDraft, refined: object) -> Plan:
-    # Here: it brings the allocators' kernels, and the names of the passes are checked also where nobody plans.
+    # Here: it imports the allocators' kernels, and names of passes are also checked in processes that do not plan.
     from robrain.coordinator.allocation.validate import validate
 
     if not isinstance(refined, PlanDraft):

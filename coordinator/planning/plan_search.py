@@ -1,10 +1,10 @@
-"""From a snapshot to a plan: the allocator's first, then better ones as long as the caller asks for more, refined.
+"""From a snapshot to a refined plan: the allocator's first, then improved ones while the caller asks for more.
 
-Equal problems, seeds, rounds and iterations make equal plans, in both drives: in live the clock decides how many
-rounds there are, and that number is recorded with the plan.
+Equal problems, seeds, rounds and iterations give equal plans in both drives. In live the clock determines the number of
+rounds, which is recorded with the plan.
 
-`LockstepPlanner` makes them at once, with rounds instead of seconds; `rehearse` makes a small one, so that the first
-that counts does not wait for code to be loaded.
+`LockstepPlanner` plans synchronously, with a fixed number of rounds. `rehearse` makes a small plan, so that the first
+real one does not wait for code to be loaded.
 """
 
 import logging
@@ -44,11 +44,11 @@ SIDE = 40
 """Cells of the floor."""
 
 FRUITLESS = 2
-"""After so many rounds one after another that found nothing better there is little to be expected."""
+"""Consecutive rounds without improvement after which the search ends."""
 
 
 class PlanSearch:
-    """Turns snapshots into plans, the auction's first; caches path lengths until the floor changes."""
+    """Makes plans from snapshots, the auction's first; caches path lengths until the floor changes."""
 
     def __init__(self) -> None:
         self._ways: PathLengths | None = None
@@ -94,7 +94,7 @@ class PlanSearch:
 
 
 class Draft:
-    """One plan in the making."""
+    """A plan in progress."""
 
     def __init__(self, snapshot: Snapshot, policy: PlanningPolicy, asked: BuiltProblem) -> None:
         self._snapshot = snapshot
@@ -119,7 +119,7 @@ class Draft:
         return self.solver.improve()
 
     def planned(self, took_s: float = 0.0) -> PlanInForce:
-        """The plan as it is so far."""
+        """The best plan so far."""
         snapshot, policy = self._snapshot, self._policy
         plan = self.solver.plan
         written = PlanProblem(
@@ -141,7 +141,7 @@ class Draft:
 
 
 def rehearse() -> None:
-    """Load and call whatever makes plans: the allocators' kernels, those of the floor's ways, and the search."""
+    """Load and call the code that makes plans: the kernels of allocators and path lengths, and the search."""
     warm_up()
     places = [Point2D(1.0, 1.0), Point2D(3.0, 1.0), Point2D(1.0, 3.0)]
     here = Point2D(2.0, 2.0)
@@ -172,7 +172,7 @@ def rehearse() -> None:
 
 
 class LockstepPlanner:
-    """Plans when it is asked to, with so many rounds: equal runs have equal plans."""
+    """Plans synchronously, with a fixed number of rounds: equal runs have equal plans."""
 
     def __init__(self) -> None:
         _warm_up_once()
@@ -218,14 +218,14 @@ class PlanSolver:
     """Makes one plan, round by round.
 
     Args:
-        problem: what is asked.
-        objective: what the plan is to be good at.
-        method: name of its allocator.
-        seed: of what is random in it.
-        iterations: of each search.
-        gain_min: a task moves to another robot only if the plan becomes better by at least this share.
-        orders: robots and their tasks in order, by the plan before.
-        passes: names of the refinement passes, in their order.
+        problem: the problem as posed.
+        objective: what the plan is optimised for.
+        method: name of the allocator.
+        seed: of its random choices.
+        iterations: per search.
+        gain_min: minimum relative improvement for which a task moves to another robot.
+        orders: of the previous plan: robots and their tasks in order.
+        passes: names of the refinement passes, in order.
 
     """
 
@@ -242,13 +242,13 @@ class PlanSolver:
         passes: Sequence[str] = STOCK_PASSES,
     ) -> None:
         self.rounds = 0
-        """Searches so far."""
+        """Number of searches so far."""
         self.failures: tuple[PlanFailure, ...] = ()
-        """What failed of other distributions' code when `plan` was last read."""
+        """Failures of other distributions' code when `plan` was last read."""
         self._failures: tuple[PlanFailure, ...] = ()
         first = allocator_of(method, objective)
         self.problem = problem
-        """What was asked; once there is a plan, the problem that it solves."""
+        """The problem as posed; after `plan` was read, the problem that it solves."""
         self._asked = problem
         self._method = method
         self._allocator = first
@@ -262,7 +262,7 @@ class PlanSolver:
         self._search = first.search() if isinstance(first, Searching) and _is_worth_it(problem) else None
 
     def improve(self) -> Iterator[None]:
-        """Yields before each search, for as long as something may come of one."""
+        """Yield before each search, until no improvement is expected."""
         fruitless = 0
         while self._search is not None and fruitless < FRUITLESS:
             yield
@@ -270,7 +270,7 @@ class PlanSolver:
                 found = self._search.plan(
                     self._problem, iterations=self._iterations, seed=self._seed + self.rounds, warm_start=self._best
                 )
-            except BadPlan as error:  # the plan that it was to improve is sound
+            except BadPlan as error:  # the plan before the search is valid
                 logger.warning("the plan is not searched any further: %s", error)
                 self._failures += (PlanFailure("allocator", self._method, cut(str(error))),)
                 return
@@ -307,7 +307,7 @@ def solve(
     orders: Mapping[str, Sequence[str]],
     passes: Sequence[str] = STOCK_PASSES,
 ) -> tuple[Plan, int]:
-    """The plan after at most so many rounds, and how many there were."""
+    """Return the plan after at most `rounds` rounds, and the number of rounds."""
     solver = PlanSolver(
         problem, objective, method, seed=seed, iterations=iterations, gain_min=gain_min, orders=orders, passes=passes
     )
@@ -318,5 +318,5 @@ def solve(
 
 
 def _is_worth_it(problem: Problem) -> bool:
-    """Whether a search may find what the auction does not: with one task that is free, it cannot."""
+    """Whether a search can improve on the auction, which it cannot with a single unpinned task."""
     return sum(not job.pinned_to for job in problem.jobs) > 1

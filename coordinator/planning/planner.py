@@ -1,4 +1,4 @@
-"""What makes plans of snapshots, as the coordinator sees it."""
+"""The interface between the coordinator and what makes its plans."""
 
 from typing import Protocol
 
@@ -8,27 +8,27 @@ from robrain.coordinator.planning.snapshot import Snapshot
 
 
 class Planner(Protocol):
-    """Makes plans; the last request counts."""
+    """Makes plans from snapshots; the latest request counts."""
 
     def prepare(self) -> None:
-        """Get ready for the first request, if that takes a while; returns at once in live."""
+        """Prepare for the first request; returns at once in live."""
 
     def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
-        """A plan is wanted; returns at once in live."""
+        """Request a plan; returns at once in live."""
 
     def take(self) -> list[PlanInForce]:
-        """The plans that were made since, the best last."""
+        """Return the plans made since the last call, the best last."""
         ...
 
     @property
     def is_busy(self) -> bool:
-        """Whether a plan that was asked for may still come."""
+        """Whether a requested plan may still arrive."""
         ...
 
     @property
     def why_failed(self) -> str:
-        """Why planning failed for the last request; empty if it has not failed (so far)."""
+        """Why planning failed for the last request; empty if it has not failed."""
         ...
 
     def close(self) -> None:
-        """End it."""
+        """Stop planning and free its resources."""

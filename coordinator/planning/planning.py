@@ -1,8 +1,7 @@
-"""The plan as it lives: made anew when something has happened that matters, and followed in between.
+"""Makes a new plan when one is needed, and follows it until the next.
 
-What was planned is followed until there is a better plan: a robot that is done is offered the next task of its route in
-the same step in which it says so. A robot that explores is taken away from that for a task; one whose next task is
-soon to be begun is not sent exploring.
+A robot that finishes is offered the next task of its route in the same step in which it reports the end. A robot that
+explores is called away for a task, and one whose next task begins soon is not sent exploring.
 """
 
 import logging
@@ -50,23 +49,23 @@ from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLAN
 logger = logging.getLogger(__name__)
 
 LOOK_NS = to_ns(0.5)
-"""How often robots and map are looked at for what asks for another plan; tasks are at each step."""
+"""Interval between checks of robots and map for changes that need a new plan; tasks are checked at each step."""
 SOON_NS = to_ns(30.0)
-"""A robot whose next task is begun within this is not sent exploring (chosen)."""
+"""A robot whose next task begins within this is not sent exploring (chosen)."""
 KEPT_DECISIONS = 2000
 
 
 class Due(NamedTuple):
-    """What is to be offered."""
+    """A task to offer now."""
 
     task: str
     robot: str
     after: str
-    """The task that the robot is to end first; empty if it is to begin at once."""
+    """The task that the robot must end first; empty if it is to begin at once."""
 
 
 class Unplanned(NamedTuple):
-    """A task that nobody is to do."""
+    """A task that the plan leaves out."""
 
     reason: LeftOut
     since_ns: int
@@ -78,12 +77,12 @@ class Planning:
     Args:
         wire: the coordinator's endpoint.
         book: of its tasks.
-        roster: the robots that there are.
-        capabilities: what they can do.
+        roster: the robots of the team.
+        capabilities: plugins and kinds of task of the robots.
         backoff: tasks that robots refused or failed at, and until when they are not offered again.
-        team_map: what is known of the floor.
-        policy: what plans are for.
-        waits: why a task cannot be offered to anybody yet, given the way to it in seconds; None if it can.
+        team_map: the known map.
+        policy: parameters of planning.
+        waits: why a task cannot be offered to any robot yet, given the travel time to it in seconds; None if it can.
 
     """
 
@@ -101,15 +100,15 @@ class Planning:
         self.policy = policy
         self.chargers = KnownChargers(wire, capabilities.plugins)
         self.after_charge: dict[str, AfterCharge] = {}
-        """How robots that charge, or go to, will be when they have. Whoever sends them there keeps it."""
+        """Predicted state of charging robots after their charge; maintained by `ChargeDesk`."""
         self.charges: tuple[PlannedCharge, ...] = ()
-        """Who charges where and when, kept by the same."""
+        """Which robots charge where and when; maintained by `ChargePublisher`."""
         self.held: dict[str, WithOthers] = {}
-        """Robots that are at a task with others."""
+        """Robots that work on a task with others."""
         self.left_out: dict[str, Unplanned] = {}
-        """Tasks that nobody is to do by the plan, why, and since when."""
+        """Tasks that the plan leaves out, why, and since when."""
         self.waiting: dict[str, TaskReason] = {}
-        """Tasks that could be no part of the plan, and why."""
+        """Tasks that could not be part of the plan, and why."""
         self._wire = wire
         self._book = book
         self._roster = roster
@@ -139,11 +138,11 @@ class Planning:
 
     @property
     def is_on(self) -> bool:
-        """Whether there are plans at all."""
+        """Whether plans are made at all."""
         return self.policy.method != NEAREST
 
     def prepare(self) -> None:
-        """Get ready beside the coordinator's loop for the first plan, if there are to be any."""
+        """Prepare for the first plan beside the coordinator's loop, if plans are made."""
         if self.is_on:
             self._planner.prepare()
 
@@ -154,7 +153,7 @@ class Planning:
     # -- making plans ---------------------------------------------------------------------------------------
 
     def step(self, now_ns: int) -> bool:
-        """Look for news, have a plan made of them, take in what was made; True if there is a new plan."""
+        """Detect changes, request a plan if one is needed, and take finished plans; True if there is a new plan."""
         if not self.is_on:
             return False
         if now_ns >= self._look_ns or self._seen_version != self._book.version or self._costs.is_waiting:
@@ -164,12 +163,12 @@ class Planning:
         return self._take(now_ns)
 
     def hear(self, before: RobotState | None, state: RobotState) -> None:
-        """A robot said how it is; if plans depend on it, that is not to wait."""
+        """Compare a robot's new state with its last, and plan without delay if a plan depends on the change."""
         if before is None or _standing(before) != _standing(state):
             self._look_ns = 0
 
     def blocked(self) -> None:
-        """A robot did not get through: the map is to be looked at again."""
+        """A robot's path was blocked: read the map again."""
         self._watch.is_blocked = True
 
     def _look(self, now_ns: int) -> None:
@@ -189,7 +188,7 @@ class Planning:
         self._cause = self._cause or cause
 
     def _plannable(self, now_ns: int) -> list[TaskRecord]:
-        """Open tasks, but for those of which the robots are yet to tell what they take."""
+        """Open tasks except those whose cost the robots have not reported yet."""
         records = self._watch.records()
         if records or self._costs.is_waiting:
             self._costs.follow((record.task for record in records), self._watch.places(now_ns), now_ns)
@@ -251,7 +250,7 @@ class Planning:
     # -- following them -------------------------------------------------------------------------------------
 
     def due(self, now_ns: int) -> Iterator[Due]:
-        """What is to be offered to whom now, by the plan; a robot that explores is to be taken away from that."""
+        """Tasks to offer now, by the plan; a robot that explores must be called away for them."""
         if self._plan is None:
             return
         for name in sorted(self._plan.steps):
@@ -267,12 +266,12 @@ class Planning:
                 continue
             after = "" if not bound or bound[0].own else bound[0].task.id
             if after and left_s > LATEST_S and self._plan.problem.asked_ns < self._ending_ns.get(name, 0):
-                continue  # the plan is being made anew for this
+                continue  # a new plan for this is under way
             if self._backoff.why(step.task, name, now_ns) is None:
                 yield Due(step.task, name, after)
 
     def ends_soon(self, before: RobotState | None, state: RobotState, now_ns: int) -> None:
-        """If a robot is from now on about to end its task, have the plan looked at: what it is offered stays so."""
+        """If a robot is newly about to end its task, check the plan before the next offer, which then stands."""
         if state.task is not None and is_ending(state) and not is_ending(before) and self.has_route(state.robot):
             self._ending_ns[state.robot] = now_ns
             self._cause = self._cause or f"{state.robot} is about to end {state.task.id}"
@@ -283,7 +282,7 @@ class Planning:
         return any(record.task.robots > 1 and record.state is TaskState.QUEUED for record in self._watch.records())
 
     def due_together(self, now_ns: int) -> Iterator[tuple[str, list[str]]]:
-        """Tasks for several robots which all of these can begin now, by the plan."""
+        """Tasks for several robots that all of these can begin now, by the plan."""
         robots: dict[str, list[str]] = {}
         for name in sorted(self._plan.steps) if self._plan is not None else ():
             step, robot, at = self._next(name), self._roster.robots.get(name), self._book.of_robot(name)
@@ -298,18 +297,18 @@ class Planning:
                 yield task_id, names
 
     def begun(self, task_id: str, robot: str) -> None:
-        """A task was offered as it was planned, and taken."""
+        """Record that a planned task was offered and accepted."""
         self._trigger.begun(task_id, robot)
 
     def is_reserved(self, robot: str, now_ns: int) -> bool:
-        """Whether a robot has something to do soon, so that it is not to be sent elsewhere."""
+        """Whether a robot has a task soon and must not be sent elsewhere."""
         if robot in self.held:
             return True
         step = self._next(robot)
         return step is not None and step.leave_ns - now_ns < SOON_NS
 
     def has_unplanned(self) -> bool:
-        """Whether a plan is about to come that may have something for anybody, so that nobody is sent elsewhere."""
+        """Whether a plan is expected that may use any robot, so that none must be sent elsewhere."""
         if not (self._cause or self._planner.is_busy or self._costs.is_waiting):
             return False
         known = set() if self._plan is None else {step.task for steps in self._plan.steps.values() for step in steps}
@@ -317,11 +316,11 @@ class Planning:
         return any(record.task.id not in known for record in self._watch.records() if record.state is TaskState.QUEUED)
 
     def has_route(self, robot: str) -> bool:
-        """Whether a robot has tasks by the plan that it has not begun."""
+        """Whether the plan has tasks for a robot that it has not begun."""
         return self._next(robot) is not None
 
     def waits_for_charge(self, task_id: str) -> str:
-        """The robot that is to do a queued task when it has charged; empty if it waits for no charge."""
+        """The robot that will do a queued task after its charge; empty if the task waits for no charge."""
         steps = {} if self._plan is None else self._plan.steps
         for robot in self.after_charge:
             if any(step.task == task_id for step in steps.get(robot, ())):
@@ -329,7 +328,7 @@ class Planning:
         return ""
 
     def ways_to_chargers(self, robot: str) -> ChargerWays | None:
-        """How far it was for a robot to the chargers that it knows, when it was last planned for."""
+        """Path lengths from a robot to its chargers, when it was last planned for."""
         return None if self._plan is None else self._plan.charger_ways.get(robot)
 
     def _next(self, robot: str) -> Step | None:
@@ -343,24 +342,24 @@ class Planning:
     # -- telling --------------------------------------------------------------------------------------------
 
     def tell_own(self, decision: TaskDecision) -> None:
-        """A task of the coordinator's own is about to be offered: what it will take its robot."""
+        """Publish the predicted cost of a task of the coordinator's own that is about to be offered."""
         self._say_decision.put(decision)
 
     def decision(self, task_id: str) -> tuple[int, TaskDecision] | None:
-        """When a task was last decided on, and how."""
+        """Time and content of the last decision about a task."""
         return self._decisions.get(task_id)
 
     def why_out(self, robot: Robot, now_ns: int) -> RobotReason | None:
-        """Why a robot is no part of plans now; None if it is."""
+        """Why plans exclude a robot now; None if they do not."""
         return why_out(robot, self._book.of_robot(robot.name), now_ns) or self.held.get(robot.name)
 
     @property
     def number(self) -> int:
-        """Of the plan that is followed; 0 if there is none."""
+        """Number of the present plan; 0 if there is none."""
         return 0 if self._plan is None else self._plan.problem.plan
 
     def standing(self, task_id: str, now_ns: int) -> TaskReason | None:
-        """What the plan has for a queued task; None if it knows nothing of it."""
+        """What the plan says about a queued task; None if it has nothing."""
         if task_id in self.left_out:
             return PlanLeavesOut(self.left_out[task_id].reason)
         if task_id in self.waiting:
@@ -375,13 +374,13 @@ class Planning:
         return NoPlan(cut(why)) if why else None
 
     def anybody_out(self, now_ns: int) -> bool:
-        """Whether a robot of the team is no part of plans now."""
+        """Whether plans exclude a robot of the team now."""
         return any(
             robot.has_token and self.why_out(robot, now_ns) is not None for robot in self._roster.robots.values()
         )
 
     def status(self) -> PlanningStatus:
-        """How plans are made."""
+        """The present state of planning."""
         plan = self._plan
         places = {charger.place for known in self.chargers.of.values() for charger in known}
         return PlanningStatus(
@@ -427,7 +426,7 @@ def _standing(state: RobotState) -> tuple[bool, bool, bool, bool]:
 def _planner_of(wire: Endpoint) -> Planner:
     if wire.drive is Drive.LIVE:
         return LivePlanner(lambda: _wake(wire))
-    # Here: it brings the allocators, which in live are another process'.
+    # Here: it imports the allocators, which live planning keeps in another process.
     from robrain.coordinator.planning.plan_search import LockstepPlanner
 
     return LockstepPlanner()

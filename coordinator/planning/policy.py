@@ -1,4 +1,4 @@
-"""How the coordinator plans: what is chosen, in one place, and checked where it is built."""
+"""Parameters of planning, in one place, checked when they are built."""
 
 import math
 from enum import StrEnum
@@ -14,64 +14,67 @@ from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import UnknownEntry
 
 NEAREST: Final = "nearest"
-"""The method without a plan: each task goes to the nearest robot that is idle. What plans are compared with."""
+"""The method without plans, for comparison: each task goes to the nearest idle robot."""
 
 
 class Charging(StrEnum):
-    """How robots come to chargers."""
+    """How chargers are assigned."""
 
     SCHEDULE = "schedule"
     """Planned ahead."""
     TURNS = "turns"
-    """To a charger that is free, when one is; until the battery is full. What the schedule is compared with."""
+    """Each free charger takes the next robot, until its battery is full. The baseline for `schedule`."""
 
 
 class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What plans are made for and how. Raises ValueError where it is built with what makes no sense."""
+    """Objective and parameters of planning. Raises ValueError if a value is invalid."""
 
     objective: Objective = Objective.ENERGY
+    """What plans are optimised for."""
     method: Name = OPTIMAL
-    """The allocator that makes the plans, by its name in `ALLOCATORS`; or NEAREST."""
+    """Name of the allocator that makes the plans, stock or an entry point `robrain.allocators`; `nearest` for none."""
     exploration: Name = ASSIGNMENT
-    """Which idle robot is sent to which frontier: the strategy's name in `STRATEGIES`."""
+    """Name of the exploration strategy: stock, or an entry point `robrain.exploration_strategies`."""
     passes: tuple[Name, ...] = STOCK_PASSES
-    """Refinement passes, in their order: their names in `PASSES`."""
+    """Names of the refinement passes, in order: stock, or entry points `robrain.plan_passes`."""
     seed: int = 0
+    """Seed of the searches."""
     prize_j: float = 1e6
-    """What a task of priority 1 is worth; one of priority p is worth p times that. More than any robot's battery
-    holds (1 MJ is 278 Wh), so whatever can be done is worth doing, and of two tasks for which there is energy for one
-    the one of higher priority is done, if it has at least `capacity / prize_j` more of it."""
+    """Value of a task of priority 1 in joules; priority p is worth p times that. It is more than a robot's battery
+    holds (1 MJ is 278 Wh), so every feasible task is worth doing. If there is energy for only one of two tasks, the one
+    of higher priority is done, if its priority is higher by at least `capacity / prize_j`."""
     reserve_share: float = 0.1
-    """Of its full battery, a robot keeps this when it is back at its charger. Chosen: the robots themselves go home
-    with a minute's reserve, and the plan is to be on the careful side of that."""
+    """Share of the full battery that must be left when the robot is back at its charger. Chosen to be more careful than
+    the robots themselves, which go home with a reserve of one minute."""
     confidence: float = 0.95
-    """One-sided, of the bounds that a robot's energy is kept by."""
+    """One-sided confidence of the energy bounds."""
     time_margin: float = 1.1
-    """Ways are taken to last so much longer than the robot's usual pace tells: stops to give way, corners."""
+    """Factor on travel times beyond the robot's usual pace, for corners and stops to give way."""
     unknown_cost: float = 1.5
-    """What a metre of unknown floor counts as. A robot that knows better refuses, and is not asked for a while."""
+    """Metres that a metre of unknown floor counts as. A robot may still refuse, and is then not asked for a while."""
     gain_min: float = 0.02
-    """Tasks change hands only for a plan that is better by this share."""
+    """Minimum relative improvement for which tasks change robots."""
     settle_s: float = 0.02
-    """From one plan to the next at least, so that a burst of news makes one plan (the first makes one at once)."""
+    """Minimum time between plans, so that several changes at once make one plan (the first makes one at once)."""
     refresh_s: float = 10.0
-    """Without any news, a plan is made anew after so long: robots drift off their plans by and by."""
+    """Time after which a plan is made again without a change, because robots deviate from their plans."""
     deadline_s: float = 1.0
-    """In live: a plan is searched for so long at the most, and the auction's is there at once."""
+    """Time limit of a search in live; the auction's plan is used until then."""
     rounds: int = 1
-    """Searches for each plan in lockstep."""
+    """Searches per plan in lockstep."""
     iterations: int = 50
-    """Of each search; less where there are many tasks, so that a search stays short."""
+    """Iterations per search; reduced for many tasks, to keep a search short."""
     tasks_max: int = 1000
-    """In one plan: the most urgent ones."""
+    """Limit of tasks in one plan, the most urgent first."""
     give_up_s: float = 300.0
-    """A task that for so long no robot that is there and well could do, by the plan, has failed."""
+    """A task that no present and healthy robot could do for this long, by the plans, has failed."""
     charge_below: float = 0.35
     """A robot without tasks goes to charge below this state of charge."""
     charging: Charging = Charging.SCHEDULE
+    """How chargers are assigned."""
     charge_turn: float = 0.6
-    """While tasks wait for energy and a robot with much less waits for the charger, a charge ends here. Chosen: half a
-    battery is worth a trip, and above about 0.8 a battery takes less and less."""
+    """Level at which a charge ends while tasks wait for energy and a robot with much less charge waits for the charger.
+    Chosen: half a battery is worth a trip, and above about 0.8 charging slows down."""
 
     def __post_init__(self) -> None:
         STRATEGIES.check(self.exploration)
@@ -99,5 +102,5 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             raise ValueError(f"expected tasks_max >= 1, got {self.tasks_max}")
 
     def iterations_for(self, visits: int) -> int:
-        """Iterations of one search of so many visits: it stays below some tenths of a second."""
+        """Iterations of one search for a number of visits, so that it takes less than some tenths of a second."""
         return max(5, round(self.iterations * min(1.0, 50.0 / max(1, visits))))

@@ -1,4 +1,4 @@
-"""From the team at one moment to the question that the allocators are asked."""
+"""Builds the allocation problem from a snapshot of the team."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -22,20 +22,20 @@ from robrain.protocol.wire.reasons.tasks import AfterUnplanned, HolderOut, Outra
 
 
 class BuiltProblem(NamedTuple):
-    """A question, and what could not be part of it."""
+    """A problem, and the tasks that could not be part of it."""
 
     question: ProblemRecord
     waiting: dict[str, TaskReason]
-    """Tasks that no plan can have yet, and why."""
+    """Tasks that no plan can include yet, and why."""
     charger_ways: dict[str, ChargerWays]
-    """Of each robot that is free."""
+    """Path lengths to the chargers, for each free robot."""
 
 
 def ask(snapshot: Snapshot, ways: PathLengths, policy: PlanningPolicy) -> BuiltProblem:
-    """The question.
+    """Build the problem.
 
-    A task that a robot is at is pinned to it; one that it is about to end is taken for done, and the robot for free
-    there and now. A robot that explores counts as free.
+    A robot's running task is pinned to it. A task that a robot is about to end counts as done, and the robot as free at
+    its place now. A robot that explores counts as free.
     """
     chosen, waiting = _chosen(snapshot, policy)
     names = sorted(snapshot.members)
@@ -119,12 +119,12 @@ def greatest_radius_m(snapshot: Snapshot) -> float:
 
 
 def _chosen(snapshot: Snapshot, policy: PlanningPolicy) -> tuple[list[TaskRecord], dict[str, TaskReason]]:
-    """The most urgent tasks, those that robots are at first; and why the others cannot be in a plan."""
+    """The most urgent tasks, running ones first; and why the others cannot be in a plan."""
     there = snapshot.members
     at_work = [record for record in snapshot.records if record.robot]
     ended = {one.task for one in snapshot.ending.values()}
     running = [record for record in at_work if record.robot in there and record.task.id not in ended]
-    running.sort(key=lambda record: record.task.id in snapshot.held)  # what a robot holds comes after what it is at
+    running.sort(key=lambda record: record.task.id in snapshot.held)  # a robot's held task comes after its running one
     free = [record for record in snapshot.records if not record.robot]
     queued = sorted((record for record in free if record.state is TaskState.QUEUED), key=urgency)
     waiting: dict[str, TaskReason] = {
@@ -153,7 +153,7 @@ def _chosen(snapshot: Snapshot, policy: PlanningPolicy) -> tuple[list[TaskRecord
 
 
 def _at_place(task: Task, snapshot: Snapshot, models: Sequence[EnergyModel | None]) -> tuple[float, float]:
-    """Seconds that a task takes at its place, and joules beyond standing so long: of the slowest, dearest robot."""
+    """Seconds that a task takes at its place, and joules beyond waiting that long; of the slowest, costliest robot."""
     service_s = moving_j = 0.0
     for work in snapshot.works.get(task.id) or (Work(wait_s=task.service_s),):
         if not (work.path_m or work.turn_rad or work.radio_packets):
@@ -213,7 +213,7 @@ def _job(
 
 def _here(member: Member) -> Point2D:
     pose = member.state.pose
-    assert pose is not None  # a robot that does not know where it is is no member
+    assert pose is not None  # a robot without a pose is not a member
     return Point2D(pose.x_m, pose.y_m)
 
 

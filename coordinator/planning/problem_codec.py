@@ -1,7 +1,7 @@
-"""A problem as it is recorded: small, and exact, so that it can be solved again.
+"""A problem in the compact and exact form in which it is recorded, so that it can be solved again.
 
-Ways are whole centimetres; what they take a robot in joules and seconds follows from its profile. A problem with 20
-places takes about 1 kB, one with 1,000 about 0.2 MB.
+Path lengths are whole centimetres; joules and seconds follow from each robot's profile. A problem with 20 places takes
+about 1 kB, one with 1,000 about 0.2 MB.
 """
 
 import zlib
@@ -14,7 +14,7 @@ from robrain.coordinator.allocation.problem import Job, Problem, Worker
 
 M_PER_CM = 0.01
 LONGEST_CM = 2**30
-"""No way is longer: what two differ by is a whole number of 32 bits."""
+"""Limit of a path length: the difference of two fits into 32 bits."""
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 NO_WAY = 0xFFFF_FFFF
@@ -22,30 +22,30 @@ _NONE = -1
 
 
 class Profile(msgspec.Struct, frozen=True):
-    """What ways take the robots of one kind."""
+    """Path costs of the robots of one kind."""
 
     start_j: float
-    """To speed up, once a way."""
+    """Joules to accelerate, once per path."""
     j_per_m: float
     s_per_m: float
 
 
 class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What an allocator is asked, as it is recorded."""
+    """An allocator's input, as it is recorded."""
 
     jobs: tuple[Job, ...]
     workers: tuple[Worker, ...]
     profiles: tuple[Profile, ...]
     places: int
     ways_cm: bytes
-    """Lengths between places: little-endian uint32, the upper triangle without the diagonal, row by row; `NO_WAY`
-    where there is none. A way back is as long as the way there."""
+    """Lengths between places: little-endian uint32, the upper triangle without the diagonal, row by row; `NO_WAY` where
+    there is no path. Lengths are symmetric."""
 
     ways_deltas: bytes = b""
-    """As they are written down, in place of `ways_cm`: see `to_deltas`."""
+    """The recorded form, which replaces `ways_cm`: see `to_deltas`."""
 
     def problem(self) -> Problem:
-        """The problem as the allocators take it."""
+        """The problem in the allocators' form."""
         length_m = np.zeros((self.places, self.places))
         rows, columns = np.triu_indices(self.places, 1)
         cm = np.frombuffer(self.ways_cm, "<u4")
@@ -57,17 +57,17 @@ class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
         return Problem(jobs=self.jobs, workers=self.workers, energy_j=energy_j, time_s=time_s)
 
     def encode(self) -> bytes:
-        """As `PlanProblem.question` has it."""
+        """Encode it as `PlanProblem.question`."""
         deltas = to_deltas(np.frombuffer(self.ways_cm, "<u4"), self.places)
         return zlib.compress(_ENCODER.encode(msgspec.structs.replace(self, ways_cm=b"", ways_deltas=deltas)), 1)
 
 
 def decode(encoded: bytes) -> ProblemRecord:
-    """What `ProblemRecord.encode` made (ValueError if it did not)."""
+    """Decode the result of `ProblemRecord.encode` (ValueError if it is not one)."""
     try:
         question = msgspec.msgpack.decode(zlib.decompress(encoded), type=ProblemRecord)
         if not question.ways_deltas:
-            return question  # with few places there are none; and this is how it was written once
+            return question  # with few places, and in old recordings
         cm = from_deltas(question.ways_deltas, question.places)
     except (zlib.error, msgspec.DecodeError, ValueError) as error:
         raise ValueError(f"expected a question to the allocator: {error}") from error
@@ -75,21 +75,21 @@ def decode(encoded: bytes) -> ProblemRecord:
 
 
 def pack_ways(length_m: NDArray[np.float64]) -> bytes:
-    """Lengths (n, n), metres, symmetric, as `ProblemRecord.ways_cm` has them; infinite where there is no way."""
+    """Encode lengths (n, n), metres, symmetric, infinite where there is no path, as `ProblemRecord.ways_cm`."""
     upper = length_m[np.triu_indices(len(length_m), 1)]
     cm = np.where(np.isfinite(upper), np.ceil(np.where(np.isfinite(upper), upper, 0.0) / M_PER_CM), NO_WAY)
     return np.where(cm == NO_WAY, NO_WAY, np.minimum(cm, LONGEST_CM)).astype("<u4").tobytes()
 
 
 def to_deltas(cm: NDArray[np.uint32], places: int) -> bytes:
-    """Pack lengths.
+    """Pack lengths as differences.
 
     Args:
-        cm: the upper triangle without the diagonal, row by row; `NO_WAY` where there is none.
-        places: how many there are.
+        cm: the upper triangle without the diagonal, row by row; `NO_WAY` where there is no path.
+        places: number of places.
 
     Returns:
-        The order, uint32 for each place, and the differences, zigzag uint32, as four planes of bytes, lowest first.
+        The order, uint32 per place, and the differences, zigzag uint32, as four planes of bytes, lowest first.
 
     """
     table = np.zeros((places, places), np.int64)
@@ -103,7 +103,7 @@ def to_deltas(cm: NDArray[np.uint32], places: int) -> bytes:
 
 
 def from_deltas(packed: bytes, places: int) -> NDArray[np.uint32]:
-    """What `to_deltas` packed (ValueError if it did not)."""
+    """Unpack the result of `to_deltas` (ValueError if it is not one)."""
     count = places * (places - 1) // 2
     if len(packed) != 4 * (places + count):
         raise ValueError(f"expected {4 * (places + count)} bytes for the ways between {places} places")
@@ -125,7 +125,7 @@ def from_deltas(packed: bytes, places: int) -> NDArray[np.uint32]:
 
 
 def _chain(table: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The places, each followed by the nearest that is left."""
+    """Order the places so that each is followed by the nearest of those left."""
     places = len(table)
     order = np.zeros(places, np.int64)
     left = np.where(table == _NONE, np.iinfo(np.int64).max - 1, table)

@@ -1,4 +1,4 @@
-"""Deciding again: the plans of a recorded run, made anew from what they were made from."""
+"""Computes the plans of a recorded run again, from their recorded inputs."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,20 +17,20 @@ Routes = tuple[tuple[str, tuple[str, ...]], ...]
 
 
 class ReplayedPlan(NamedTuple):
-    """One plan of the recording, and what comes of it now."""
+    """One plan of the recording, and the plan that is computed now."""
 
     recorded: PlanProblem
     routes: Routes
-    """As they are planned now."""
+    """The routes computed now."""
 
     @property
     def is_same(self) -> bool:
-        """Whether the same was decided."""
+        """Whether both plans are the same."""
         return self.routes == self.recorded.routes
 
 
 def plan_again(problem: PlanProblem) -> Routes:
-    """The routes that the allocator makes of a written problem (ValueError if it is none)."""
+    """Compute the routes of a recorded problem (ValueError if it is invalid)."""
     plan, _ = solve(
         decode(problem.question).problem(),
         problem.objective,
@@ -46,13 +46,12 @@ def plan_again(problem: PlanProblem) -> Routes:
 
 
 def replay_decisions(recording: Path) -> Iterator[ReplayedPlan]:
-    """Each plan of a recording, made again.
+    """Compute each plan of a recording again.
 
-    Equal versions of the allocators' libraries give equal plans; others may decide otherwise where two plans are as
-    good as each other.
+    Equal versions of the allocators' libraries give equal plans; others may differ where two plans are equally good.
 
     Raises:
-        RecordingError: there is no such file, it is no recording, or it is damaged.
+        RecordingError: the file does not exist, is no recording, or is damaged.
 
     """
     decoder = msgspec.json.Decoder(PlanProblem)

@@ -1,4 +1,4 @@
-"""What has happened since the last plan that asks for another."""
+"""Detects changes since the last plan that need a new one."""
 
 from collections.abc import Iterable
 
@@ -9,15 +9,15 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 
 DRAINED_SHARE = 0.02
-"""Of its full battery: a robot that has used so much more than it had planned is thought about again."""
+"""A robot that has used this share of its full battery more than planned triggers a new plan."""
 DEARER_SHARE = 0.05
-"""A robot whose ways have become so much dearer or cheaper, by what it learned, is thought about again."""
+"""A robot whose learned path costs have changed by this share triggers a new plan."""
 GROWN_SHARE = 0.05
-"""A map that has grown by so much is looked at again."""
+"""Growth of the map after which it is read again."""
 
 
 class ReplanTrigger:
-    """Compares the team with how it was when it was last planned for."""
+    """Compares the team with its state at the last plan."""
 
     def __init__(self) -> None:
         self._tasks: frozenset[tuple[str, TaskState, str]] = frozenset()
@@ -28,7 +28,7 @@ class ReplanTrigger:
 
     @property
     def has_tasks(self) -> bool:
-        """Whether there were tasks when it was last planned."""
+        """Whether there were tasks at the last plan."""
         return bool(self._tasks)
 
     def since(
@@ -40,7 +40,7 @@ class ReplanTrigger:
         *,
         left_out: int,
     ) -> str:
-        """Why a plan is to be made anew; empty if all is as it was."""
+        """Why a new plan is needed; empty if it is not."""
         tasks = _tasks(records)
         if tasks != self._tasks:
             return _difference(tasks, self._tasks)
@@ -69,7 +69,7 @@ class ReplanTrigger:
         return ""
 
     def begun(self, task_id: str, robot: str) -> None:
-        """A task was begun as it was planned: that is no news."""
+        """Record that a task has begun as planned, which needs no new plan."""
         before = (task_id, TaskState.QUEUED, "")
         if before in self._tasks:
             self._tasks = self._tasks - {before} | {(task_id, TaskState.RUNNING, robot)}
@@ -81,7 +81,7 @@ class ReplanTrigger:
         pauses: Iterable[tuple[str, str]],
         area_m2: float,
     ) -> None:
-        """A plan is made of this."""
+        """Record the inputs of a plan."""
         self._tasks = _tasks(records)
         self._members = {name: _abilities(member) for name, member in members.items()}
         self._figures = {name: _figures(member) for name, member in members.items()}
@@ -98,7 +98,7 @@ def _tasks(records: Iterable[TaskRecord]) -> frozenset[tuple[str, TaskState, str
 
 
 def _difference(now: frozenset[tuple[str, TaskState, str]], before: frozenset[tuple[str, TaskState, str]]) -> str:
-    """The first few tasks that are not as they were."""
+    """The first few tasks that have changed."""
     names = {task: state for task, state, _ in now}
     changed = sorted({task for task, _, _ in now ^ before})
     words = [f"{task} is {names[task].replace('_', ' ')}" if task in names else f"{task} has ended" for task in changed]

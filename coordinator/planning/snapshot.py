@@ -1,4 +1,4 @@
-"""The team at one moment, as far as a plan depends on it. Nothing in it changes: others may read it."""
+"""The state of the team at one moment, as far as plans depend on it. Immutable, so threads can share it."""
 
 import math
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,13 +17,13 @@ if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it
     from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 
 HANDLING_S = 1.0
-"""Every task takes so long besides: to be offered, to come to a stop. So nothing ends when it begins, either."""
+"""Overhead of every task: to be offered, and to come to a stop. So no task ends when it begins."""
 Orders = dict[str, tuple[str, ...]]
-"""Tasks of robots, in the order in which they are to be done."""
+"""Tasks of robots, in order."""
 
 
 class Floor(NamedTuple):
-    """What is known of the floor at one moment."""
+    """The known map at one moment."""
 
     classes: NDArray[np.int8]
     geometry: "GridGeometry"
@@ -31,7 +31,7 @@ class Floor(NamedTuple):
 
 
 class AfterCharge(NamedTuple):
-    """How a robot will be that charges, or is on its way to."""
+    """Predicted state of a robot after its charge."""
 
     free_ns: int
     charger: Point2D
@@ -39,27 +39,27 @@ class AfterCharge(NamedTuple):
 
 
 class ChargerWays(NamedTuple):
-    """How far it was for a robot to the chargers that it knows, from where it was."""
+    """Path lengths from a robot's place to the chargers that it knows."""
 
     start: Point2D
     ways_m: tuple[tuple[Point2D, float], ...]
 
 
 class Member(NamedTuple):
-    """A robot that can be counted on."""
+    """A robot that plans can use."""
 
     state: RobotState
     offers: frozenset[str] | None
-    """Its plugins; None if it has not told them: it may have any."""
+    """Its plugins; None if it has not announced them and may have any."""
     chargers: tuple[Point2D, ...]
     home: Point2D
-    """Where it ends if it knows no charger: where it started."""
+    """End place of a robot that knows no charger: where it started."""
     free_ns: int = 0
-    """A robot that charges is free then, and `state` says how it will be; 0 if it is free now."""
+    """When a charging robot will be free, in the state `state`; 0 if the robot is free now."""
 
 
 class Ending(NamedTuple):
-    """The end of the task that a robot is at, where it is near."""
+    """The predicted end of a robot's task, if it is near."""
 
     task: str
     place: Point2D
@@ -67,36 +67,36 @@ class Ending(NamedTuple):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """All that a plan is made from."""
+    """The input of a plan."""
 
     number: int
-    """Of the plan that is made from it."""
+    """Number of the plan."""
     now_ns: int
     cause: str
     records: tuple[TaskRecord, ...]
-    """Open tasks that somebody asked for."""
+    """Open tasks that were submitted."""
     ended: frozenset[str]
-    """Those of the tasks that they wait for which are done."""
+    """Tasks that open tasks wait for and that are done."""
     held: frozenset[str] = frozenset()
-    """Those that a robot is to begin after the one that it is at."""
+    """Tasks that a robot will begin after its running one."""
     ending: dict[str, Ending] = {}
-    """Of robots that are about to end a task; what they do next is planned from there."""
+    """Of robots that are about to end a task; their next tasks are planned from there."""
     members: dict[str, Member]
     pauses: dict[tuple[str, str], RobotReason]
-    """Which task is not to be offered to which robot now, and why."""
+    """Which task must not be offered to which robot now, and why."""
     works: dict[str, tuple[Work, ...]] = {}
-    """What each task takes at its place, by the robots that were asked; standing for its service time if none told."""
+    """Cost of each task at its place, by the robots that were asked; waiting for its service time if none answered."""
     served_s: dict[str, float]
-    """How long its robot has been at the place of a running task."""
+    """How long the robot of a running task has been at its place."""
     floor: Floor | None
     orders: Orders
-    """As they are planned so far."""
+    """Of the previous plan."""
     told: dict[str, tuple[str, ...]]
-    """Of each task the robots that the last decision named."""
+    """For each task, the robots that the last published decision named."""
 
 
 def urgency(record: TaskRecord) -> tuple[float, float, int, str]:
-    """Orders tasks: by priority, then by deadline, then by age."""
+    """Sort key of tasks: by priority, then deadline, then age."""
     deadline_ns = record.task.deadline_ns
     return (
         -record.task.priority,

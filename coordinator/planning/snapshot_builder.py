@@ -1,6 +1,6 @@
-"""The team as planning sees it: open tasks, available robots, the floor, and the progress of running tasks.
+"""Builds the snapshot for planning: open tasks, available robots, the map, the progress of running tasks.
 
-`why_out` says why a robot is not available; `free_in_s` when a robot at work will be.
+`why_out` returns why plans exclude a robot, `free_in_s` when a working robot can begin something else.
 """
 
 import math
@@ -22,32 +22,32 @@ from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import Charging, Halted, HeadsHome, PositionUnknown, RobotReason, SentToCharge
 
 AT_PLACE_M = 1.0
-"""A robot so near to the place of its task is taken to be at it."""
+"""A robot this close to the place of its task counts as being there."""
 SOON_FREE_NS = to_ns(1.0)
-"""A robot that charges still is not free for so long, whatever was foreseen."""
+"""A robot that still charges is not free before this, whatever was predicted."""
 FLOOR_NS = to_ns(10.0)
-"""The map is looked at again after so long, or when it has grown and that may help, or a robot was blocked."""
+"""Interval at which the map is read again; earlier if it has grown and that may help, or a robot was blocked."""
 
 HOMEWARD = frozenset({"recharge", "go home"})
-"""Behaviors, as a robot tells them, that it does not leave for any task when it began them of its own accord."""
+"""Behaviors, as robots report them, that a robot does not leave for a task if it began them on its own initiative."""
 AHEAD_S = 3.0
-"""A robot that ends its task within this is offered the next one. Chosen: enough for a new plan and an offer on a slow
-link, and short, for what is offered stays where it is though a plan may know better meanwhile."""
+"""A robot that ends its task within this is offered the next one. Chosen: long enough for a new plan and an offer on a
+slow link, but short, because the offer stands even if a later plan is better."""
 LATEST_S = 1.0
-"""If there is no new plan by then, the next task is offered by the old one (chosen)."""
+"""Without a new plan by then, the next task of the old plan is offered (chosen)."""
 
 
 class SnapshotBuilder:
-    """Looks at the team for a plan.
+    """Builds snapshots.
 
     Args:
         book: of the tasks.
-        roster: the robots that there are.
-        capabilities: what they can do.
-        team_map: what is known of the floor.
-        chargers: what the robots know of them.
-        why_out: why a robot is no part of plans now; None if it is.
-        after_charge: how robots that charge will be when they have, as `Planning` is told.
+        roster: the robots of the team.
+        capabilities: plugins and kinds of task of the robots.
+        team_map: the known map.
+        chargers: known to the robots.
+        why_out: why plans exclude a robot now; None if they do not.
+        after_charge: predicted states of charging robots after their charge, from `Planning`.
 
     """
 
@@ -62,7 +62,7 @@ class SnapshotBuilder:
         after_charge: Mapping[str, AfterCharge],
     ) -> None:
         self.is_blocked = False
-        """A robot did not get through since the map was looked at."""
+        """Whether a robot was blocked since the map was read."""
         self._book = book
         self._roster = roster
         self._capabilities = capabilities
@@ -76,19 +76,19 @@ class SnapshotBuilder:
 
     @property
     def area_m2(self) -> float:
-        """How much of the floor is known."""
+        """Area of the known floor."""
         return self._map.known_area_m2
 
     def records(self) -> list[TaskRecord]:
-        """Open tasks that somebody asked for."""
+        """Open tasks that were submitted."""
         return [record for record in self._book.open if not record.own]
 
     def places(self, now_ns: int) -> dict[str, Point2D]:
-        """Where the robots are that are there and know it."""
+        """Places of the robots that are present and localised."""
         return {name: _here(state) for name, state in self._up(now_ns).items()}
 
     def members(self, now_ns: int) -> dict[str, Member]:
-        """The robots that plans can count on, now or when they have charged."""
+        """The robots that plans can use, now or after their charge."""
         members = {}
         for name, state in self._up(now_ns).items():
             free_ns = 0
@@ -107,18 +107,18 @@ class SnapshotBuilder:
         return members
 
     def done_before(self, records: Iterable[TaskRecord], open_ids: set[str]) -> frozenset[str]:
-        """Those of the tasks that these wait for which are done."""
+        """Tasks that these wait for and that are done."""
         names = {name for record in records for name in record.task.after} - open_ids
         found = (self._book.find(name) for name in names)
         return frozenset(one.task.id for one in found if one is not None and one.state is TaskState.DONE)
 
     def held(self, records: Iterable[TaskRecord]) -> frozenset[str]:
-        """Those of the tasks that robots are to begin after the one that they are at."""
+        """Tasks that robots will begin after their running one."""
         robots = {record.robot for record in records if record.robot}
         return frozenset(record.task.id for name in robots if (record := self._book.next_of(name)) is not None)
 
     def ending(self, members: dict[str, Member]) -> dict[str, Ending]:
-        """Of robots that are about to end the task that they are at, where and when they do."""
+        """Place and time of the end of running tasks that are about to end."""
         found = {}
         for name, member in members.items():
             at = self._book.of_robot(name)
@@ -128,13 +128,13 @@ class SnapshotBuilder:
         return found
 
     def served_s(self, records: Iterable[TaskRecord], now_ns: int) -> dict[str, float]:
-        """How long the robots of running tasks have been at their places; of those that are there."""
+        """How long the robots of running tasks have been at their places; only of robots that are there."""
         there: dict[str, int] = {}
         for record in records:
             robot = self._roster.robots.get(record.robot)
             if robot is None or robot.state is None or robot.state.pose is None:
                 continue
-            if self._book.of_robot(record.robot) is not record:  # it is to begin that later
+            if self._book.of_robot(record.robot) is not record:  # it begins that later
                 continue
             if robot.state.pose.distance_m(record.task.place) <= AT_PLACE_M:
                 there[record.task.id] = self._there_ns.get(record.task.id, now_ns)
@@ -142,7 +142,7 @@ class SnapshotBuilder:
         return {task: to_seconds(now_ns - since_ns) for task, since_ns in there.items()}
 
     def floor(self, now_ns: int, *, wanted: bool) -> Floor | None:
-        """The map, mostly as it was when it was last looked at: all ways are worked out anew for a new one.
+        """The map, usually as it was last read, because a new one means computing all path lengths again.
 
         Args:
             now_ns: the time.
@@ -173,11 +173,11 @@ def _here(state: RobotState) -> Point2D:
 
 
 def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason | None:
-    """Why a robot is no part of plans now; None if it is.
+    """Why plans exclude a robot now; None if they do not.
 
     Args:
-        robot: as the roster knows it.
-        at: the task that it is at.
+        robot: from the roster.
+        at: the task that it is doing.
         now_ns: the time.
 
     """
@@ -199,7 +199,7 @@ def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason | N
 
 
 def is_charging(robot: Robot, at: TaskRecord | None) -> bool:
-    """Whether a robot is out because it charges or goes to charge, and will be free when it has."""
+    """Whether a robot is excluded only because it charges, or drives to a charger, and will be free afterwards."""
     state = robot.state
     if state is None or state.halted or state.lost:
         return False
@@ -210,11 +210,11 @@ def is_charging(robot: Robot, at: TaskRecord | None) -> bool:
 
 
 def free_in_s(robot: Robot, records: list[TaskRecord]) -> float:
-    """In how long a robot can begin something else; infinite if it is not to be offered anything for then yet.
+    """Time until a robot can begin something else; infinite if it must not be offered anything yet.
 
     Args:
-        robot: as the roster knows it.
-        records: the open tasks that it has by the book, the one that it is at first.
+        robot: from the roster.
+        records: its open tasks in the book, the one that it is doing first.
 
     """
     if not records:
@@ -229,13 +229,13 @@ def free_in_s(robot: Robot, records: list[TaskRecord]) -> float:
 
 
 def left_of(at: TaskRecord, state: RobotState) -> float:
-    """In how long a robot ends the task that it is at by the book, as it says; infinite if it does not."""
+    """Time until a robot ends the task that the book has it doing, as the robot reports it; infinite if it does not."""
     status = state.task
     is_at_it = status is not None and (status.id, status.epoch) == (at.task.id, at.epoch) and not status.state.ended
     return status.left_s if is_at_it and status is not None and status.left_s is not None else math.inf
 
 
 def is_ending(state: RobotState | None) -> bool:
-    """Whether a robot says that it is about to end its task."""
+    """Whether a robot reports that it is about to end its task."""
     left_s = state.task.left_s if state is not None and state.task is not None else None
     return left_s is not None and left_s <= AHEAD_S

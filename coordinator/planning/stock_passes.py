@@ -1,7 +1,7 @@
-"""The refinement passes that come with robrain, in the order in which they are applied by default.
+"""The stock refinement passes, in their default order.
 
-`stability` keeps the plan before unless the new one is worth the change; `charging_robots` hands out what the ready
-robots leave; `early_start` has jobs done sooner where that makes nothing worse.
+`stability` keeps the previous orders unless the new plan is worth the change. `charging_robots` gives charging robots
+the jobs that the ready ones leave over. `early_start` moves jobs earlier where that does not make the plan worse.
 """
 
 import logging
@@ -22,15 +22,16 @@ from robrain.protocol.model.tasks.objective import Objective
 logger = logging.getLogger(__name__)
 
 LOOK_AHEAD = 8
-"""So many jobs behind one that is waited for are tried before it."""
+"""Number of later jobs that are tried in place of one that a robot would wait for."""
 TRIES_MAX = 200
 TRIED_JOBS_MAX = 20_000
-"""Of other orders in one plan, and of jobs in all of them together: a job takes some microseconds (chosen)."""
+"""Limits for alternative orders per plan, and for the jobs in all of them together: a job takes some microseconds
+(chosen)."""
 WAITS_S = 0.05
 
 
 def stability(draft: PlanDraft) -> PlanDraft:
-    """Keep the orders of the plan before unless the new plan is better by `gain_min`."""
+    """Keep the previous orders unless the new plan is better by `gain_min`."""
     best, before = draft.plan, plan_of(draft.orders, draft.plan.objective)
     was = {job: robot for robot, jobs in draft.orders.items() for job in jobs}
     if all(was.get(job, route.worker) == route.worker for route in best.routes for job in route.jobs):
@@ -45,26 +46,26 @@ def stability(draft: PlanDraft) -> PlanDraft:
 
 
 def charging_robots(draft: PlanDraft) -> PlanDraft:
-    """Hand out to robots that charge what the ready ones leave over.
+    """Give robots that charge the jobs that the ready robots leave over.
 
-    To an objective that counts joules, a robot that is free in five minutes is as good as one that is free now; so the
-    plan is made for the robots that are ready first (`for_the_ready`).
+    For an objective in joules, a robot that is free in five minutes is as good as one that is free now. So the plan is
+    made first for the robots that are ready (`for_the_ready`).
     """
     try:
         problem, plan = with_those_who_charge(draft.asked, draft.plan, draft.orders, draft.allocator)
-    except BadPlan as error:  # the plan of the ready robots is sound
+    except BadPlan as error:  # the plan of the ready robots is valid
         logger.warning("robots that charge get no tasks in this plan: %s", error)
         return draft.with_failure("allocator", error.method, str(error))
     return msgspec.structs.replace(draft, problem=problem, plan=plan)
 
 
 def early_start(draft: PlanDraft) -> PlanDraft:
-    """Of equally good plans take the one that starts earlier: objectives do not mind when jobs are done, people do."""
+    """Among equally good plans, prefer the one that starts earlier: objectives ignore that, people do not."""
     return draft.with_plan(without_idling(draft.problem, draft.plan))
 
 
 def plan_of(orders: Mapping[str, Sequence[str]], objective: Objective) -> Plan | None:
-    """A plan of which only the orders count, for a warm start; None without orders."""
+    """A plan with orders only, for a warm start; None without orders."""
     if not orders:
         return None
     routes = tuple(_in_this_order(robot, jobs) for robot, jobs in orders.items())
@@ -74,7 +75,7 @@ def plan_of(orders: Mapping[str, Sequence[str]], objective: Objective) -> Plan |
 
 
 def _gain(kept: Plan, best: Plan) -> float:
-    """By which share the best plan is better than the kept one."""
+    """Relative improvement of the best plan over the kept one."""
     match best.objective:
         case Objective.ENERGY:
             return _share(kept.cost_j - best.cost_j, kept.cost_j)
@@ -89,10 +90,10 @@ def _share(gain: float, of: float) -> float:
 
 
 def for_the_ready(problem: Problem) -> Problem:
-    """The problem in which only those get jobs who are ready; as it is if all are, or nobody is.
+    """Restrict all jobs to robots that are ready; the same problem if all robots are ready, or none is.
 
     Args:
-        problem: workers with `ready_s` above 0 are those who charge.
+        problem: workers with `ready_s` above 0 are charging.
 
     """
     return _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to})
@@ -101,19 +102,19 @@ def for_the_ready(problem: Problem) -> Problem:
 def with_those_who_charge(
     problem: Problem, plan: Plan, orders: Mapping[str, Sequence[str]], allocator: Allocator
 ) -> tuple[Problem, Plan]:
-    """A plan of those who are ready, and what they leave to the others.
+    """Add the charging robots to a plan of the ready ones.
 
     Args:
-        problem: as it was asked.
+        problem: as it was posed.
         plan: of `for_the_ready(problem)`.
-        orders: of the plan before.
-        allocator: hands out what is left.
+        orders: of the previous plan.
+        allocator: assigns the remaining jobs.
 
     Returns:
-        The problem, in which no charging robot may do what a ready one does; and its plan.
+        The problem, in which no charging robot may do a job of a ready one; and its plan.
 
     Raises:
-        BadPlan: a foreign allocator's plan for what is left cannot be carried out.
+        BadPlan: another distribution's allocator returned an infeasible plan for the remaining jobs.
 
     """
     late = _charging(problem)
@@ -153,10 +154,10 @@ def _in_this_order(worker: str, jobs: Sequence[str]) -> Route:
 
 
 def without_idling(problem: Problem, plan: Plan) -> Plan:
-    """The plan, with dear jobs done sooner where that makes nothing worse.
+    """Move valuable jobs earlier where that makes nothing worse.
 
-    A tour is as long in the one direction as in the other; and while a robot would wait for a job's time, it may do
-    another. What robots are at already stays first.
+    A route can be driven in either direction at the same length, and a robot that would wait for a job's earliest time
+    can do another job first. Pinned jobs stay first.
     """
     tries = min(TRIES_MAX, TRIED_JOBS_MAX // max(1, len(problem.jobs)))
     for worker in range(len(plan.routes)):
@@ -206,6 +207,6 @@ def _better(problem: Problem, plan: Plan, worker: int, order: tuple[str, ...]) -
 
 
 def _lateness(problem: Problem, plan: Plan) -> float:
-    """Sum of the starts, weighted by the prizes."""
+    """Sum of the start times, weighted by the prizes."""
     index = problem.job_index
     return sum(stop.start_s * problem.jobs[index[stop.job]].prize_j for route in plan.routes for stop in route.stops)

@@ -1,1 +1,1 @@
-"""The team's tasks: which there are, who does them, and what becomes of them."""
+"""The team's tasks: admission, assignment, progress and end."""

@@ -1,7 +1,7 @@
-"""Which tasks are refused at once, because they can never be done. Pure: of a task and what the coordinator knows.
+"""Refuses tasks that can never be done. Pure: depends on the task and on what the coordinator knows.
 
-Only what is certain counts. A robot that has not told its plugins yet may have the one that is needed, a place that
-nobody has seen may be free, and a task that is waited for may be asked for later.
+A task is refused only if that is certain. A robot that has not announced its plugins may have the required one, an
+unknown place may be free, and a required predecessor may be submitted later.
 """
 
 import difflib
@@ -35,11 +35,11 @@ if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it
 
 NO_SCHEMAS: Mapping[str, Sequence[JsonSchema]] = MappingProxyType({})
 GATHERING = "visit"
-"""What robots need, besides, to gather for a task for several."""
+"""Plugin that robots need in addition, to gather for a task for several."""
 
 
 def with_times(asked: TaskSubmission, now_ns: int) -> Task:
-    """The task that is asked for; times given from now on become stamps (ValueError if they cannot be)."""
+    """The submitted task, with relative times converted to stamps (ValueError if that is impossible)."""
     times: dict[str, int] = {}
     for name, in_s in (("earliest_ns", asked.earliest_in_s), ("deadline_ns", asked.deadline_in_s)):
         if in_s is None:
@@ -47,16 +47,16 @@ def with_times(asked: TaskSubmission, now_ns: int) -> Task:
         if not 0 <= in_s < 1e9:
             raise ValueError(f"expected {name.replace('_ns', '_in_s')} from 0 to 1e9, got {in_s}")
         times[name] = now_ns + to_ns(in_s)
-    # Built anew, for a task checks itself where it is built and not where it is replaced.
+    # Built anew, because a task checks itself when it is built, not when it is replaced.
     return msgspec.convert({**msgspec.to_builtins(asked.task), **times}, Task) if times else asked.task
 
 
 def difference(asked: bytes, asked_before: bytes) -> str:
-    """Where two submissions of one id differ, in words; empty if they ask for the same.
+    """Describe in words where two submissions of one id differ; empty if they are the same.
 
     Args:
         asked: the new one.
-        asked_before: the one that was accepted.
+        asked_before: the accepted one.
 
     """
     new, old = (_flat(msgspec.json.decode(text or b"{}")) for text in (asked, asked_before))
@@ -73,14 +73,14 @@ def why_impossible(
     others: Mapping[str, TaskRecord],
     schemas: Mapping[str, Sequence[JsonSchema]] = NO_SCHEMAS,
 ) -> str:
-    """Why a task can never be done, in words for whoever asks for it; empty if it may be.
+    """Describe in words why a task can never be done; empty if it may be possible.
 
     Args:
         task: a new one.
         now_ns: the time.
-        grid: what is known of the floor; None if nothing is.
-        plugins: what each robot of the team offers; None of one that has not told it yet.
-        others: the tasks that it waits for, and those that these wait for and so on, as far as they are known.
+        grid: the known map; None if nothing is known.
+        plugins: what each robot of the team offers; None for a robot that has not announced it.
+        others: its predecessors, and theirs, as far as they are known.
         schemas: of the parameters of each kind of task, as robots announce them.
 
     """
@@ -96,14 +96,14 @@ def why_impossible(
 
 
 def needed_plugins(task: Task) -> tuple[str, ...]:
-    """What a robot must offer: the task's kind, and the plugins that it needs besides."""
+    """Plugins that a robot must offer: the task's kind, and the task's further needs."""
     return (task.kind, *task.needs)
 
 
 def why_nobody_can(
     task: Task, plugins: Mapping[str, Iterable[str] | None]
 ) -> TeamLacks | NobodyHasAll | TooFewRobots | None:
-    """Why no robot of the team has what it takes; None if one has, or may have."""
+    """Why no robot of the team can do the task; None if one can, or may."""
     if not plugins or any(names is None for names in plugins.values()):
         return None
     needed = needed_plugins(task)
@@ -119,7 +119,7 @@ def why_nobody_can(
 
 
 def why_dependency_ended(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnded | None:
-    """Why what a task waits for will never be done; None if it may be."""
+    """Why a predecessor of the task will never be done; None if all may be."""
     for name in task.after:
         other = others.get(name)
         if other is not None and other.state.ended and other.state is not TaskState.DONE:
@@ -129,7 +129,7 @@ def why_dependency_ended(task: Task, others: Mapping[str, TaskRecord]) -> AfterE
 
 
 def standing_reason(record: TaskRecord) -> Standing | None:
-    """A record's reason, or its words if that is all; None if there is none, or if it holds another task's."""
+    """A record's reason, or its words if it has only these; None if it has none, or one about another task."""
     return said(record.why) if isinstance(record.reason, AfterEnded | DeadlinePassed | None) else record.reason
 
 

@@ -1,8 +1,8 @@
-"""Parameters of tasks checked against the JSON Schemas that robots announce for a kind.
+"""Checks task parameters against the JSON Schemas that robots announce for a kind.
 
-A schema from a robot is not trusted. It may use the keywords in `KEYWORDS` and refer to its own `$defs`, not in a
-circle, and unfolded it has at most `PARTS_MAX` parts: then a check takes bounded time. Regular expressions are left out
-(one can take for ever); the robot checks its parameters again when the task is offered.
+A schema from a robot is not trusted. It may use the keywords in `KEYWORDS` and refer to its own `$defs`, without
+cycles. Unfolded, it may have at most `PARTS_MAX` parts, so that a check takes bounded time. Regular expressions are
+ignored, because one can take unbounded time; the robot checks its parameters again when the task is offered.
 """
 
 from collections.abc import Iterable, Mapping
@@ -21,9 +21,9 @@ SCHEMA_BYTES_MAX = 32_768
 PARTS_MAX = 2_000
 DEPTH_MAX = 32
 WORDS_MAX = 200
-"""Longest sentence about one parameter: it quotes what was given."""
+"""Longest error text about one parameter, which quotes the input."""
 EXPLAINS = frozenset({"title", "description", "default", "examples", "$comment", "$schema", "format", "pattern"})
-"""Keywords that are not checked here."""
+"""Keywords that are ignored here."""
 VALUES = frozenset(
     {
         "type", "enum", "const", "required", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum",
@@ -31,13 +31,13 @@ VALUES = frozenset(
     }
 )  # fmt: skip
 ONE, LISTS, NAMED = ("items", "additionalProperties"), ("anyOf", "oneOf", "allOf", "prefixItems"), ("properties",)
-"""Keywords that hold one schema, a list of them, or schemas by name."""
+"""Keywords with one schema, with a list of schemas, and with named schemas."""
 KEYWORDS = VALUES | EXPLAINS | {*ONE, *LISTS, *NAMED, "$ref", "$defs"}
 REFERENCE = "#/$defs/"
 
 
 def why_unusable(schema: Mapping[str, Any]) -> str:
-    """Why an announced schema cannot be used to check parameters; empty if it can."""
+    """Why an announced schema cannot be used; empty if it can."""
     written = msgspec.json.encode(schema, order="deterministic")
     return _why_unusable(written) if len(written) <= SCHEMA_BYTES_MAX else f"is longer than {SCHEMA_BYTES_MAX} bytes"
 
@@ -56,11 +56,11 @@ def _why_unusable(written: bytes) -> str:
 
 
 class _Unusable(ValueError):
-    """A schema that is not checked; the text says why."""
+    """A schema that cannot be used; the text says why."""
 
 
 def _count_parts(part: Any, whole: Schema, path: tuple[str, ...], left: int) -> int:
-    """How many more parts a schema may have after this one, with all that it refers to."""
+    """Number of parts left for the rest of a schema after this part and everything that it refers to."""
     if isinstance(part, bool):
         return left - 1
     if not isinstance(part, dict):
@@ -99,12 +99,12 @@ def _referred(reference: str, whole: Schema, path: tuple[str, ...]) -> Any:
 
 
 def check_announced(kind: str, parameters: Mapping[str, Any], schemas: Iterable[Mapping[str, Any]]) -> None:
-    """Raise BadParameters if parameters fit none of the schemas that robots have announced for a kind.
+    """Raise BadParameters if the parameters fit none of the schemas that robots have announced for the kind.
 
     Args:
-        kind: the task's.
-        parameters: what was asked for.
-        schemas: one for each robot that differs; those that cannot be used let everything pass.
+        kind: of the task.
+        parameters: the submitted ones.
+        schemas: the distinct announced ones; an unusable schema accepts everything.
 
     """
     errors = []
@@ -128,7 +128,7 @@ def _validator(written: bytes) -> Draft202012Validator:
 
 
 def _without_patterns(part: Any) -> Any:
-    """The same schema; a parameter that is called `pattern` stays."""
+    """The schema without the keyword `pattern`; a parameter with that name stays."""
     if not isinstance(part, dict):
         return part
     kept: Schema = {}

@@ -1,8 +1,8 @@
-"""Which tasks are not offered to which robots for a while, and which robots are offered nothing for a while.
+"""Pauses: which tasks are not offered to which robots for a while, and which robots are offered nothing for a while.
 
-A robot that refused a task or failed at it is asked again later. So is one that cannot be reached: when a link
-recovers, its token and states arrive before its queryables, and each unanswered offer would be followed at once by
-another task.
+A robot that refused a task or failed at it is asked again later. A robot that cannot be reached also gets a pause: when
+a link recovers, its token and states arrive before its queryables, and without a pause each unanswered offer would at
+once be followed by the next task.
 """
 
 from typing import NamedTuple
@@ -13,15 +13,15 @@ from robrain.protocol.wire.reasons.robots import RefusedOften, RobotReason, Unre
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0
-"""Each refusal doubles the pause from the first up to the longest (chosen): a map grows, a battery fills, and what can
-never be done is not asked for all the time."""
+"""Longest pause. Each refusal doubles the pause up to this (chosen): maps grow and batteries charge, but a task that is
+impossible must not be offered all the time."""
 REFUSALS_MAX = 6
-"""After so many refusals, a minute by these pauses, a robot's no to a task is taken for good (chosen)."""
+"""Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
 KEPT = 4096
 
 FIRST_ROBOT_PAUSE_S = 0.5
 LONGEST_ROBOT_PAUSE_S = 8.0
-"""Each pause of a robot is twice as long as the one before (chosen)."""
+"""Longest pause of a robot; each is twice as long as the one before (chosen)."""
 REFUSALS_FREE = 3
 """Consecutive refusals of frontiers without a pause (chosen); the next frontier may be reachable."""
 
@@ -34,7 +34,7 @@ class _Avoided(NamedTuple):
 
 
 class Backoff:
-    """Remembers refusals and failures, task by task and robot by robot; the oldest go when there are too many."""
+    """Remembers refusals and failures for each task and robot; drops the oldest beyond a limit."""
 
     def __init__(self) -> None:
         self._avoided: dict[tuple[str, str], _Avoided] = {}
@@ -42,7 +42,7 @@ class Backoff:
         """Robots that are offered nothing for a while, or none of the coordinator's own tasks."""
 
     def note(self, task_id: str, robot: str, reason: RobotReason, now_ns: int) -> None:
-        """A robot refused a task or failed at it."""
+        """Record that a robot refused a task or failed at it."""
         before = self._avoided.pop((task_id, robot), None)
         pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
         times = 1 if before is None else before.times + 1
@@ -51,18 +51,18 @@ class Backoff:
             del self._avoided[next(iter(self._avoided))]
 
     def why(self, task_id: str, robot: str, now_ns: int) -> RobotReason | None:
-        """Why a robot is not to be offered a task now; None if it may be."""
+        """Why a robot must not be offered a task now; None if it may."""
         avoided = self._avoided.get((task_id, robot))
         if avoided is not None and now_ns < avoided.until_ns:
             return avoided.reason
         return self.robots.why_unreached(robot, now_ns)
 
     def pauses(self, now_ns: int) -> dict[tuple[str, str], RobotReason]:
-        """Which task is not to be offered to which robot now, and why."""
+        """Which task must not be offered to which robot now, and why."""
         return {pair: avoided.reason for pair, avoided in self._avoided.items() if now_ns < avoided.until_ns}
 
     def last_word(self, task_id: str, robot: str) -> RobotReason | None:
-        """What a robot said that is not asked again; None if it may be."""
+        """The answer of a robot that is not asked again; None if it may be."""
         avoided = self._avoided.get((task_id, robot))
         return avoided.reason if avoided is not None and avoided.times >= REFUSALS_MAX else None
 
@@ -74,7 +74,7 @@ class _Pause(NamedTuple):
 
 
 class RobotPauses:
-    """Keeps the current pauses of each robot."""
+    """The present pauses of each robot."""
 
     def __init__(self) -> None:
         self._unreached: dict[str, _Pause] = {}

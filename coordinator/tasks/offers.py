@@ -1,9 +1,7 @@
-"""Offers and withdrawals in flight; and `dispatch`, which chooses robots for a team without a planner.
+"""Offers and withdrawals in flight; and `dispatch`, which assigns robots without a planner.
 
-Robots are asked, and nothing waits for their answers.
-
-A robot that is stopped, or whose link has gone, so holds up nobody else. In lockstep the answer is there at once. As
-many are on their way as robots have been asked within the time limit: two offers each at the most, and a withdrawal.
+Offers do not wait for their answers, so a stopped robot or a broken link delays no other robot. In lockstep the answer
+arrives at once. At most two offers and one withdrawal per robot are in flight within the time limit.
 """
 
 import logging
@@ -24,14 +22,14 @@ from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 logger = logging.getLogger(__name__)
 
 ASK_TIMEOUT_S = 0.5
-"""What is answered later than this counts by the robot's state only; it must be well below the lease."""
+"""Time limit for an answer, well below the lease; after that, only the robot's state counts."""
 
 
 class Answered(NamedTuple):
-    """What a robot says to an offer."""
+    """A robot's answer to an offer."""
 
     record: TaskRecord
-    """As it was offered."""
+    """The record at the time of the offer."""
     after: str
     answer: TaskAnswer
     is_reached: bool = True
@@ -51,11 +49,11 @@ class _Withdrawn(NamedTuple):
 
 
 class Offers:
-    """Asks robots.
+    """Sends offers and withdrawals.
 
     Args:
-        wire: the coordinator's place on the wire.
-        lease_s: a robot lets go of its task after so long without a word of its coordinator.
+        wire: the coordinator's Zenoh endpoint.
+        lease_s: silence of the coordinator after which a robot releases its task.
 
     """
 
@@ -66,18 +64,18 @@ class Offers:
         self._withdrawn: list[_Withdrawn] = []
 
     def offer(self, record: TaskRecord, after: str) -> None:
-        """Ask a record's robot to do it, now or after the task that it is at."""
+        """Offer a record's task to its robot, to begin now or after its running task `after`."""
         offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=self._lease_s, after=after)
         reply = self._wire.ask_later(ROBOT_OFFER, offer, robot=record.robot, timeout_s=ASK_TIMEOUT_S)
         self._asked.append(_Asked(record, after, reply))
 
     def withdraw(self, robot: str, withdrawal: TaskWithdrawal) -> None:
-        """Tell a robot to let go of a task; its state tells what came of it."""
+        """Tell a robot to withdraw from a task; its state reports the result."""
         reply = self._wire.ask_later(ROBOT_WITHDRAW, withdrawal, robot=robot, timeout_s=ASK_TIMEOUT_S)
         self._withdrawn.append(_Withdrawn(robot, withdrawal.id, reply))
 
     def answered(self) -> list[Answered]:
-        """What has been said to offers since the last time, in the order of the offers."""
+        """Return the answers since the last call, in the order of the offers."""
         self._withdrawn = [one for one in self._withdrawn if not _is_over(one)]
         asked, self._asked = self._asked, []
         found = []
@@ -89,7 +87,7 @@ class Offers:
                     continue
             except CallError as error:
                 if error.code is ErrorCode.TIMEOUT:
-                    continue  # it may have taken it all the same: its next state will tell, or the lease runs out
+                    continue  # it may have accepted: its next state or the lease decides
                 answer = TaskAnswer(accepted=False, why=str(error))
             except NobodyThere as error:
                 found.append(Answered(one.record, one.after, TaskAnswer(accepted=False, why=str(error)), False))
@@ -107,19 +105,19 @@ def _is_over(one: _Withdrawn) -> bool:
 
 
 WhyNot = Callable[[TaskRecord, Robot], RobotReason | None]
-"""Why a task cannot go to a robot now; None if it can."""
+"""Why a task must not go to a robot now; None if it may."""
 
 
 def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], why_not: WhyNot) -> list[tuple[str, str]]:
-    """Give each ready task to the nearest idle robot that is left, as long as there is one.
+    """Assign each ready task to the nearest idle robot that is left.
 
     Args:
-        ready: queued tasks that could begin.
-        idle: robots that could take one each.
-        why_not: what rules a robot out for a task.
+        ready: queued tasks that can begin.
+        idle: robots that can take one task each.
+        why_not: why a robot is excluded from a task.
 
     Returns:
-        Task and robot of each offer to be made, the most urgent first.
+        Task and robot of each offer, the most urgent first.
 
     """
     left = {robot.name: robot for robot in idle}
@@ -140,7 +138,7 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], why_not: WhyNot
 
 
 def verdicts(record: TaskRecord, robots: Sequence[Robot], why_not: WhyNot, chosen: str = "") -> list[RobotVerdict]:
-    """How each robot stands to a task: how far it is, whether it was chosen, or what rules it out."""
+    """Each robot's distance from a task, and whether it was chosen or why it is excluded."""
     found = []
     for robot in robots:
         distance_m = _distance_m(record.task, robot)

@@ -1,19 +1,19 @@
-"""Does what the robots say agree with the book? Pure: of a record, a robot and the time, what follows.
+"""Compares the book with the robots' states. Pure: from a record, a robot and the time, the next state.
 
-A robot tells with each state which task it was last at, with its epoch and how that stands, which one it holds for
-after it, and how the one before ended; the journal tells what the book knew at any moment. Between the two, whatever
-ended and began anew meanwhile:
+With each state a robot reports its last task with epoch and status, the task that it holds for later, and how the one
+before ended. The journal has the book's state at any moment. Together they determine what follows, whichever process
+restarted meanwhile:
 
-| the book says | the robot | then |
+| the book says | the robot | result |
 |---|---|---|
-| anything open | has ended it, same epoch | its word counts (`TaskBook.note_status`) |
-| offered, lost contact | is at it, same epoch | running |
+| anything open | has ended it, same epoch | the robot's report counts (`TaskBook.note_status`) |
+| offered, lost contact | is doing it, same epoch | running |
 | offered | holds it, same epoch | offered |
-| running | silent for 1 s, or its token has gone | lost contact |
-| lost contact | silent for the lease and a guard | given back |
-| running | there, and does not speak of it for 1 s | given back: it has lost it in a restart |
-| offered | does not speak of it, for the lease and a guard from the offer | given back |
-| another task, or none | is at a task, or holds one | that one is withdrawn |
+| running | silent for 1 s, or its token is gone | lost contact |
+| lost contact | silent for the lease and a guard time | given back |
+| running | present, and does not report it for 1 s | given back: the robot lost it, for example in a restart |
+| offered | does not report it for the lease and a guard time | given back |
+| another task, or none | is doing a task, or holds one | that task is withdrawn |
 """
 
 from collections.abc import Sequence
@@ -28,16 +28,16 @@ from robrain.protocol.wire.reasons.robots import NotHeard
 from robrain.protocol.wire.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
 
 LEASE_S = 1.5
-"""A robot lets go of its task after so long without a word of its coordinator (chosen: three summaries)."""
+"""Silence of the coordinator after which a robot releases its task (chosen: three summaries)."""
 FREE_AFTER_S = 2.0
-"""The task of a robot that is silent is free after this. What is more than the lease is the guard: the robot's host
-steps each 20 ms, its last state may be 100 ms old, and a summary may be on its way (chosen)."""
+"""Silence after which a robot's task is free. The difference to the lease is the guard time: the robot's host steps
+every 20 ms, its last state may be 100 ms old, and a summary may be in flight (chosen)."""
 FORGOTTEN_S = 1.0
-"""A robot that for this long does not speak of the task it was given has lost it, by a restart for instance."""
+"""A robot that does not report its assigned task for this long has lost it, for example in a restart."""
 
 
 class Move(NamedTuple):
-    """What a record is to become."""
+    """A record's next state."""
 
     state: TaskState
     """QUEUED: given back."""
@@ -45,13 +45,13 @@ class Move(NamedTuple):
 
 
 def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: int) -> Move | None:
-    """What the silence or the word of a record's robot makes of the record; None if it may stay as it is.
+    """Return a record's next state, from its robot's reports or silence; None if it stays as it is.
 
     Args:
-        record: an open one that has a robot.
-        robot: as the roster knows it; None if it was never heard of.
+        record: an open one with a robot.
+        robot: from the roster; None if it was never heard of.
         now_ns: the time.
-        since_ns: since when this coordinator listens. Nobody counts as silent for longer.
+        since_ns: since when this coordinator listens. No robot counts as silent for longer.
 
     """
     name = record.robot
@@ -68,7 +68,7 @@ def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: in
         return Move(TaskState.QUEUED, Forgotten(name)) if held_ns > to_ns(FORGOTTEN_S) else None
     if silent_ns > to_ns(FREE_AFTER_S) and (record.state is not TaskState.OFFERED or held_ns > to_ns(FREE_AFTER_S)):
         return Move(TaskState.QUEUED, LeaseRanOut(name))
-    # A coordinator that begins anew has to have listened for a while before it can miss anybody.
+    # A restarted coordinator must have listened for a while before silence counts.
     if record.state is not TaskState.RUNNING or now_ns - since_ns <= to_ns(LOST_AFTER_S):
         return None
     return Move(TaskState.LOST_CONTACT, NotHeard() if robot is None else robot.why_not_up(now_ns))
@@ -81,10 +81,10 @@ def _confirmed(record: TaskRecord) -> Move | None:
 
 
 def strays(robot: Robot, records: Sequence[TaskRecord]) -> list[TaskStatus]:
-    """Tasks that a robot is at or holds and should not; none if all is as it should be.
+    """Return the tasks that a robot does or holds and should not.
 
     Args:
-        robot: one that is there.
+        robot: a present one.
         records: the open tasks that the book has for it.
 
     """
@@ -93,8 +93,8 @@ def strays(robot: Robot, records: Sequence[TaskRecord]) -> list[TaskStatus]:
         return []
     found = []
     at, held = state.task, state.next_task
-    # A robot that was offered another task is about to leave this one: the offer itself takes its place. But one that
-    # it holds waits for the end of this one.
+    # An offer of another task replaces the running one by itself. A held task, however, waits for the end of the
+    # running one.
     is_to_end = all(held is not None and _is(record, held) for record in records)
     if at is not None and not at.state.ended and is_to_end and not _has(records, at):
         found.append(at)

@@ -1,8 +1,8 @@
-"""The book of tasks: which there are, who does them, how they ended.
+"""The book of tasks: their states, their robots, their ends.
 
 `queued → offered → running → done | failed | cancelled`, with `lost_contact` apart, and back to `queued` when a robot
-gives a task back. A change is in the journal first, then in the book, then told. An ended task changes no more, which
-the journal holds as well: however often robots and coordinators end and begin anew, a task ends once.
+gives a task back. A change is written to the journal first, then to the book, then published. An ended task never
+changes, which the journal enforces too: a task ends once, however often robots and coordinators restart.
 """
 
 from collections.abc import Callable
@@ -23,15 +23,15 @@ from robrain.protocol.wire.reasons.tasks import DoneBefore, RobotOut, TaskReason
 from robrain.protocol.wire.reasons.words import told
 
 ATTEMPTS = 3
-"""So many robots may fail at a task that somebody asked for, until it counts as failed (chosen)."""
+"""Robots that must fail at a submitted task before it counts as failed (chosen)."""
 
 KEPT_ENDED = 1000
-"""Ended tasks that are at hand without a look into the journal."""
+"""Ended tasks kept in memory; older ones are read from the journal."""
 
 _ENDS = frozenset({TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED})
 LEGAL: dict[TaskState | None, frozenset[TaskState]] = {
     None: frozenset({TaskState.QUEUED}),
-    # A queued task may be told again with another reason; one that an earlier robot finished after all is done.
+    # A queued task may be published again with another reason; if an earlier robot finished it after all, it is done.
     TaskState.QUEUED: _ENDS | {TaskState.QUEUED, TaskState.OFFERED},
     TaskState.OFFERED: _ENDS | {TaskState.QUEUED, TaskState.RUNNING},
     TaskState.RUNNING: _ENDS | {TaskState.QUEUED, TaskState.LOST_CONTACT},
@@ -40,19 +40,19 @@ LEGAL: dict[TaskState | None, frozenset[TaskState]] = {
     TaskState.FAILED: frozenset(),
     TaskState.CANCELLED: frozenset(),
 }
-"""What may follow each state; `None` is before the first."""
+"""States that may follow each state; `None` is before the first."""
 
 
 class TaskBook:
-    """Keeps the records and tells every change.
+    """Keeps the records and publishes each change.
 
-    All that changes a task raises JournalUnwritable, and leaves the task as it was, if the journal cannot take it.
+    Methods that change a task raise JournalUnwritable, and leave the task as it was, if the journal cannot be written.
 
     Args:
         clock: of the run.
-        first_epoch: no epoch is less than this one or equal; the journal may demand greater ones.
+        first_epoch: epochs are greater than this; the journal may require still greater ones.
         tell: called with each change, once it is in the journal.
-        journal: the book's, from which it goes on; None begins an empty one in memory.
+        journal: the book's journal, from which it continues; None for an empty one in memory.
 
     """
 
@@ -66,12 +66,12 @@ class TaskBook:
         self._open = {record.task.id: record for record in self.journal.open_records()}
         self._ended: dict[str, TaskRecord] = {}
         self._of_robot: dict[str, list[str]] = {}
-        """Of each robot its open tasks, the one that it is at first: later offers have greater epochs."""
+        """Open tasks of each robot, the running one first: later offers have greater epochs."""
         for record in self._open.values():
             self._bind(record)
         self.done_count = self.journal.count(TaskState.DONE)
         self.version = 0
-        """Grows with each change."""
+        """Increases with each change."""
 
     @property
     def open(self) -> list[TaskRecord]:
@@ -79,37 +79,37 @@ class TaskBook:
         return list(self._open.values())
 
     def find(self, task_id: str) -> TaskRecord | None:
-        """A task as it stands, whether it has ended or not; None if there is none of that id."""
+        """A task by id, ended or not; None if there is none."""
         record = self._open.get(task_id) or self._ended.get(task_id)
         if record is None and (record := self.journal.find(task_id)) is not None:
             self._keep(record)
         return record
 
     def of_robot(self, robot: str) -> TaskRecord | None:
-        """The task that a robot is at, or is asked to begin."""
+        """The task that a robot is doing, or was asked to begin."""
         bound = self._of_robot.get(robot)
         return self._open[bound[0]] if bound else None
 
     def next_of(self, robot: str) -> TaskRecord | None:
-        """The task that it is to begin when it is done with that; offered, and accepted or not."""
+        """The task that it will begin after that one; offered, whether accepted or not."""
         bound = self._of_robot.get(robot, ())
         return self._open[bound[1]] if len(bound) > 1 else None
 
     def bound_to(self, robot: str) -> list[TaskRecord]:
-        """Both."""
+        """Both of these."""
         return [self._open[task_id] for task_id in self._of_robot.get(robot, ())]
 
     def end_what_cannot_be_read(self) -> None:
-        """Fail the open tasks that the journal could read only in part."""
+        """Fail the open tasks that the journal could only read in part."""
         for task_id, why in self.journal.wrong.items():
             if task_id in self._open:
                 self.move(task_id, TaskState.FAILED, Unreadable(cut(why)))
         self.journal.wrong.clear()
 
     def tell_again(self, count: int) -> None:
-        """Tell the last change of each of the tasks that changed last: whoever was told before knows it by its number.
+        """Publish the last change of the `count` most recently changed tasks; receivers recognise repeats by number.
 
-        For a coordinator that begins anew: what its journal holds may not have been told.
+        For a restarted coordinator, because the latest changes in its journal may not have been published.
         """
         for record in self.journal.last_changed(count):
             self._tell(record.event)
@@ -117,13 +117,13 @@ class TaskBook:
     # -- changing -------------------------------------------------------------------------------------------
 
     def add(self, task: Task, *, by: str = "", own: bool = False, asked: bytes = b"") -> TaskRecord:
-        """A new task, queued.
+        """Add a task, queued.
 
         Args:
-            task: whose id no other task has.
-            by: who asks for it.
-            own: the coordinator made it for itself: it is not tried again.
-            asked: what was asked for, word by word.
+            task: with an unused id.
+            by: who submitted it.
+            own: whether it is the coordinator's own, which is never retried.
+            asked: the submission as it was received.
 
         """
         now_ns = self._clock.now_ns()
@@ -131,34 +131,34 @@ class TaskBook:
         return self._take(self.journal.accept(record, asked))
 
     def offered(self, task_id: str, robot: str, reason: TaskReason | None = None) -> TaskRecord:
-        """A task is about to be offered, also to a robot that is still at another; the record has a new epoch."""
+        """Record an offer to a robot, which may still do another task; the record gets a new epoch."""
         epoch = self.journal.new_epoch(self._first_epoch + 1)
         return self._change(self._open[task_id], TaskState.OFFERED, reason, robot=robot, epoch=epoch)
 
     def begin_together(self, task_id: str, reason: TaskReason) -> TaskRecord:
-        """Several robots set out for a task at once; it is nobody's alone."""
+        """Record that several robots set out for a task together; its record names no robot."""
         epoch = self.journal.new_epoch(self._first_epoch + 1)
         self._change(self._open[task_id], TaskState.OFFERED, reason, epoch=epoch)
         return self._change(self._open[task_id], TaskState.RUNNING, reason)
 
     def outbid(self, epoch: int) -> None:
-        """Use greater epochs than this one, which a robot accepted from another sender, from now on."""
+        """From now on use epochs greater than this one, which a robot accepted from another sender."""
         self.journal.new_epoch(epoch + 1)
 
     def move(
         self, task_id: str, state: TaskState, reason: TaskReason | None = None, result: dict[str, Any] | None = None
     ) -> TaskRecord:
-        """A task goes on to another state."""
+        """Change the state of a task."""
         record = self._open[task_id]
         return self._change(record, state, reason, robot=record.robot, result=result or record.result)
 
     def give_back(self, task_id: str, reason: TaskReason | None, *, failed: bool = False) -> TaskRecord:
-        """Its robot does not do it: it is queued again, or ends if it is the coordinator's own.
+        """A robot does not do its task: queue it again, or end it if it is the coordinator's own.
 
         Args:
             task_id: of an open task.
             reason: why.
-            failed: the robot tried; after 3 of these the task has failed.
+            failed: whether the robot tried; after 3 such failures the task has failed.
 
         """
         record = self._open[task_id]
@@ -172,12 +172,12 @@ class TaskBook:
         return self._change(record, TaskState.QUEUED, reason, attempts=attempts)
 
     def note_status(self, robot: str, status: TaskStatus) -> TaskRecord | None:
-        """What a robot says of a task; its word counts only for how the task ended.
+        """Process a robot's report on a task; it counts only for how the task ended.
 
-        What it has done counts, also with an older epoch, as long as nobody else has: to do it again would be wrong.
+        A finished task counts, also with an older epoch, unless another robot has finished it: no task is done twice.
 
         Returns:
-            The record as it was, if the robot's word has changed it.
+            The record before the change; None if nothing changed.
 
         """
         record = self._open.get(status.id)
@@ -201,7 +201,7 @@ class TaskBook:
     ) -> TaskRecord:
         if state not in LEGAL[record.state]:
             raise ValueError(f"task {record.task.id}: {state} cannot follow {record.state}")
-        fields = {"robot": "", **fields}  # a task that nobody is named for is nobody's
+        fields = {"robot": "", **fields}  # no robot unless one is given
         changed = msgspec.structs.replace(
             record, state=state, why=told(reason), reason=reason, changed_ns=self._clock.now_ns(), **fields
         )

@@ -1,7 +1,7 @@
-"""What tasks take at their places, as the robots' own plugins tell it.
+"""Costs of tasks at their places, queried from the robots' plugins.
 
 One query asks for many tasks. An answer holds for all tasks of that kind with the same service time and parameters, and
-for all robots that announce the kind alike, so that few queries are needed however many tasks and robots there are.
+for all robots that announce the kind alike, so a few queries are enough for any number of tasks and robots.
 """
 
 from collections.abc import Collection, Iterable
@@ -20,15 +20,15 @@ from robrain.protocol.wire.topics import ROBOT_COSTS
 
 QUERY_TASKS_MAX = 256
 ANSWER_NS = to_ns(1.0)
-"""A robot that has not answered by then counts as silent, and another of its type is asked."""
+"""A robot that has not answered within this counts as silent, and another of its type is asked."""
 PATIENCE_NS = to_ns(3.0)
-"""A task is planned without an answer after this time: its robot still judges by itself what it can afford."""
+"""After this a task is planned without an answer; its robot checks by itself what it can afford."""
 KEPT_COSTS = 10_000
 
 
 class _Key(NamedTuple):
     announcement: int
-    """Of the kind by robots of one type."""
+    """Number of the announcement of the kind, shared by robots of one type."""
     service_s: float
     parameters: bytes
 
@@ -36,18 +36,18 @@ class _Key(NamedTuple):
 class _Question(NamedTuple):
     robot: str
     task: str
-    """The task that was sent for all with this key."""
+    """The task that was sent on behalf of all with this key."""
     asked_ns: int
 
 
 class _Known(NamedTuple):
     version: int
-    """Of the announcements."""
+    """Version of the announcements."""
     works: tuple[Work, ...]
 
 
 class TaskCosts:
-    """Asks robots what tasks take, without waiting for the answers.
+    """Queries the cost of tasks from robots, without waiting for the answers.
 
     Args:
         wire: the coordinator's endpoint.
@@ -60,24 +60,24 @@ class TaskCosts:
         self._capabilities = capabilities
         self._inbox = Inbox()
         self._costs: dict[_Key, Work | None] = {}
-        """None where a robot cannot tell."""
+        """None if a robot cannot tell."""
         self._questions: dict[_Key, _Question] = {}
-        """What was asked last and is not answered."""
+        """The last query without an answer."""
         self._attempts: dict[_Key, int] = {}
         self._version = -1
         self._version_ns = 0
-        """Since when the announcements are as they are."""
+        """Since when the announcements are unchanged."""
         self._first_ns: dict[str, int] = {}
         self._known: dict[str, _Known] = {}
         self.is_waiting = False
-        """Whether the cost of an open task is not known yet."""
+        """Whether the cost of an open task is still unknown."""
 
     def follow(self, tasks: Iterable[Task], up: Collection[str], now_ns: int) -> None:
-        """Take in what was answered, and ask for what is missing.
+        """Process answers, and query missing costs.
 
         Args:
-            tasks: all that are to be planned.
-            up: names of the robots that can be asked.
+            tasks: all tasks to be planned.
+            up: names of the robots that can be queried.
             now_ns: the time.
 
         """
@@ -96,7 +96,7 @@ class TaskCosts:
                 continue
             keys = self._keys(task)
             unknown = [key for key in keys if key not in self._costs]
-            if unknown and now_ns - since_ns <= PATIENCE_NS:  # what was known before holds until then
+            if unknown and now_ns - since_ns <= PATIENCE_NS:  # earlier answers hold until then
                 for key in unknown:
                     if robot := self._to_be_asked(task, key, keys[key], up, now_ns):
                         missing.setdefault(robot, []).append(task)
@@ -117,12 +117,12 @@ class TaskCosts:
                 self._wire.ask_into(self._inbox, ROBOT_COSTS, ROBOT_COSTS, request, robot=robot)
 
     def of(self, task: Task) -> tuple[Work, ...] | None:
-        """What a task takes robots of the types that can do it; empty if none can tell, None if that is yet to come."""
+        """Cost of a task for each type of robot that can do it; empty if none can tell, None if answers are pending."""
         known = self._known.get(task.id)
         return None if known is None else known.works
 
     def _keys(self, task: Task) -> dict[_Key, list[str]]:
-        """What is to be known of a task, and which robots can tell."""
+        """The keys of a task, and the robots that can answer for each."""
         parameters = msgspec.json.encode(task.parameters, order="deterministic")
         keys: dict[_Key, list[str]] = {}
         for robot, announcement in self._capabilities.announcements(task.kind):
@@ -130,7 +130,7 @@ class TaskCosts:
         return keys
 
     def _to_be_asked(self, task: Task, key: _Key, robots: list[str], up: Collection[str], now_ns: int) -> str:
-        """The robot to ask now; empty if an answer is awaited, or nobody is there."""
+        """The robot to query now; empty if an answer is pending, or no robot is present."""
         question = self._questions.get(key)
         if question is not None and now_ns - question.asked_ns <= ANSWER_NS:
             return ""
@@ -146,7 +146,7 @@ class TaskCosts:
     def _take(self, robot: str, cost: TaskCost) -> None:
         asked = ((key, one) for key, one in self._questions.items() if (one.robot, one.task) == (robot, cost.id))
         key, _ = next(asked, (None, None))
-        if key is None:  # nobody asked, or another has answered
+        if key is None:  # not asked for, or answered by another robot
             return
         del self._questions[key]
         self._attempts.pop(key, None)

@@ -1,4 +1,4 @@
-"""Why a task stands as it does, and why a robot is not given it."""
+"""Explains the state of a task, and why a robot does not get it."""
 
 from collections.abc import Callable, Sequence
 
@@ -34,7 +34,7 @@ from robrain.protocol.wire.reasons.words import told
 
 KEPT_VERDICTS = 1000
 TOLD_MAX = 8
-"""Number of robots that a reason names."""
+"""Most robots that a reason names."""
 
 
 class TaskExplanation:
@@ -42,8 +42,8 @@ class TaskExplanation:
 
     Args:
         book: of the tasks.
-        roster: the robots that there are.
-        capabilities: what they can do.
+        roster: the robots of the team.
+        capabilities: plugins and kinds of task of the robots.
         backoff: tasks that robots refused or failed at, and until when they are not offered again.
 
     """
@@ -55,19 +55,19 @@ class TaskExplanation:
         self._backoff = backoff
         self._verdicts: dict[str, tuple[int, list[RobotVerdict]]] = {}
         self.planning: Planning | None = None
-        """Who plans, if anybody does."""
+        """Set if tasks are planned."""
         self.others: Callable[[TaskRecord, int], list[RobotVerdict]] = lambda _record, _now_ns: []
-        """How members that are no robots stand to a task now."""
+        """Verdicts on members that are no robots."""
 
     def note(self, task_id: str, verdicts: list[RobotVerdict], now_ns: int) -> None:
-        """A task was given to somebody, and robots were judged for it."""
+        """Keep the verdicts with which a task was assigned."""
         self._verdicts.pop(task_id, None)
         self._verdicts[task_id] = (now_ns, verdicts)
         if len(self._verdicts) > KEPT_VERDICTS:
             del self._verdicts[next(iter(self._verdicts))]
 
     def explain(self, record: TaskRecord, now_ns: int) -> TaskWhy:
-        """Why a task stands as it does; of a queued one, how each robot stands to it now."""
+        """Explain the state of a task; for a queued one, with each robot's present verdict."""
         decided_ns, judged = self._verdicts.get(record.task.id, (0, []))
         if record.state is TaskState.QUEUED:
             judged, decided_ns = self.judge(record, now_ns), now_ns
@@ -84,10 +84,10 @@ class TaskExplanation:
         )
 
     def judge(self, record: TaskRecord, now_ns: int, chosen: Sequence[str] = ()) -> list[RobotVerdict]:
-        """How each robot stands to a task now: what rules it out, or else what the plan found that it would take it.
+        """Each robot's verdict on a task now: why it is excluded, or else what the task would cost it by the plan.
 
         Args:
-            record: the task.
+            record: of the task.
             now_ns: the time.
             chosen: the robots that get it.
 
@@ -118,7 +118,7 @@ class TaskExplanation:
         return stands
 
     def able_but_out(self, record: TaskRecord, now_ns: int) -> bool:
-        """Whether a robot could do the task, were it not for what keeps it from everything now."""
+        """Whether a robot could do the task but is excluded from everything now."""
         if self.planning is None:
             return False
         return any(
@@ -127,7 +127,7 @@ class TaskExplanation:
         )
 
     def _ruled_out(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
-        """As `not_for`; but a robot that is at another task may well be the one that does this one next."""
+        """As `not_for`, except that a robot that does another task is not excluded: it may do this one next."""
         if missing := self._lacks(record, robot):
             return LacksPlugins(missing)
         if self.planning is not None and (out := self.planning.why_out(robot, now_ns)) is not None:
@@ -135,13 +135,13 @@ class TaskExplanation:
         return self._backoff.why(record.task.id, robot.name, now_ns)
 
     def nobody_can(self, record: TaskRecord) -> TaskReason | None:
-        """Why no robot of the team has what the task takes; None if one has, or may have."""
+        """Why no robot of the team can do the task; None if one can, or may."""
         return why_nobody_can(record.task, self._capabilities.plugins)
 
     def hopeless(self, record: TaskRecord, now_ns: int) -> NobodyDoes | None:
-        """What each robot that is there and has what the task takes has said, if none of them is to be asked again.
+        """The answers of all present and able robots, if none of them will be asked again; else None.
 
-        A task with a deadline is hoped for until then.
+        A task with a deadline is kept until then.
         """
         if record.task.deadline_ns is not None:
             return None
@@ -156,12 +156,12 @@ class TaskExplanation:
         return NobodyDoes(tuple(outs[:TOLD_MAX]), len(outs[TOLD_MAX:])) if outs else None
 
     def waits(self, record: TaskRecord, now_ns: int, way_s: float = 0.0) -> TaskReason | None:
-        """Why a task cannot be offered to anybody yet; None if it can.
+        """Why a task cannot be offered to any robot yet; None if it can.
 
         Args:
-            record: the task.
+            record: of the task.
             now_ns: the time.
-            way_s: how long its robot is on its way to it, so that it may set out before the task may begin.
+            way_s: travel time of its robot, which may set out before the task's earliest time.
 
         """
         task = record.task
@@ -180,15 +180,15 @@ class TaskExplanation:
         return None
 
     def avoid(self, task_id: str, member: str, reason: RobotReason, now_ns: int) -> None:
-        """Somebody who was at a task is not to be asked for it for a while."""
+        """Exclude a member that did a task from it for a while."""
         self._backoff.note(task_id, member, reason, now_ns)
 
     def avoided(self, task_id: str, member: str, now_ns: int) -> RobotReason | None:
-        """Why somebody is not to be asked for a task now; None if that may be."""
+        """Why a member must not be asked for a task now; None if it may."""
         return self._backoff.why(task_id, member, now_ns)
 
     def not_for(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
-        """Why a task is not offered to a robot; None if it can be."""
+        """Why a task is not offered to a robot; None if it may be."""
         if missing := self._lacks(record, robot):
             return LacksPlugins(missing)
         if (out := robot.why_not_up(now_ns)) is not None:
@@ -213,7 +213,7 @@ class TaskExplanation:
         return reason or (WaitsForRobot() if self._roster.up(now_ns) else NobodyThere())
 
     def _now(self, record: TaskRecord, reason: TaskReason | None) -> str:
-        """In one sentence, for people."""
+        """The same in one sentence, for people."""
         state = record.state.replace("_", " ")
         if record.robot and self._book.next_of(record.robot) == record:
             after = f" after {reason.after}" if isinstance(reason, IsNext) else ""
@@ -225,9 +225,9 @@ class TaskExplanation:
 
 
 def _as_it_went(record: TaskRecord, judged: list[RobotVerdict]) -> list[RobotVerdict]:
-    """The verdicts with those chosen that have it, or had it when it ended.
+    """The verdicts with the robot marked as chosen that has the task, or had it at its end.
 
-    That may be others than were chosen last: a robot that was lost had done it before it was given to another.
+    That may be another than the last choice: a lost robot may have finished a task before it was reassigned.
     """
     team = record.result.get("robots")
     whose = {record.robot.removeprefix(MEMBER_PREFIX)} if record.robot else set(team if isinstance(team, list) else ())

@@ -1,7 +1,7 @@
-"""The life of tasks: from the book to the robots and back, so that each comes to an end and none is done twice.
+"""The lifecycle of tasks, from the book to the robots and back: each task ends, and none is done twice.
 
-Hear what the robots say of their tasks; find what silence, restarts, deadlines and dependencies make of them; offer
-what is ready to whoever is idle; have withdrawn what is done by a robot that should not.
+It processes the robots' reports; applies silence, restarts, deadlines and dependencies; offers ready tasks to idle
+robots; and withdraws tasks from robots that should not do them.
 """
 
 import logging
@@ -46,19 +46,19 @@ class TaskLifecycle:
     """Moves tasks through their states.
 
     Args:
-        wire: the coordinator's place on the wire.
+        wire: the coordinator's Zenoh endpoint.
         book: of its tasks.
-        roster: the robots that there are.
-        capabilities: what they can do.
+        roster: the robots of the team.
+        capabilities: plugins and kinds of task of the robots.
 
     """
 
     def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities) -> None:
         self.on_refused: Callable[[TaskRecord, str, int], None] = lambda _record, _robot, _now_ns: None
-        """Told of each task of the coordinator's own that a robot refuses, and when."""
+        """Called with each of the coordinator's own tasks that a robot refuses, the robot and the time."""
         self._offers = Offers(wire, LEASE_S)
         self._ahead: dict[str, tuple[str, str]] = {}
-        """Of each robot the task after which it was last offered another, and that one."""
+        """For each robot, the running task after which it was last offered another, and that one."""
         self._book = book
         self._roster = roster
         self._since_ns = wire.clock.now_ns()
@@ -73,14 +73,14 @@ class TaskLifecycle:
     # -- hearing --------------------------------------------------------------------------------------------
 
     def hear(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
-        """A robot says how its last task stands; the record as it was, if the robot's word has changed it."""
+        """Process a robot's report on its last task; returns the record before the change, None if nothing changed."""
         record = None
         with self.as_far_as_written(now_ns):
             record = self._book.note_status(robot, status)
         if record is not None and status.state is TaskState.FAILED:
             self._backoff.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
         elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
-            # When its turn came, it was refused.
+            # It was refused when it was to begin.
             self._avoid_refuser(status.id, robot, status.reason or Said(cut(status.why)), now_ns)
         return record
 
@@ -88,7 +88,7 @@ class TaskLifecycle:
         return record.state is TaskState.OFFERED and self._ahead.get(record.robot, ("", ""))[1] == record.task.id
 
     def hear_answers(self, now_ns: int) -> bool:
-        """What robots say to offers; True if one was refused."""
+        """Process the answers to offers; True if one was refused."""
         refused = False
 
         def take(answered: Answered) -> None:
@@ -104,7 +104,7 @@ class TaskLifecycle:
         task_id, robot = offered.task.id, offered.robot
         record = self._book.find(task_id)
         if record is None or record.state is not TaskState.OFFERED or record.epoch != offered.epoch:
-            return False  # the robot's state was quicker, or it was called off
+            return False  # the robot's state arrived first, or it was cancelled
         pauses = self.backoff.robots
         if answer.accepted:
             pauses.accepted(robot)
@@ -157,7 +157,7 @@ class TaskLifecycle:
     # -- deciding -------------------------------------------------------------------------------------------
 
     def settle(self, now_ns: int) -> bool:
-        """Whatever follows from silence, restarts, the time and other tasks; True if a task or robot has come free."""
+        """Apply silence, restarts, the time and other tasks; True if a task or robot has become free."""
         freed = False
         version, self._settled_version = self._settled_version, self._book.version
         others_changed = version != self._book.version
@@ -199,7 +199,7 @@ class TaskLifecycle:
         """Offer ready tasks to robots.
 
         Args:
-            idle: those that can be counted on and have no task.
+            idle: available robots without a task.
             now_ns: the time.
 
         """
@@ -220,40 +220,40 @@ class TaskLifecycle:
                 self.offer(task_id, robot, now_ns)
 
     def tell_nobody_can(self, now_ns: int) -> None:
-        """Tell of ready tasks that no robot of the team has what they take."""
+        """Publish for ready tasks that no robot of the team can do them."""
         with self.as_far_as_written(now_ns):
             self._tell_nobody_can([record for record in self._book.open if self.reasons.waits(record, now_ns) is None])
 
     def _tell_nobody_can(self, ready: list[TaskRecord]) -> None:
         for record in ready:
             reason = self.reasons.nobody_can(record)
-            if reason is not None and reason != record.reason:  # told once, and as often as it changes
+            if reason is not None and reason != record.reason:  # published once, and at each change
                 self._book.move(record.task.id, TaskState.QUEUED, reason)
 
     def note_decision(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
-        """A task is about to be offered to robots: how each robot stands to it is kept for those who ask."""
+        """Keep each robot's verdict on a task that is about to be offered, for later queries."""
         record = self._book.find(task_id)
         if record is not None:
             self.reasons.note(task_id, self.reasons.judge(record, now_ns, robots), now_ns)
 
     def may_be_next(self, robot: str, at: str) -> bool:
-        """Whether a robot can be offered something for after the task that it is at: once for each."""
+        """Whether a robot may be offered a next task after its running one: once for each."""
         return self._ahead.get(robot, ("", ""))[0] != at
 
     def offer(self, task_id: str, robot: str, now_ns: int, *, after: str = "") -> OfferRefusal | None:
-        """Offer a queued task to a robot. Refused, it is queued again, or ends if it is the coordinator's own.
+        """Offer a queued task to a robot. If refused, it is queued again, or ends if it is the coordinator's own.
 
         Args:
             task_id: of the task.
-            robot: who is to do it.
+            robot: name of the robot.
             now_ns: the time.
-            after: the task that the robot is at, if it is to end that first.
+            after: the running task that the robot must end first; empty if there is none.
 
         Returns:
-            Why it was refused, if that is known already; in live that comes later.
+            Why it was refused, if that is known already; in live the answer comes later.
 
         Raises:
-            JournalUnwritable: a step of it is not in the journal; what the robot says later counts.
+            JournalUnwritable: a step of it is not in the journal; the robot's later reports count.
 
         """
         record = self._book.offered(task_id, robot, IsNext(after) if after else None)
@@ -267,7 +267,7 @@ class TaskLifecycle:
         return refusal
 
     def withdraw_strays(self, now_ns: int) -> None:
-        """Tell robots that are at a task, or hold one, which the book has closed, or given to another, to stop."""
+        """Withdraw tasks that robots do or hold and that the book has closed, or assigned to another robot."""
         for robot in self._roster.up(now_ns):
             if robot.state is None or (robot.state.task is None and robot.state.next_task is None):
                 continue
@@ -295,7 +295,7 @@ class TaskLifecycle:
 
     @contextmanager
     def as_far_as_written(self, now_ns: int) -> Iterator[None]:
-        """What the journal does not take is not done; the team keeps running, and it is tried again."""
+        """Suppress journal errors: a change that cannot be written is not made, and is tried again later."""
         try:
             yield
         except JournalUnwritable as error:

@@ -1,4 +1,4 @@
-"""What people ask the coordinator about tasks: submit, cancel, list, get, why."""
+"""Answers queries about tasks: submit, cancel, list, get, why."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -28,9 +28,9 @@ class TaskRequests:
     """Answers the queries `task/…`, in the coordinator's own step.
 
     Args:
-        wire: the coordinator's place on the wire.
+        wire: the coordinator's Zenoh endpoint.
         book: of its tasks.
-        team_map: what is known of the floor.
+        team_map: the known map.
         capabilities: what robots of the team offer.
         explain: why a task stands as it does.
 
@@ -45,7 +45,7 @@ class TaskRequests:
         explain: Callable[[TaskRecord, int], TaskWhy],
     ) -> None:
         self.has_changed = False
-        """Whether something was submitted or cancelled since whoever reads this set it to False."""
+        """Whether a task was submitted or cancelled since the reader last set it to False."""
         self._clock: Clock = wire.clock
         self._book = book
         self._map = team_map
@@ -109,7 +109,7 @@ class TaskRequests:
             record = self._book.move(asked.id, TaskState.CANCELLED, Cancelled(by, asked.why))
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
-        self.has_changed = True  # its robot is told to stop in this very step
+        self.has_changed = True  # its robot is told to stop in the same step
         return record
 
     def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:

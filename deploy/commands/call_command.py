@@ -69,7 +69,7 @@ def _text_of(plugin: str, function: str, words: list[str]) -> str:
     text = f"call {plugin} {function}({', '.join(words)})"
     wanted = [word.strip() for word in words]
     if parse_call(text) != Call(plugin, function, wanted):
-        raise UsageError(f"{text}: expected one argument a word; put text with commas or brackets in double quotes")
+        raise UsageError(f"{text}: expected one argument per word; put text with commas or brackets in double quotes")
     return text
 
 

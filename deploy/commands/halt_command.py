@@ -1,4 +1,4 @@
-"""`robrain halt` and `robrain resume`: a team or one robot, and who has done so. They need no coordinator."""
+"""`robrain halt` and `robrain resume`, for a team or one robot. They need no coordinator."""
 
 import os
 
@@ -36,7 +36,7 @@ def halt_command(
 
 
 def resume_command(connect: str | None, team: str, robot: str | None = None, by: str | None = None) -> int:
-    """End a halt of a team, or of one robot; see `halt_command`. Who stays halted is told with the reason."""
+    """End a halt of a team, or of one robot; see `halt_command`. Prints robots that stay halted, with the reason."""
     _check_robot(robot)
     with Team.connect(connect, team=team) as client:
         return _print_report(client.resume(robot, by=_who(by)), None if robot else team)

@@ -1,4 +1,4 @@
-"""What the commands' options mean, checked where they are read."""
+"""Reads and checks the options of commands."""
 
 from pathlib import Path
 
@@ -7,10 +7,10 @@ from robrain.sim.scenarios.scenario import Scenario
 
 
 def until_explored(until: str | None) -> float | None:
-    """`--until explored=0.95` as a fraction.
+    """Read `--until explored=0.95` as a fraction.
 
     Raises:
-        UsageError: it reads otherwise.
+        UsageError: it has another form.
 
     """
     if until is None:
@@ -42,7 +42,7 @@ def new_recording(path: Path | None) -> Path | None:
 def choose_scenario(
     name: str | None, map_file: Path | None, robots: int | None, motes: int | None, seed: int | None
 ) -> Scenario:
-    """The scenario that a command line means.
+    """Load the scenario of a command line.
 
     Args:
         name: a built-in name or a scenario TOML.
@@ -72,7 +72,7 @@ def choose_scenario(
 
 
 def next_recording(folder: Path, name: str) -> Path:
-    """`folder/name-N.mcap` with the first free number; the folder is made."""
+    """`folder/name-N.mcap` with the first free number; creates the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     number = 1
     while (path := folder / f"{name}-{number}.mcap").exists():

@@ -1,4 +1,4 @@
-"""`robrain plugin`: see, load, unload and reload the plugins of a robot that runs; write and check new ones."""
+"""`robrain plugin`: list, load, unload and reload the plugins of a running robot; write and check new ones."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -122,7 +122,7 @@ def _client(connect: str | None, team: str, robot: str) -> "Team":
 
 
 def _name_or_path(text: str) -> str:
-    """A name as it is, a path of this machine made absolute, a path of the robot's machine as it is."""
+    """Make a path of this machine absolute; return a name, or a path of the robot's machine, unchanged."""
     from robrain.deploy.errors import UsageError
 
     path = Path(text)
@@ -131,7 +131,7 @@ def _name_or_path(text: str) -> str:
     if path.is_absolute():
         return text
     if len(path.parts) > 1 or path.suffix == ".toml":
-        raise UsageError(f"{text}: no such folder or manifest here; one on the robot's machine must begin with /")
+        raise UsageError(f"{text}: no such folder or manifest here; a path on the robot's machine must begin with /")
     return check_name("plugin", text)
 
 
@@ -156,7 +156,7 @@ def _show(infos: "list[PluginInfo]") -> None:
         )
         for info in infos
     ]
-    said = [index for index in range(len(headings)) if any(row[index] for row in rows)]  # no columns of nothing
+    said = [index for index in range(len(headings)) if any(row[index] for row in rows)]  # no empty columns
     table = Table(box=None, pad_edge=False)
     for index in said:
         justify: JustifyMethod = "right" if headings[index] == "functions" else "left"

@@ -24,7 +24,7 @@ VERBS = ("call", "help", "list", "exit")
 
 
 class RemoteCommands:
-    """One robot, as the shell talks to it.
+    """The shell's connection to one robot.
 
     Args:
         team: the robot's team.
@@ -36,7 +36,7 @@ class RemoteCommands:
         self._team = team
         self._robot = robot
         self.plugins: list[PluginInfo] = []
-        """Those that are open to the outside, as they were when last asked for."""
+        """Plugins that can be called from outside, as of the last refresh."""
 
     def refresh(self) -> None:
         """Ask the robot for its plugins.
@@ -74,7 +74,7 @@ class RobotCompleter(Completer):
 
 
 def completions(text: str, plugins: list[PluginInfo]) -> list[tuple[str, str, str]]:
-    """What may come next after a text: each with what of it is typed already, and what it is.
+    """Completions of a text: each with the part that is typed already, and a description.
 
     >>> completions("ca", [])
     [('call ', 'ca', '')]
@@ -100,7 +100,7 @@ def completions(text: str, plugins: list[PluginInfo]) -> list[tuple[str, str, st
 
 
 def parameters_of(function: FunctionInfo) -> list[tuple[str, str]]:
-    """Names of a function's parameters, each with the type that its JSON Schema says."""
+    """Names of a function's parameters, each with its type in the JSON Schema."""
     schema: dict[str, Any] = function.parameters
     if "$ref" in schema:
         schema = schema.get("$defs", {}).get(str(schema["$ref"]).rpartition("/")[2], {})
@@ -113,7 +113,7 @@ def run_shell(team: Team, robot: str, *, interactive: bool) -> int:
     Args:
         team: the robot's team.
         robot: its name.
-        interactive: a person types, at a terminal; if not, commands are the lines of stdin.
+        interactive: whether a person types at a terminal; if not, commands are the lines of stdin.
 
     Returns:
         The exit status: 1 if a line of stdin failed.
@@ -128,7 +128,7 @@ def run_shell(team: Team, robot: str, *, interactive: bool) -> int:
 
 
 def history_path() -> Path:
-    """Where what was typed is kept: under the user's state folder, as the XDG base directories say."""
+    """Path of the command history: in the user's state folder, by the XDG base directory specification."""
     state = os.environ.get("XDG_STATE_HOME", "")
     base = Path(state) if Path(state).is_absolute() else Path.home() / ".local" / "state"
     return base / "robrain" / "shell_history"
@@ -188,12 +188,12 @@ def _history() -> History:
         with path.open("a", encoding="utf-8"):
             return FileHistory(path)
     except OSError:
-        return InMemoryHistory()  # a home that cannot be written is no reason not to talk
+        return InMemoryHistory()  # the shell also works without a history file
 
 
 def _function(plugins: list[PluginInfo], words: list[str]) -> FunctionInfo | None:
     if len(words) != 3 or words[0] != "call":
         return None
-    name = words[2].rpartition(".")[2].partition("-")[0]  # a signature name will do as well
+    name = words[2].rpartition(".")[2].partition("-")[0]  # a signature name is accepted too
     functions = (one for plugin in plugins if plugin.name == words[1] for one in plugin.functions)
     return next((one for one in functions if one.name == name), None)

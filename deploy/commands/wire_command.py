@@ -11,7 +11,7 @@ from robrain.protocol.wire.schema.page import wire_page
 
 
 def wire_text(wire_format: WireFormat) -> str:
-    """The wire in a format, with a newline at its end."""
+    """Describe the wire in the given format, with a newline at the end."""
     if wire_format is WireFormat.MARKDOWN:
         return wire_page()
     document: dict[str, Any] = wire_document() if wire_format is WireFormat.JSONSCHEMA else asyncapi_document()

@@ -1,4 +1,4 @@
-"""Child processes: started with their parent's endpoint, told to stop, and gone when this is over."""
+"""Child processes: started with their parent's endpoint, and stopped with their parent."""
 
 import os
 import signal
@@ -19,12 +19,12 @@ KEPT_LINES = 200
 class Child:
     """One `robrain` process.
 
-    Its output is kept (the last 200 lines) and, line by line, told to `on_line`.
+    Its last 200 lines of output are kept; each line is passed to `on_line`.
 
     Args:
-        name: what it is called in messages.
+        name: its name in messages.
         arguments: the command line after `robrain`.
-        on_line: told of each line, on a thread of the child's own.
+        on_line: called with each line, on a thread of the child's own.
 
     """
 
@@ -64,7 +64,7 @@ class Child:
             self._process.send_signal(signal.SIGTERM)
 
     def wait(self, timeout_s: float = STOP_TIMEOUT_S) -> int:
-        """Wait for its end; one that does not end in time is killed."""
+        """Wait for its end; kill it if it does not end in time."""
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -88,13 +88,13 @@ class Children:
         self.all: list[Child] = []
 
     def start(self, name: str, arguments: Sequence[str], on_line: Callable[[str], None] | None = None) -> Child:
-        """Start one more."""
+        """Start another child."""
         child = Child(name, arguments, on_line)
         self.all.append(child)
         return child
 
     def stop(self) -> None:
-        """Ask all to stop, and see that they do."""
+        """Ask all children to stop, and wait for them."""
         for child in reversed(self.all):
             child.ask_to_stop()
         for child in reversed(self.all):

@@ -10,7 +10,7 @@ from robrain.deploy.processes.children import Children
 
 READY_PREFIX = "dashboard: "
 START_TIMEOUT_S = 120.0
-"""For a process that hangs: one that ends is noticed at once, and a busy machine may take long to import it all."""
+"""Limit for a process that hangs; an end is noticed at once, and imports may take long on a busy machine."""
 LOOK_S = 0.05
 
 
@@ -78,11 +78,11 @@ def start_dashboard(children: Children, endpoint: str, team: str, port: int | No
 
 
 def go_on_with_recording(children: Children, url: str, recording: Path) -> None:
-    """Have a dashboard's page show a recording of the team that has gone; browsers that look on find it by themselves.
+    """Show a recording on a dashboard's page after its team has ended; open browsers reconnect by themselves.
 
     Args:
         children: owns the dashboard's process, and nothing else by now: it is stopped for another one.
-        url: the page's address, which stays the same.
+        url: the page's address, which does not change.
         recording: an MCAP file.
 
     Raises:

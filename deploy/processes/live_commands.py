@@ -51,7 +51,7 @@ def coordinator_command(
 
     policy = PlanningPolicy()
     if planning is not None:
-        from robrain.deploy.run.planning_file import read_planning  # most coordinators read none, and are up sooner
+        from robrain.deploy.run.planning_file import read_planning  # most coordinators need none and start sooner
 
         policy = read_planning(planning)
     if objective is not None:
@@ -104,7 +104,7 @@ def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_
 def replay_on_wire(
     recording: Path, speed: float, *, loop: bool, connect: list[str], team: str, start_s: float, paused: bool
 ) -> None:
-    """Put a recording back on the wire, once or in a loop."""
+    """Publish a recording on the wire, once or in a loop."""
     from robrain.coordinator.recording.replay.replay import Replay
     from robrain.deploy.commands.terminal import print_line
     from robrain.deploy.recordings.replay_terminal import replay_terminal

@@ -1,4 +1,4 @@
-"""What every live process needs: its session, its endpoint, and the word to stop."""
+"""The parts of every live process: session, endpoint and stop signal."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, may_answer
 from robrain.protocol.wire.session import check_endpoint, open_session
 
 PARENT_VARIABLE = "ROBRAIN_PARENT"
-"""Process id of the parent that started a process: it ends when that is not its parent any more."""
+"""Process id of the parent that started a process, which ends when its parent has changed."""
 LOOK_AGAIN_S = 0.2
 ANY_PORT = "tcp/127.0.0.1:0"
 
@@ -140,7 +140,7 @@ def note(text: str) -> None:
 
 
 class LiveStop:
-    """Says when a live process should end: Ctrl-C, SIGTERM, or its parent's death."""
+    """Tells when a live process must end: Ctrl-C, SIGTERM, or its parent's end."""
 
     def __init__(self) -> None:
         self.requested = False

@@ -1,4 +1,4 @@
-"""`robrain export`: a recording for other tools."""
+"""`robrain export`: converts a recording for other tools."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +11,7 @@ FORMS = ("csv", "parquet", "html", "foxglove")
 def export_recording(
     recording: Path, form: str, output: Path | None, on_progress: Callable[[float], None]
 ) -> list[Path]:
-    """Write a recording in another form; returns the files.
+    """Write a recording in another format; returns the files.
 
     Args:
         recording: an MCAP file.
@@ -20,7 +20,7 @@ def export_recording(
         on_progress: told the share that is done, 0 to 1.
 
     Raises:
-        UsageError: there is no such form.
+        UsageError: unknown format.
         RecordingError: the recording cannot be read, or a file exists already or cannot be written.
 
     """
@@ -47,7 +47,7 @@ def export_recording(
 def export_map(
     recording: Path, output: Path | None, at_s: float | None, on_progress: Callable[[float], None]
 ) -> list[Path]:
-    """Write the team's map of a recording as files of ROS's map_server; returns the YAML file and the picture.
+    """Write the team's map of a recording as ROS map_server files; returns the YAML file and the picture.
 
     Args:
         recording: an MCAP file.

@@ -1,4 +1,4 @@
-"""The commands about recordings. Each reads its options, and leaves the work to what it belongs to."""
+"""The commands for recordings. Each reads its options and calls the code that does the work."""
 
 import sys
 from collections.abc import Callable

@@ -29,7 +29,7 @@ def next_name(folder: Path, team: str) -> Path:
 
 
 def split_of(split_mb: float | None, split_s: float | None) -> SplitAt:
-    """When to go on in the next file, as the options say (UsageError if they are not above 0)."""
+    """Read the options for splitting (UsageError if they are not above 0)."""
     for option, value in (("--split-mb", split_mb), ("--split-s", split_s)):
         if value is not None and not value > 0:
             raise UsageError(f"{option} {value:g}: expected a number above 0")
@@ -47,8 +47,8 @@ def record_team(
 ) -> RecordingSummary:
     """Record a live team until `should_stop()`.
 
-    What the robots' plugins are is asked at the start and goes to the front of the file, and so does the map as far as
-    each robot knows it: patches tell changes only.
+    The file begins with the robots' plugins and with each robot's map, which are queried at the start, because patches
+    contain changes only.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -69,14 +69,14 @@ def record_team(
 
 
 def robots_there(wire: Endpoint) -> list[str]:
-    """Names of the robots whose tokens stand."""
+    """Names of the present robots."""
     presence = wire.watch(ROBOT_ALIVE)
     time.sleep(GATHER_S)
     return sorted(change.names["robot"] for change in presence.changes() if change.present)
 
 
 def plugins_of(wire: Endpoint, robots: list[str]) -> dict[str, str]:
-    """What each robot has loaded, as it tells itself; those that do not answer are left out."""
+    """Loaded plugins of each robot, queried from it; robots that do not answer are left out."""
     told: dict[str, str] = {}
     for robot in robots:
         try:
@@ -90,7 +90,7 @@ def plugins_of(wire: Endpoint, robots: list[str]) -> dict[str, str]:
 def serve_foxglove(
     wire: Endpoint, host: str, port: int, on_ready: Callable[[str], None], should_stop: Callable[[], bool]
 ) -> None:
-    """Serve what Foxglove draws of a live team on a WebSocket, until `should_stop()`.
+    """Serve the visual channels of a live team to Foxglove on a WebSocket, until `should_stop()`.
 
     Raises:
         WireError: the port cannot be listened on.

@@ -1,4 +1,4 @@
-"""A replay in a terminal: its bar, and the keys that pause it and move it about."""
+"""A replay in a terminal: a progress bar, and keys to pause and seek."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -14,11 +14,11 @@ from robrain.coordinator.recording.replay.replay import Replay
 from robrain.deploy.recordings.replaying import KEYS, ReplayKeys
 
 NAMES = {" ": "space", "=": "+", "c-c": "q"}
-"""Keys as the terminal tells them, and as `ReplayKeys` knows them."""
+"""Maps the terminal's names of keys to those of `ReplayKeys`."""
 
 
 class ReplayTerminal:
-    """Shows where a replay is, and hands on the keys that are pressed."""
+    """Shows the position of a replay, and passes on pressed keys."""
 
     def __init__(self, bars: Progress | None, read_keys: Callable[[], list[str]]) -> None:
         self._bars = bars
@@ -33,11 +33,11 @@ class ReplayTerminal:
 
     @property
     def ended(self) -> bool:
-        """Whether somebody has pressed q."""
+        """Whether q was pressed."""
         return self._keys is not None and self._keys.ended
 
     def show(self, share: float) -> None:
-        """Draw how far it is, and do what the keys say."""
+        """Draw the position, and apply pressed keys."""
         if self._keys is not None:
             for key in self._read_keys():
                 self._keys.press(NAMES.get(key, key))
@@ -50,7 +50,7 @@ class ReplayTerminal:
 
 @contextmanager
 def replay_terminal() -> Iterator[ReplayTerminal]:
-    """A bar and keys for as long as the block lasts, where there is a terminal; else neither."""
+    """Progress bar and keys for the duration of the block, if stdin and stdout are a terminal."""
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal or not sys.stdin.isatty():
         yield ReplayTerminal(None, list)

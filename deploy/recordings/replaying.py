@@ -1,4 +1,4 @@
-"""`robrain replay`: a recording back on the wire, by the wall clock."""
+"""`robrain replay`: publishes a recording on the wire, by the wall clock."""
 
 import math
 import time
@@ -20,9 +20,9 @@ def check_replay(speed: float, start_s: float, only_on_wire: Sequence[str]) -> N
     """Check the options of `robrain replay`.
 
     Args:
-        speed: recorded seconds a second.
+        speed: recorded seconds per second.
         start_s: seconds after the first message.
-        only_on_wire: options given beside a page that make sense on the wire alone.
+        only_on_wire: given options that only apply to a replay on the wire.
 
     Raises:
         UsageError: one of them cannot be used; the text names it.
@@ -33,23 +33,23 @@ def check_replay(speed: float, start_s: float, only_on_wire: Sequence[str]) -> N
     if not (math.isfinite(start_s) and start_s >= 0):
         raise UsageError(f"--start {start_s:g}: expected seconds, 0 or more")
     if only_on_wire:
-        raise UsageError(f"{', '.join(only_on_wire)}: for a replay on the wire; add --no-dashboard")
+        raise UsageError(f"{', '.join(only_on_wire)}: only for a replay on the wire; add --no-dashboard")
 
 
 class ReplayKeys:
-    """What the keys of a terminal do to a replay.
+    """Applies keys of a terminal to a replay.
 
     Args:
-        replay: the one that runs.
+        replay: the running one.
     """
 
     def __init__(self, replay: Replay) -> None:
         self._replay = replay
         self.ended = False
-        """Whether somebody has had enough."""
+        """Whether q was pressed."""
 
     def press(self, key: str) -> None:
-        """A key by its name: `space`, `left`, `right`, `+`, `-`, `0`, `q`; others do nothing."""
+        """Apply a key: `space`, `left`, `right`, `+`, `-`, `0`, `q`; others do nothing."""
         player = self._replay.player
         if key == "space":
             player.pause() if player.playing else player.play()
@@ -83,23 +83,23 @@ def run_replay(
     on_progress: Callable[[float], None],
     on_open: Callable[[Replay], None] | None = None,
 ) -> bool:
-    """Put a recording back on the wire.
+    """Publish a recording on the wire.
 
     Args:
         endpoint: whose team's keys are used.
-        clock: the wall's.
+        clock: the wall clock.
         path: an MCAP file.
-        speed: recorded seconds a second.
+        speed: recorded seconds per second.
         loop: begin again at the end.
-        should_stop: asked every step.
-        on_progress: told the share that has been put, 0 to 1.
-        on_open: given the replay before it begins, to seek in it and to pause it.
+        should_stop: called at every step.
+        on_progress: called with the published share, 0 to 1.
+        on_open: called with the replay before it begins, to seek or pause it.
 
     Returns:
         Whether the end was reached.
 
     Raises:
-        RecordingError: the file is none of ours, or cannot be read.
+        RecordingError: the file is not a robrain recording, or cannot be read.
 
     """
     replay = Replay(endpoint, path, speed=speed, loop=loop)

@@ -1,4 +1,4 @@
-"""Compiles the kernels before a run, with a message, as the first time on a computer takes a while."""
+"""Compiles the kernels before a run, with a message, because this takes a while the first time on a computer."""
 
 import pickle
 import sys

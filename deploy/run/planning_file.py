@@ -1,4 +1,4 @@
-"""How plans are made, as a file says: the `[planning]` table of a scenario, or of a file that has only that."""
+"""Planning files: the `[planning]` table of a scenario, or a file with only that table."""
 
 from pathlib import Path
 
@@ -11,13 +11,13 @@ from robrain.protocol.wire.toml_text import LARGE, read_toml
 
 
 class _Tables(msgspec.Struct, frozen=True):
-    """What is read of a file; a scenario has other tables besides."""
+    """The tables read here; a scenario has others too."""
 
     planning: PlanningPolicy | None = None
 
 
 def read_planning(path: Path) -> PlanningPolicy:
-    """The policy in a file.
+    """Read the policy in a file.
 
     Raises:
         UsageError: naming file, key and what was expected.

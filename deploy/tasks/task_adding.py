@@ -1,4 +1,4 @@
-"""`robrain task add`: have a team do something."""
+"""`robrain task add`: submit tasks."""
 
 import sys
 from pathlib import Path
@@ -38,8 +38,8 @@ def add(
     what: Annotated[
         str, typer.Argument(metavar="KIND|FILE", help="visit, inspect, … (see `task kinds`); or a .toml or .json file.")
     ],
-    at: Annotated[str | None, typer.Option(help="Where: X,Y in metres, arena frame.")] = None,
-    task_id: Annotated[str | None, typer.Option("--id", help="Its name; the same task again counts once.")] = None,
+    at: Annotated[str | None, typer.Option(help="Place: X,Y in metres, arena frame.")] = None,
+    task_id: Annotated[str | None, typer.Option("--id", help="Name; the same task again is not repeated.")] = None,
     priority: Annotated[float | None, typer.Option(help="Reward for doing it; 1 if not given.")] = None,
     deadline: Annotated[float | None, typer.Option(help="Time limit, seconds from acceptance.")] = None,
     earliest: Annotated[float | None, typer.Option(help="Earliest start, seconds from acceptance.")] = None,
@@ -49,24 +49,24 @@ def add(
     robots: Annotated[
         int | None, typer.Option(help="Number of robots at the same time; 1 if not given.", min=1)
     ] = None,
-    mote: Annotated[str | None, typer.Option(help="collect, relay, sense, replace: which mote.")] = None,
+    mote: Annotated[str | None, typer.Option(help="collect, relay, sense, replace: name of the mote.")] = None,
     robot: Annotated[
         str | None, typer.Option(help="relay: the robot to link to, such as the next one of a chain.")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="relay, monitor, replace: for how long, in seconds.")] = None,
-    interval: Annotated[float | None, typer.Option(help="monitor: seconds from round to round.")] = None,
-    quantity: Annotated[str | None, typer.Option(help="sense: what is measured.")] = None,
-    look_at: Annotated[str | None, typer.Option(help="inspect: X,Y of what is to be in the picture.")] = None,
-    until_soc: Annotated[float | None, typer.Option(help="recharge: state of charge to reach, to 1.")] = None,
+    duration: Annotated[float | None, typer.Option(help="relay, monitor, replace: duration in seconds.")] = None,
+    interval: Annotated[float | None, typer.Option(help="monitor: seconds between rounds.")] = None,
+    quantity: Annotated[str | None, typer.Option(help="sense: quantity to measure.")] = None,
+    look_at: Annotated[str | None, typer.Option(help="inspect: point to look at, X,Y.")] = None,
+    until_soc: Annotated[float | None, typer.Option(help="recharge: state of charge to reach, up to 1.")] = None,
     parameters: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Any parameter of its kind, as JSON; may be repeated."),
+        typer.Option("--set", metavar="NAME=VALUE", help="Any parameter of the kind, as JSON; may be repeated."),
     ] = None,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask for a task, or for those in a file. Refused at once if it can never be done."""
+    """Submit a task, or the tasks in a file; an impossible task is refused at once."""
     from robrain.client.submission import submission_of
     from robrain.deploy.errors import UsageError
     from robrain.deploy.tasks.task_files import TaskWords, parameters_set, point, tasks_in
@@ -94,10 +94,10 @@ def add(
     given |= parameters_set(parameters or [], given)
     if Path(what).suffix in (".toml", ".json"):
         if given:
-            raise UsageError(f"{what}: a file says all about its tasks itself; leave the options out")
+            raise UsageError(f"{what}: a file has all fields of its tasks; leave the options out")
         tasks = tasks_in(Path(what))
     else:
-        submission_of(what, {"id": what, **given}, typed=OPTIONS)  # what is wrong is said before anybody is asked
+        submission_of(what, {"id": what, **given}, typed=OPTIONS)  # report mistakes before the team is contacted
         tasks = [TaskWords(what, given)]
     records, refused = [], []
     with connect_team(connect, team) as client:

@@ -1,4 +1,4 @@
-"""`robrain task`: have a team do things, see how they stand and why, and call them off."""
+"""`robrain task`: submit tasks to a team, list, explain and cancel them."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,28 +14,31 @@ if TYPE_CHECKING:
     from robrain.protocol.model.tasks.task import TaskState
 
 EXIT_NOT_DONE = 1
-"""A task that was watched has ended otherwise than done."""
+"""A watched task ended as failed or cancelled."""
 
 task_app = typer.Typer(
-    name="task", help="Have a team do tasks; see how they stand, and why.", no_args_is_help=True, rich_markup_mode=None
+    name="task",
+    help="Submit tasks to a team; list, explain and cancel them.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 task_app.command()(add)
 
 
 @task_app.command("list")
 def list_tasks(
-    state: Annotated[list[str] | None, typer.Option(help="Only those in this state; may be repeated.")] = None,
-    kind: Annotated[list[str] | None, typer.Option(help="Only those of this kind; may be repeated.")] = None,
-    robot: Annotated[str, typer.Option(help="Only those of this robot.")] = "",
-    by: Annotated[str, typer.Option(help="Only those that this one asked for.")] = "",
-    only_open: Annotated[bool, typer.Option("--open", help="Only those that have not ended.")] = False,
-    everything: Annotated[bool, typer.Option("--all", help="Those, too, that the coordinator made itself.")] = False,
-    limit: Annotated[int, typer.Option(help="The last so many.", min=1)] = 1000,
+    state: Annotated[list[str] | None, typer.Option(help="Only tasks in this state; may be repeated.")] = None,
+    kind: Annotated[list[str] | None, typer.Option(help="Only tasks of this kind; may be repeated.")] = None,
+    robot: Annotated[str, typer.Option(help="Only tasks of this robot.")] = "",
+    by: Annotated[str, typer.Option(help="Only tasks submitted by this name.")] = "",
+    only_open: Annotated[bool, typer.Option("--open", help="Only tasks that have not ended.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Also tasks that the coordinator made itself.")] = False,
+    limit: Annotated[int, typer.Option(help="Maximum number of tasks; the last ones are listed.", min=1)] = 1000,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
-    """Say which tasks there are and how they stand."""
+    """List tasks with their states."""
     from robrain.protocol.wire.messages.task_messages import TaskFilter
 
     states = [_state(text) for text in state or []] or (_open_states() if only_open else [])
@@ -50,14 +53,14 @@ def list_tasks(
 
 @task_app.command()
 def kinds(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
-    """Say which kinds of tasks the team's robots do, and with which parameters."""
+    """List the kinds of task that the robots of the team do, with their parameters."""
     with connect_team(connect, team) as client:
         known = client.kinds()
     if as_json:
         print_json(known)
         return
     if not known:
-        say("no robot has told yet what it does")
+        say("no robot has announced its kinds of task yet")
     for one in known:
         say(f"{one.kind}: {one.doc} ({', '.join(one.robots)})")
         needed = one.parameters.get("required", [])
@@ -70,7 +73,7 @@ def kinds(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_jso
 def show(
     task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
 ) -> None:
-    """Say all there is to say of one task."""
+    """Print one task with all its fields."""
     import msgspec
 
     with connect_team(connect, team) as client:
@@ -89,12 +92,12 @@ def show(
 @task_app.command()
 def cancel(
     task_id: IdArgument,
-    reason: Annotated[str, typer.Option(help="Why.")] = "",
+    reason: Annotated[str, typer.Option(help="Reason, for the record.")] = "",
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
-    """Call a task off; a robot that is at it is told to stop."""
+    """Cancel a task; the robot that works on it is told to stop."""
     with connect_team(connect, team) as client:
         record = client.cancel(task_id, reason)
     if as_json:
@@ -105,8 +108,8 @@ def cancel(
 
 @task_app.command()
 def watch(
-    task_ids: Annotated[list[str] | None, typer.Argument(metavar="[ID]...", help="Default: all that are open.")] = None,
-    timeout: Annotated[float | None, typer.Option(help="Give up after so many seconds.", min=0.0)] = None,
+    task_ids: Annotated[list[str] | None, typer.Argument(metavar="[ID]...", help="Default: all open tasks.")] = None,
+    timeout: Annotated[float | None, typer.Option(help="Stop waiting after this many seconds.", min=0.0)] = None,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
@@ -140,7 +143,7 @@ def watch(
 def why(
     task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
 ) -> None:
-    """Say why a task stands as it does: what it waits for, what each robot would need, what happened so far."""
+    """Explain the state of a task: what it waits for, what it would cost each robot, what has happened so far."""
     with connect_team(connect, team) as client:
         found = client.why(task_id)
     if as_json:
@@ -161,13 +164,14 @@ def why(
 @task_app.command()
 def objective(
     chosen: Annotated[
-        Objective | None, typer.Argument(metavar="[energy|makespan|lifetime]", help="From now on.")
+        Objective | None,
+        typer.Argument(metavar="[energy|makespan|lifetime]", help="New objective; without it, print the current one."),
     ] = None,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what the team's plans are to be good at, or have them be good at something else."""
+    """Print or change the planning objective of the team."""
     with connect_team(connect, team) as client:
         found = client.planning() if chosen is None else client.set_objective(chosen)
     if as_json:
@@ -178,7 +182,7 @@ def objective(
 
 @task_app.command()
 def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
-    """Say who charges where and until when, and who waits for that."""
+    """Print the schedule of the chargers: which robots charge where and until when, and which wait."""
     with connect_team(connect, team) as client:
         found = client.planning()
     if as_json:

@@ -1,4 +1,4 @@
-"""Tasks as a command line or a JSON or TOML file names them; each mistake is one sentence."""
+"""Tasks from a command line or from a JSON or TOML file; each mistake is reported in one sentence."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 
 
 class TaskWords(NamedTuple):
-    """A task as it was written."""
+    """A task as it was typed or read from a file."""
 
     kind: str
     fields: dict[str, Any]
@@ -32,11 +32,11 @@ def tasks_in(path: Path) -> list[TaskWords]:
         text = read_toml_text(path, LARGE)
         content = json.loads(text) if path.suffix == ".json" else parse_toml(text, LARGE)
     except FileNotFoundError as error:
-        raise UsageError(f"{path}: cannot be read: there is none") from error
+        raise UsageError(f"{path}: cannot be read: no such file") from error
     except BadToml as error:
         raise UsageError(f"{path}: {error}") from error
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path}: is no JSON: {error}") from error
+        raise UsageError(f"{path}: not valid JSON: {error}") from error
     tasks = content.get("task", [content]) if isinstance(content, dict) else content
     tasks = tasks if isinstance(tasks, list) else [tasks]
     if not tasks or not all(isinstance(task, dict) for task in tasks):
@@ -47,16 +47,16 @@ def tasks_in(path: Path) -> list[TaskWords]:
         kind = task.pop("kind", None)
         if not isinstance(kind, str):
             raise UsageError(f"{where}expected kind, such as {', '.join(sorted(STOCK_KINDS))}")
-        submission_of(kind, {"id": kind, **task}, where)  # all of them are checked before the first is asked for
+        submission_of(kind, {"id": kind, **task}, where)  # check all before the first is submitted
         found.append(TaskWords(kind, task))
     return found
 
 
 def parameters_set(words: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a kind of task, written `NAME=VALUE`: values as JSON, or as text where they are none.
+    """Parse parameters of a kind of task, `NAME=VALUE`; values that are not JSON are text.
 
     Raises:
-        UsageError: one is not written so, names what has an option of its own, or is given twice.
+        UsageError: one has another form, names a field with its own option, or is given twice.
 
     """
     found: dict[str, Any] = {}
@@ -65,7 +65,7 @@ def parameters_set(words: Sequence[str], given: Mapping[str, Any]) -> dict[str, 
         if not (name and equals):
             raise UsageError(f"--set {word}: expected NAME=VALUE")
         if name in COMMON or name in RELATIVE:
-            raise UsageError(f"--set {word}: {name} is of every task and has an option of its own")
+            raise UsageError(f"--set {word}: {name} is a field of every task; use its own option")
         if name in found or name in given:
             raise UsageError(f"--set {word}: {name} is given twice")
         try:

@@ -1,4 +1,4 @@
-"""How `robrain task` asks and answers: the options that its commands share, and what they print."""
+"""Options shared by the `robrain task` commands, and their output."""
 
 from typing import Annotated, Any
 
@@ -9,12 +9,12 @@ IdArgument = Annotated[str, typer.Argument(metavar="ID", help="Name of the task.
 
 
 def line_of(record: Any) -> str:
-    """A task and how it stands."""
+    """A task and its state."""
     return f"{record.task.id}: {words_of(record)}"
 
 
 def words_of(change: Any) -> str:
-    """How a task stands, where and why."""
+    """A task's state, robot and reason."""
     at = f" at {change.robot}" if change.robot else ""
     return f"{change.state.replace('_', ' ')}{at}{f': {change.why}' if change.why else ''}"
 

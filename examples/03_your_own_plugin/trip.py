@@ -1,4 +1,4 @@
-"""A plugin of your own: how far has the robot come?"""
+"""A plugin of your own: measures how far the robot has driven."""
 
 from robrain import Unit, external
 

@@ -15,7 +15,7 @@ class Sweep(TaskParameters, frozen=True, kw_only=True):
     """Drive lanes over a rectangle whose corner with the least x and y is the task's place. Result: `lanes`."""
 
     width_m: Side
-    """Along x, which is the direction of the lanes."""
+    """Along x, the direction of the lanes."""
     height_m: Side
     lane_m: Annotated[float, Meta(ge=0.1, le=5)] = 0.4
     """Greatest distance between two lanes."""
@@ -27,7 +27,7 @@ class SweepBehavior(Errand[Sweep]):
     kind = "sweep"
 
     def work(self, task: Task, sweep: Sweep) -> Work:
-        """All lanes, and from one to the next."""
+        """All lanes, and the paths between them."""
         return Work(path_m=_lanes(sweep) * sweep.width_m + sweep.height_m)
 
     def do(self, task: Task, sweep: Sweep) -> Generator[None, None, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""The Rust plugin as its robot sees it; `make test-rust` builds and runs it."""
+"""Tests the Rust plugin from its robot's side; `make test-rust` builds and runs it."""
 
 import os
 from collections.abc import Iterator

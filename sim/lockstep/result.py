@@ -1,4 +1,4 @@
-"""What a run tells at its end; this is the JSON of `robrain run --json`."""
+"""Results of a run, as printed by `robrain run --json`."""
 
 import msgspec
 
@@ -9,7 +9,7 @@ from robrain.sim.world.floor_left import FloorLeft
 
 
 class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
-    """One robot's share of a run; the pose is the true one, arena frame."""
+    """Results of one robot; the pose is the true one, arena frame."""
 
     name: str
     distance_m: float
@@ -23,7 +23,7 @@ class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
-    """A run in figures."""
+    """Results of a run."""
 
     scenario: str
     seed: int

@@ -1,4 +1,4 @@
-"""Floor plans drawn with walls, blocks and pillars, as a scenario's TOML table `[floor]` tells them.
+"""Floor plans drawn with walls, blocks and pillars: the table `[floor]` of a scenario.
 
 Lengths are metres in the arena frame, whose origin is the floor's corner with the lowest x and y.
 """
@@ -55,7 +55,7 @@ class Pillar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A floor plan drawn with walls, blocks and pillars; the outer walls are added.
 
-    Raises MapError, whose `.key` names the key, where a length is not above 0, a shape lies outside the floor, or the
+    Raises MapError, whose `.key` names the key, if a length is not above 0, a shape lies outside the floor, or the
     floor has more than MAX_CELLS cells.
     """
 
@@ -106,10 +106,10 @@ class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def rasterise(drawing: FloorDrawing, name: str) -> FloorPlan:
-    """The drawing on a grid with its origin at (0, 0), closed by a wall of BOUNDARY_THICKNESS_M inside its edge.
+    """Draw the plan on a grid with its origin at (0, 0), closed by a wall of BOUNDARY_THICKNESS_M inside its edge.
 
-    A size that is no whole number of cells is rounded up. A wall is drawn at least a cell's diagonal wide, so that
-    none leaks. Raises MapError where no free cell is left.
+    A size that is not a whole number of cells is rounded up. A wall is at least a cell's diagonal wide, so that it has
+    no gaps. Raises MapError if no free cell is left.
     """
     width_m, height_m = drawing.size_m
     resolution_m = drawing.resolution_m

@@ -1,4 +1,4 @@
-"""What simulated robots are built of."""
+"""Hardware parameters of simulated robots."""
 
 import msgspec
 
@@ -15,7 +15,7 @@ from robrain.sim.robot.wheels import WheelSpec
 class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[robot]`: hardware of every robot of the scenario.
 
-    Raises ValueError where it is built with a radius that is not above 0.
+    Raises ValueError if the radius is not above 0.
     """
 
     base: OmniBase = OmniBase()

@@ -1,4 +1,4 @@
-"""Scenarios: the way to run a team, from a script as from the command line.
+"""Scenarios: how scripts and the command line run a team.
 
 from robrain import Scenario
 
@@ -188,12 +188,12 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         Equal seeds and equal calls give equal runs. Time passes only within the methods of `Team` that wait.
 
         Args:
-            seed: of everything random; the scenario's own if None.
+            seed: of all random numbers; the scenario's own if None.
             record: MCAP file to write.
-            by: who asks, for the records.
+            by: name of the client in the records.
 
         Raises:
-            RobrainError: in one sentence, what cannot be simulated or opened.
+            RobrainError: the scenario cannot be simulated, or a file not opened; the text says why.
 
         """
         scenario = self if seed is None else self.replace(seed=seed)
@@ -232,7 +232,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         setup = Pacer(0.0)
         world = self.world()
         warm_up()
-        with StopOnInterrupt() as interrupt:  # else an interrupt could leave something half-opened, and never closed
+        with StopOnInterrupt() as interrupt:  # an interrupt during the start would leave resources open
             run = self._open(world, record, listen, lambda: interrupt.requested)
         try:
             if interrupt.requested:

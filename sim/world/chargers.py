@@ -1,4 +1,4 @@
-"""Chargers: docks on the floor that feed the robot which stands at one."""
+"""Chargers: docks on the floor that charge the robot at them."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ class ChargerSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     yaw_rad: float | None = None
     """Direction that a docking robot should face; the contacts work in any direction."""
     power_w: float = 40.0
-    """Greatest power, including the robot's own consumption. Chosen: an hour charges for two hours."""
+    """Greatest power, including the robot's own consumption. Chosen: an hour of charging lasts for two hours."""
     reach_m: float = 0.25
     """Greatest distance from the place at which a robot touches the contacts."""
 
@@ -31,11 +31,11 @@ class ChargerSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class Chargers:
-    """All docks of the arena, and who stands at which. A dock feeds one robot, the one that came first.
+    """All docks of the arena, with the robots at them. A dock charges one robot, the first one.
 
     Args:
         specs: in this order; a robot within reach of two takes the first that is free.
-        tick_s: how long a tick is.
+        tick_s: duration of a tick.
 
     """
 
@@ -46,7 +46,7 @@ class Chargers:
         """For each charger the index of the robot that it feeds."""
 
     def supplies_w(self, bodies: Sequence[RobotBody]) -> list[float]:
-        """What each robot is given now."""
+        """Power supplied to each robot now."""
         supplies = [0.0] * len(bodies)
         for number, spec in enumerate(self._specs):
             robot = self.docked[number]

@@ -89,7 +89,7 @@ def test_a_program_gets_json(robot: Commands, words: list[str]) -> None:
     ("words", "said"),
     [
         (["r1", "drawer", "draw"], "missing argument `x_m`"),
-        (["r1", "drawer", "draw", "1", "a, b"], "expected one argument a word; put text with commas or brackets in"),
+        (["r1", "drawer", "draw", "1", "a, b"], "expected one argument per word; put text with commas or brackets in"),
         (["r1", "drawer", "draw", "[1"], "expected a JSON array or object"),
         (["r1", "drawer", "draw", "1", "label=a", "--json"], "expected either all arguments as NAME=VALUE, or none"),
         (["r1", "draw/er", "draw"], "bad plugin name 'draw/er'"),

@@ -164,7 +164,7 @@ def test_without_a_coordinator_a_client_gives_up_with_a_sentence(commands) -> No
         (["add", "wrong.toml"], "wrong.toml: is not TOML"),
         (["add", "wrong.json"], "wrong.json: task 2: a task to visit needs place"),
         (["add", "odd.toml"], "odd.toml: task 1: a task to visit has no colour"),
-        (["add", "odd.toml", "--priority", "2"], "odd.toml: a file says all about its tasks itself"),
+        (["add", "odd.toml", "--priority", "2"], "odd.toml: a file has all fields of its tasks"),
         (["list", "--state", "gone"], "--state gone: expected one of queued, offered"),
         (["list"], "the hub of this machine: `robrain up` starts a team"),
         (["show", "t1", "--connect", "tcp/127.0.0.1:9"], "nobody answers at tcp/127.0.0.1:9"),
@@ -195,7 +195,7 @@ def test_a_kind_of_task_that_only_one_plugin_knows_is_asked_for_from_the_command
 
     told = until(announced, "the kind is not announced")
     assert "sweep: Sweeps a rectangle in lanes. (r1)" in told
-    assert "  width_m: Along x, which is the direction of the lanes." in told
+    assert "  width_m: Along x, the direction of the lanes." in told
     assert "  lane_m (optional): Greatest distance between two lanes." in told
 
     place = ("--at", "3,3", "--id", "hall")

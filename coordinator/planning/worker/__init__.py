@@ -1,1 +1,1 @@
-"""Planning in a process of its own."""
+"""Planning in a separate process."""

@@ -1,7 +1,7 @@
-"""Planning in the live drive: in a process of its own, so that the coordinator's loop never waits for a plan.
+"""Planning in live: in a separate process, so that the coordinator's loop never waits for a plan.
 
-The process is another interpreter: beside it the loop has its lock, and with more priority, a core. It may die or hang;
-then there is another, which is asked the last question again, and the coordinator goes on by the plan that it has.
+A separate interpreter leaves the loop its lock and, by priority, a core. If the process dies or hangs, another one is
+started and gets the last request again; meanwhile the coordinator follows its present plan.
 """
 
 import logging
@@ -20,25 +20,25 @@ logger = logging.getLogger(__name__)
 
 KEPT_PLANS = 4
 JOIN_S = 60.0
-"""How long `close` waits for the threads, which wait for the killed process: on a busy machine it takes its time."""
+"""How long `close` waits for the threads, which wait for the killed process; long enough for a busy machine."""
 GRACE_S = 30.0
-"""Beyond a plan's deadline, before a process that says nothing is taken to hang: for a hundred robots on a new map it
-may take some seconds until there is the first plan."""
+"""Silence beyond a plan's deadline after which the process counts as hung: for a hundred robots on a new map the first
+plan may take some seconds."""
 START_S = 300.0
-"""The same for its start. The first on a computer compiles the allocators."""
+"""The same for its start. The first start on a machine compiles the allocators."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
-"""Before another process is started; twice as long each time, as long as none has answered."""
+"""Pause before the next process is started; it doubles each time until one has answered."""
 TRIES = 3
-"""A question that so many processes did not survive is given up; the next may do."""
+"""A request over which this many processes were lost is abandoned; the next may succeed."""
 
 
 class LivePlanner:
-    """Answers with the auction's plan at once, and with a better one within the policy's deadline, if there is one.
+    """Returns the auction's plan at once, and any better one within the policy's deadline.
 
-    Only the last question counts; one that comes while a search runs ends it at the next round.
+    Only the last request counts; it ends a running search at the next round.
 
     Args:
-        on_made: called on a thread of the planner's when a plan is there.
+        on_made: called on a thread of the planner when a plan is ready.
 
     """
 
@@ -50,9 +50,9 @@ class LivePlanner:
         """See `Planner`."""
         self._asked = 0
         self._answered = 0
-        """Of the questions asked the last that nothing more comes of."""
+        """Number of the last request that is complete."""
         self._lost = (0, 0)
-        """The question that was under way when a process was lost, and how many that has happened to."""
+        """The request that was running when a process was lost, and how many processes it has lost."""
         self._pause_s = FIRST_PAUSE_S
         self._heard_s = 0.0
         self._is_ready = False
@@ -63,18 +63,18 @@ class LivePlanner:
 
     @property
     def pid(self) -> int | None:
-        """Of the process that there is; None if there is none."""
+        """Id of the present process; None if there is none."""
         process = self._process
         return None if process is None else process.pid
 
     def prepare(self) -> None:
-        """See `Planner`: start the process, unless that is done."""
+        """See `Planner`: starts the process, unless it has started."""
         if self._keeper is None and not self._has_ended.is_set():
             self._keeper = threading.Thread(target=self._keep, name="planner", daemon=True)
             self._keeper.start()
 
     def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
-        """See `Planner`; what still waits is forgotten."""
+        """See `Planner`; replaces a waiting request."""
         self._asked += 1
         self._latest = PlanRequest(self._asked, snapshot, policy)
         self._wake.set()
@@ -90,12 +90,12 @@ class LivePlanner:
         return self._asked > self._answered or bool(self._made)
 
     def close(self) -> None:
-        """End the process, whatever it is at, and the threads."""
+        """Kill the process, and end the threads."""
         self._has_ended.set()
         self._wake.set()
         process = self._process
         if process is not None:
-            process.kill()  # nothing is lost with it, and it may be amid a search
+            process.kill()  # it holds no state, and may be searching
         if self._keeper is not None:
             self._keeper.join(JOIN_S)
 
@@ -113,7 +113,7 @@ class LivePlanner:
             self._has_ended.wait(pause_s)
 
     def _run_one(self) -> str:
-        """Start a process and ask it until it is lost; why it was."""
+        """Start a process and send it requests until it is lost; returns why it was lost."""
         self._is_ready = False
         self._heard_s = time.monotonic()
         try:

@@ -1,7 +1,7 @@
-"""What a coordinator and the process that plans for it say to each other, and how it travels.
+"""Messages between the coordinator and its planning process, and their encoding.
 
-Questions go over as pickles: they are made and read by the same program, and hold whatever a plan depends on. What
-comes back is msgpack, which the coordinator reads in a millisecond or two, whatever the size of the team.
+Requests are pickles: both sides run the same program, and a request holds everything that a plan depends on. Replies
+are msgpack, which the coordinator decodes in a millisecond or two for any team size.
 """
 
 import pickle
@@ -20,7 +20,7 @@ _LENGTH = struct.Struct("!Q")
 
 
 class PlanRequest(NamedTuple):
-    """What is to be planned; a later one has a greater number."""
+    """A request for a plan; a later one has a greater number."""
 
     number: int
     snapshot: Snapshot
@@ -28,7 +28,7 @@ class PlanRequest(NamedTuple):
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):
-    """The process can be asked."""
+    """The process accepts requests."""
 
 
 class Made(msgspec.Struct, frozen=True, tag=True):
@@ -38,29 +38,29 @@ class Made(msgspec.Struct, frozen=True, tag=True):
 
 
 class Failed(msgspec.Struct, frozen=True, tag=True):
-    """No plan can be made of a question."""
+    """No plan can be made for a request."""
 
     why: str
 
 
 class Done(msgspec.Struct, frozen=True, tag=True):
-    """Nothing more comes of a question: it is answered, or left for a later one."""
+    """A request is complete, or was dropped for a later one."""
 
     number: int
 
 
 Said = Ready | Made | Failed | Done
-"""By the process that plans."""
+"""Messages of the planning process."""
 
 
 class RequestWriter:
-    """Writes questions for one process; the floor goes over once, for as long as it stays the same."""
+    """Encodes requests for one process; the floor is sent only when it has changed."""
 
     def __init__(self) -> None:
         self._floor: Floor | None = None
 
     def encode(self, question: PlanRequest) -> bytes:
-        """As `RequestReader.read` takes it."""
+        """Encode a request for `RequestReader.read`."""
         snapshot = question.snapshot
         is_known = snapshot.floor is self._floor
         self._floor = snapshot.floor
@@ -70,13 +70,13 @@ class RequestWriter:
 
 
 class RequestReader:
-    """Reads what one `RequestWriter` has written, in that order."""
+    """Decodes the requests of one `RequestWriter`, in order."""
 
     def __init__(self) -> None:
         self._floor: Floor | None = None
 
     def read(self, body: bytes) -> PlanRequest:
-        """The question, with its floor."""
+        """Decode a request, with its floor."""
         question: PlanRequest
         question, is_known = pickle.loads(body)  # from the parent process alone
         if is_known:
@@ -86,12 +86,12 @@ class RequestReader:
 
 
 def encode_said(said: Said) -> bytes:
-    """As `decode_said` takes it."""
+    """Encode a message for `decode_said`."""
     return msgspec.msgpack.encode(said)
 
 
 def decode_said(body: bytes) -> Said:
-    """What the process said (msgspec.ValidationError if it is none of that)."""
+    """Decode a message of the process (msgspec.ValidationError if it is invalid)."""
     said: Said = msgspec.msgpack.decode(body, type=Said)
     return said
 
@@ -102,7 +102,7 @@ def send(connection: socket.socket, body: bytes) -> None:
 
 
 def receive(connection: socket.socket) -> bytes:
-    """The next message; waits for it (EOFError when the other end has gone)."""
+    """Wait for the next message and return it (EOFError when the other end has closed)."""
     (length,) = _LENGTH.unpack(_exactly(connection, _LENGTH.size))
     return _exactly(connection, length)
 

@@ -1,7 +1,7 @@
-"""`python -m robrain.coordinator.planning.worker.worker_main`: the process that makes plans. Started by PlannerProcess.
+"""`python -m robrain.coordinator.planning.worker.worker_main`: the planning process, started by `PlannerProcess`.
 
-It runs with less priority than the coordinator, ends with it whatever it is at, and is asked by one thread: between two
-rounds of a search it looks whether there is a new question.
+It has lower priority than the coordinator and ends with it in every case. One thread computes; between two rounds of a
+search it checks for a new request.
 """
 
 import fcntl
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from robrain.coordinator.planning.plan_search import PlanSearch
 
 NICENESS = 5
-"""A third of the coordinator's share, where the two compete for a core (chosen: a plan is soon made even so)."""
+"""A third of the coordinator's share where both compete for a core (chosen: plans are still fast enough)."""
 
 
 def main() -> None:
-    """Answer questions until the coordinator hangs up; the arguments are three file descriptors."""
+    """Serve requests until the coordinator disconnects; the arguments are three file descriptors."""
     questions, said, lifeline = (int(argument) for argument in sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the coordinator ends this process
     _end_with_parent(lifeline)
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def _serve(questions: socket.socket, said: socket.socket) -> None:
-    # Here: it takes seconds, and this process is to end with its parent from the beginning.
+    # Here: it takes seconds, and this process must end with its parent from the beginning.
     from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 
     def say(what: Said) -> None:
@@ -68,7 +68,7 @@ def _serve(questions: socket.socket, said: socket.socket) -> None:
             return
         try:
             _answer(search, question, is_asked, say)
-        except OSError:  # the coordinator has gone, and this process is about to
+        except OSError:  # the coordinator has ended, and this process is about to
             return
         except Exception:  # noqa: BLE001 - a planning error must not end the process: the next question may succeed
             say(Failed(traceback.format_exc()))
@@ -92,7 +92,7 @@ def _answer(
 
 
 def _end_with_parent(lifeline: int) -> None:
-    """Have the kernel kill this process when the parent's end of the pipe is closed, stopped or whatever it is at."""
+    """Have the kernel kill this process, even a stopped one, when the parent's end of the pipe is closed."""
     fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(lifeline, fcntl.F_SETSIG, signal.SIGKILL)
     fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)

@@ -1,4 +1,4 @@
-"""The process that makes plans, as the coordinator holds it: asked by one thread, heard by another, ended by either."""
+"""The planning process as the coordinator sees it: one thread sends requests, another receives replies."""
 
 import logging
 import os
@@ -17,18 +17,18 @@ logger = logging.getLogger(__name__)
 
 MODULE = "robrain.coordinator.planning.worker.worker_main"
 JOIN_S = 20.0
-"""How long is waited for a process that is about to end, and for the thread that hears it to notice."""
+"""Time limit for a process that is about to end, and for its reader thread to notice."""
 
 
 class PlannerProcess:
     """Starts the process.
 
-    Besides its two connections it holds the other end of a pipe: when this process ends, however it ends, the kernel
-    kills that one.
+    Besides its two connections it holds the other end of a pipe: when this process ends in any way, the kernel kills
+    the planning process.
 
     Args:
-        on_said: told on a thread of its own what the process says.
-        on_lost: called on that thread when the process has gone.
+        on_said: called with each message of the process, on a thread of its own.
+        on_lost: called on that thread when the process has ended.
 
     Raises:
         OSError: it cannot be started.
@@ -37,7 +37,7 @@ class PlannerProcess:
 
     def __init__(self, on_said: Callable[[Said], None], on_lost: Callable[[], None]) -> None:
         self.is_lost = False
-        """The process has gone, or talks nonsense."""
+        """Whether the process has ended or sent an invalid message."""
         self._on_said = on_said
         self._on_lost = on_lost
         self._writer = RequestWriter()
@@ -71,22 +71,22 @@ class PlannerProcess:
         return self._process.pid
 
     def ask(self, question: PlanRequest, limit_s: float) -> None:
-        """Hand a question over.
+        """Send a request.
 
         Raises:
-            TimeoutError: the process does not take it within the limit.
-            OSError: it has gone.
+            TimeoutError: the process does not accept it within the limit.
+            OSError: the process has ended.
 
         """
         self._questions.settimeout(limit_s)
         send(self._questions, self._writer.encode(question))
 
     def kill(self) -> None:
-        """Have it end at once; `end` is still to be called."""
+        """Kill it at once; call `end` afterwards."""
         self._process.kill()
 
     def end(self) -> str:
-        """End it, and give back what belongs to it; how it ended if it did so by itself, in words."""
+        """End it and free its resources; returns, in words, how it ended if it did so by itself."""
         status = self._process.poll()
         if status is None and self.is_lost:  # it is about to
             try:
@@ -95,7 +95,7 @@ class PlannerProcess:
                 status = None
         self._process.kill()
         self._process.wait()
-        self._reader.join(JOIN_S)  # the process has gone: nothing more comes
+        self._reader.join(JOIN_S)  # the process has ended
         self._questions.close()
         self._said.close()
         os.close(self._lifeline)

@@ -23,9 +23,9 @@ STANDING_BELOW = 0.01
 
 
 class Work(msgspec.Struct, frozen=True):
-    """Something a robot may do: a way, turns on the spot, waiting, packets sent.
+    """Work of a robot: a path, turns on the spot, waiting, radio packets.
 
-    Raises ValueError where it is built with a negative or infinite amount, or a speed that is not above 0.
+    Raises ValueError if an amount is negative or infinite, or the speed is not above 0.
     """
 
     path_m: float = 0.0

@@ -1,4 +1,4 @@
-"""What a team's plans are to be good at."""
+"""Planning objectives."""
 
 from enum import StrEnum
 

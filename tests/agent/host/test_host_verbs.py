@@ -1,6 +1,8 @@
 """The verbs of a robot's host: each takes only its own requests; unknown ones are refused; others may be installed."""
 
 import json
+import re
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -138,6 +140,14 @@ def test_a_distribution_brings_a_verb(lab, verbs, install):  # noqa: F811
     assert refused(lab, "blink", b'{"times": 13}') == (ErrorCode.REFUSED, "13 brings bad luck")
     assert refused(lab, "blink", b'{"times": 14}')[0] is ErrorCode.FAILED
     assert "did you mean blink?" in refused(lab, "blonk")[1]
+
+
+def test_the_verb_of_the_how_to_counts_plugins(lab, verbs, install):  # noqa: F811
+    page = Path(__file__).parents[3] / "docs" / "how-to" / "host-verbs.md"
+    code = re.search(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)[1]
+    install("counters", {"count": "count_verb:count"}, {"count_verb.py": code}, "robrain.host_verbs")
+    assert ask(lab, "count", b"{}") == b"1"
+    assert ask(lab, "count", b'{"state": "faulted"}') == b"0"
 
 
 class Blinks(msgspec.Struct):

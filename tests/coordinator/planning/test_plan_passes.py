@@ -1,5 +1,8 @@
 """Refinement passes by name: those of robrain, and one of another distribution."""
 
+import re
+from pathlib import Path
+
 import msgspec
 import pytest
 
@@ -139,6 +142,20 @@ def test_a_pass_of_another_distribution_refines_the_plan(last_first):
     assert PlanningPolicy(passes=("stability", "last_first")).passes == ("stability", "last_first")
     made = solver("last_first")
     assert made.plan.orders == (("at", "b", "a"), ())
+    assert made.failures == ()
+
+
+def test_the_pass_of_the_how_to_puts_valuable_tasks_first(install, monkeypatch):  # noqa: F811
+    page = Path(__file__).parents[3] / "docs" / "how-to" / "extend-planning.md"
+    (code,) = re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    install("urgent-first", {"urgent_first": "urgent_first:urgent_first"}, {"urgent_first.py": code}, PASSES.group)
+    stock = {name: PASSES._points[name][0].value for name in PASSES._stock}
+    monkeypatch.setattr("robrain.coordinator.planning.plan_passes.PASSES", Registry(PASSES.what, PASSES.group, stock))
+    begun = msgspec.structs.replace(job("at", 1), pinned_to="r0")
+    asked = problem(begun, job("near", 1), msgspec.structs.replace(job("urgent", 2), prize_j=2000.0))
+    made = PlanSolver(asked, Objective.ENERGY, "auction", seed=0, iterations=5, gain_min=0.0, orders={},
+                      passes=("early_start", "urgent_first"))  # fmt: skip
+    assert made.plan.orders == (("at", "urgent", "near"), ())
     assert made.failures == ()
 
 
