@@ -1,4 +1,4 @@
-"""Long actions: starting one returns an id at once; progress and the end are told by events.
+"""Long actions: starting one returns an id at once; events report progress and the end.
 
 class Gripper(Unit):
     progress = Event[ActionProgress](outside=True)
@@ -58,7 +58,7 @@ class ActionProgress(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ActionEnd(msgspec.Struct, frozen=True, kw_only=True):
-    """The end of an action; told once for each that was started."""
+    """The end of an action; notified once for each started action."""
 
     action: str
     outcome: Outcome
@@ -83,7 +83,7 @@ class Action:
         return self.end is None
 
     def progress(self, share: float) -> None:
-        """Say how far it is, 0 to 1; may be called as often as one likes, and is told twice a second."""
+        """Report progress, 0 to 1; may be called at any rate, and is notified at most twice a second."""
         now_ns = self._desk.now_ns()
         if self.is_running and now_ns >= self._tell_ns:
             self._tell_ns = now_ns + PROGRESS_PERIOD_NS

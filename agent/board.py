@@ -57,7 +57,7 @@ class Board:
         self.map_of_others: OccupancyGrid | None = None
         """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""
         self.false_start = False
-        """Whether that has shown that the robot did not start where it was told; localisation writes it."""
+        """Whether this has shown that the robot did not start at its configured pose; written by localisation."""
         self.misplaced = ""
         """Why the robot's recent map lies wrong and a new one must begin; mapper writes it, localisation empties it."""
         self.velocity = Twist2D()

@@ -23,7 +23,7 @@ InterfaceT = TypeVar("InterfaceT")
 
 
 class PluginRequests(Protocol):
-    """What an environment passes on for its plugin, to whoever manages that plugin and knows its rights."""
+    """Requests that an environment passes on for its plugin, to the manager, which knows the plugin's rights."""
 
     @property
     def name(self) -> str:
@@ -57,7 +57,7 @@ class CommandDoor(Protocol):
 
 
 class Environment:
-    """Made for one instance of a plugin. All requests go to whoever manages the plugin and knows its name."""
+    """Made for one instance of a plugin. All requests go to its manager."""
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class Environment:
         return self.__requests.use(name, interface)
 
     def observe(self, event: Event[T], function: Callable[[T], None]) -> None:
-        """Have `function` told of an event, on this plugin's own turn."""
+        """Call `function` with each notification of an event, on this plugin's own turn."""
         self.__requests.observe(event, function)
 
     def hurry(self) -> None:
@@ -125,7 +125,7 @@ class Environment:
         self.__requests.mailbox.hurry()
 
     def at_end(self, function: Callable[[str], None]) -> None:
-        """Have `function` told why, whenever the plugin is deactivated, faults or is halted.
+        """Call `function` with the reason whenever the plugin is deactivated, faults or is halted.
 
         What `activate` asks for is forgotten with the end, what `init` asks for holds as long as the instance. It may
         be called on any thread, without the plugin's lock, and must not wait for anything.
@@ -151,7 +151,7 @@ class Environment:
         self._events.open(events)
 
     def end_actions(self, why: str) -> None:
-        """Tell those who asked `at_end`. Not for plugins."""
+        """Call the functions registered by `at_end`. Not for plugins."""
         for function in self._at_end:
             try:
                 function(why)

@@ -39,7 +39,7 @@ class Mailbox:
         """Called after each arrival, so that the observer's thread need not poll."""
         self.waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=capacity)
         self.is_hurried = False
-        """Whether the observer's next step is to be run at once; whoever runs it sets it back."""
+        """Whether the observer's next step should run at once; the runner resets it."""
 
     def post(self, function: Callable[[Any], None], value: Any) -> bool:
         """Leave a notification; False if an older one was dropped for it."""

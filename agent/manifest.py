@@ -41,7 +41,7 @@ class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     restart: Literal["no", "on-failure"] = "no"
     """What happens after a fault."""
     restart_limit: int = 5
-    """After so many restarts in a row the plugin stays faulted."""
+    """Number of consecutive restarts after which the plugin stays faulted."""
     backoff_s: float = 0.5
     """Time before the first restart; it doubles with each one."""
     hang_s: float = 5.0

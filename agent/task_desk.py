@@ -192,7 +192,7 @@ class TaskDesk:
         self._end_if_abandoned()
 
     def cost(self, task: Task) -> TaskCost:
-        """What a task would take at its place, by the behavior that does its kind; `why` if that cannot be told."""
+        """Work of a task at its place, by the behavior of its kind; `why` if that is unknown."""
         executor = self._executors.get(task.kind)
         if executor is None:
             return TaskCost(id=task.id, why=told(NoBehavior(task.kind)))
@@ -326,7 +326,7 @@ class TaskDesk:
             self.on_said()
 
     def halted(self) -> None:
-        """The robot is halted: what it was at is given back; the behavior has forgotten it in `emergency_halt`."""
+        """The robot is halted: return its task; the behavior has dropped it in `emergency_halt`."""
         self._own = None
         self._held = None
         if self._current is not None and self.status is not None:

@@ -1,4 +1,4 @@
-"""Changes of tasks, as they are told."""
+"""Changes of tasks, as they are published."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -11,7 +11,7 @@ from robrain.protocol.wire.topics import TASK_EVENT
 
 POLL_S = 0.02
 LOOK_S = 1.0
-"""Changes are heard as they are told; this often the coordinator is also asked, for what was missed."""
+"""Period of the query for missed changes, in addition to the subscription."""
 
 
 class TaskStream:

@@ -234,7 +234,7 @@ class Team:
         return self._fresh_ids.submit(task, submit, self.by)
 
     def cancel(self, task: TaskName, why: str = "") -> TaskRecord:
-        """Cancel a task; its robot is told to stop (CallError if it has already ended)."""
+        """Cancel a task; its robot stops it (CallError if it has already ended)."""
         return self._requests.coordinator(TASK_CANCEL, TaskRequest(id=_id_of(task), by=self.by, why=why))
 
     def get(self, task: TaskName) -> TaskRecord:

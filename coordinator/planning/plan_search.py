@@ -25,7 +25,7 @@ from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, STOCK_PASS
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import BuiltProblem, ask, greatest_radius_m, needed_m
 from robrain.coordinator.planning.snapshot import Floor, Member, Snapshot
-from robrain.coordinator.planning.stock_passes import for_the_ready, plan_of
+from robrain.coordinator.planning.stock_passes import for_ready_robots, plan_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry
 from robrain.protocol.model.navigation.clearance import mapped_clearance_m
@@ -252,7 +252,7 @@ class PlanSolver:
         self._asked = problem
         self._method = method
         self._allocator = first
-        self._problem = problem = for_the_ready(problem) if CHARGING_ROBOTS in passes else problem
+        self._problem = problem = for_ready_robots(problem) if CHARGING_ROBOTS in passes else problem
         self._iterations = iterations
         self._gain_min = gain_min
         self._seed = seed

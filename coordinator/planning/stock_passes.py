@@ -49,10 +49,10 @@ def charging_robots(draft: PlanDraft) -> PlanDraft:
     """Give robots that charge the jobs that the ready robots leave over.
 
     For an objective in joules, a robot that is free in five minutes is as good as one that is free now. So the plan is
-    made first for the robots that are ready (`for_the_ready`).
+    made first for the robots that are ready (`for_ready_robots`).
     """
     try:
-        problem, plan = with_those_who_charge(draft.asked, draft.plan, draft.orders, draft.allocator)
+        problem, plan = with_charging_robots(draft.asked, draft.plan, draft.orders, draft.allocator)
     except BadPlan as error:  # the plan of the ready robots is valid
         logger.warning("robots that charge get no tasks in this plan: %s", error)
         return draft.with_failure("allocator", error.method, str(error))
@@ -89,7 +89,7 @@ def _share(gain: float, of: float) -> float:
     return gain / of if of > 0 else float(gain > 0)
 
 
-def for_the_ready(problem: Problem) -> Problem:
+def for_ready_robots(problem: Problem) -> Problem:
     """Restrict all jobs to robots that are ready; the same problem if all robots are ready, or none is.
 
     Args:
@@ -99,14 +99,14 @@ def for_the_ready(problem: Problem) -> Problem:
     return _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to})
 
 
-def with_those_who_charge(
+def with_charging_robots(
     problem: Problem, plan: Plan, orders: Mapping[str, Sequence[str]], allocator: Allocator
 ) -> tuple[Problem, Plan]:
     """Add the charging robots to a plan of the ready ones.
 
     Args:
         problem: as it was posed.
-        plan: of `for_the_ready(problem)`.
+        plan: of `for_ready_robots(problem)`.
         orders: of the previous plan.
         allocator: assigns the remaining jobs.
 

@@ -118,7 +118,7 @@ class Endpoint:
         self.has_waiting = False
         """Whether `serve` has something to do."""
         self.on_waiting: Callable[[], None] | None = None
-        """Called on Zenoh's threads when it has: whoever sleeps between two steps need not wait for the next one."""
+        """Called on Zenoh's threads when it has, so that a loop sleeping between two steps can wake up."""
         self.on_heard: Callable[[], None] | None = None
         """Called there when a sample has arrived."""
         self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
@@ -297,7 +297,7 @@ class Endpoint:
             self._reply(query, topic, own_key, handler)
 
     def note_outside(self, key: str, payload: bytes) -> None:
-        """Something from another process reached a lockstep run; told on at the next `serve()`."""
+        """Something from another process reached a lockstep run; passed on at the next `serve()`."""
         self._from_others.append((key, payload))
         self.has_waiting = True
 

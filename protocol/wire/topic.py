@@ -245,7 +245,7 @@ class Query(WireKey, Generic[Q, R]):
 
 @dataclass(frozen=True, kw_only=True)
 class Token(WireKey):
-    """Says, as long as it is held, that somebody is there."""
+    """Declares presence while it is held."""
 
     kind: ClassVar[Kind] = Kind.TOKEN
 

@@ -42,7 +42,7 @@ class HaltLatch:
 
     @property
     def reason(self) -> str:
-        """Why, by the last who has halted."""
+        """Reason given with the last halt."""
         return list(self._holders.values())[-1] if self._holders else ""
 
     def hold(self, by: str, reason: str, stamp_ns: int = 0) -> None:

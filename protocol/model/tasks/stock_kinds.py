@@ -35,7 +35,7 @@ class Inspect(TaskParameters, frozen=True, kw_only=True):
     """Go to a place and take a picture. Result: `image`, the key under which it was published."""
 
     look_at: Point2D | None = None
-    """What is to be in the picture, arena frame; None takes what is in front."""
+    """Point to photograph, arena frame; None takes what is in front of the robot."""
 
 
 class Collect(TaskParameters, frozen=True, kw_only=True):

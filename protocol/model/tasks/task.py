@@ -44,7 +44,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     id: Name
     kind: Name
-    """What is to be done, as the behavior that does it calls it: `visit`."""
+    """Kind of task, as its behavior declares it, such as `visit`."""
     place: Point2D
     """Arena frame."""
     priority: Priority = 1.0

@@ -1,4 +1,4 @@
-"""A reply that is not waited for: whoever asked looks now and then whether it has come."""
+"""A reply that arrives later: the caller polls it."""
 
 from typing import Any, Generic
 

@@ -1,4 +1,4 @@
-"""Reading sieve: which of the motes' readings on the wire are new, for whoever counts, plots or keeps them.
+"""Reading sieve: selects the motes' readings that are new, for counting, plotting and storing.
 
 Two robots that hear one packet in the same moment may both put its reading on the wire, and a reading that was fetched
 from a mote's log twice comes twice. Mote and sequence number name a reading, for as long as the numbers have not come

@@ -23,7 +23,7 @@ KEY_LENGTH = 120
 WHY_LENGTH = 200
 OTHERS = "others"
 SHOWN = 16
-"""Combinations told in one message, most frequent first."""
+"""Combinations in one message, most frequent first."""
 
 
 class RefusalCode(StrEnum):

@@ -61,9 +61,9 @@ class MapPatch(Message, frozen=True, kw_only=True):
     frame: MapFrame = ARENA
     """The map frame of that pose: the arena frame, or one of a robot that does not know its place."""
     variance_m2: Quantity = 0.0
-    """Variance of that pose in x and in y, m²; 0 if not told."""
+    """Variance of that pose in x and in y, m²; 0 if unknown."""
     variance_rad2: Quantity = 0.0
-    """Variance of that pose in yaw, rad²; 0 if not told."""
+    """Variance of that pose in yaw, rad²; 0 if unknown."""
     withdrawn: bool = False
     """Whether the submap is wrong and must be removed from the map."""
     parts: Annotated[tuple["MapPatch", ...], Meta(max_length=8192)] = ()

@@ -1,4 +1,4 @@
-"""What the coordinator says of its plans: how it decided, of what, and what its plans are to be good at.
+"""Messages about plans: decisions, the problems behind them, charges, and the objective.
 
 As in `messages`: JSON, unknown fields ignored, new fields with defaults.
 """
@@ -29,7 +29,7 @@ class TaskDecision(Message, frozen=True, kw_only=True):
     robots: Annotated[tuple[Name, ...], Most] = ()
     """Robots that are to do it; empty if none."""
     start_in_s: Quantity | None = None
-    """When it is to begin, seconds after the plan was made."""
+    """Planned start, seconds after the plan was made."""
     why: Text = ""
     """Why these robots, or why none, in words."""
     reason: Chosen | LeftOut | None = None

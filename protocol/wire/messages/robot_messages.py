@@ -102,7 +102,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     next_task: TaskStatus | None = None
     """A task that it holds and begins in the step in which `task` ends; `offered` until then."""
     task_before: TaskStatus | None = None
-    """How the one before `task` ended, so that its end is told also where the next began in the same step."""
+    """How the task before `task` ended; its end is reported even if the next one began in the same step."""
     halted: bool = False
     """Emergency halt: all plugins refuse calls and have received the order to stop."""
     halted_by: Names = msgspec.field(default_factory=list)

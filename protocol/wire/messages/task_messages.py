@@ -70,7 +70,7 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def event(self) -> TaskEvent:
-        """Its last change, as it is told; whoever sends it puts his own stamp on it."""
+        """Its last change as an event; the publisher sets the stamp."""
         return TaskEvent(
             stamp_ns=self.changed_ns,
             task=self.task,

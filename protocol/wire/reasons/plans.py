@@ -55,7 +55,7 @@ class NoRobots(Reason, frozen=True, tag="no_robots"):
 
 
 class NotTogether(Reason, frozen=True, tag="not_together"):
-    """It needs several robots, and so many cannot be at it at once."""
+    """It needs more robots than can do it at the same time."""
 
     count: Count
 

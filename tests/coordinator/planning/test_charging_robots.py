@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from robrain.coordinator.allocation.auction import AuctionAllocator
 from robrain.coordinator.allocation.validate import validate
 from robrain.coordinator.planning.plan_search import PlanSolver
-from robrain.coordinator.planning.stock_passes import for_the_ready, with_those_who_charge
+from robrain.coordinator.planning.stock_passes import for_ready_robots, with_charging_robots
 from robrain.protocol.model.tasks.objective import Objective
 from tests.coordinator.allocation.instances import team_problem
 
@@ -41,10 +41,10 @@ def problems(draw):
 @given(problems(), st.sampled_from(list(Objective)))
 def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, objective):
     allocator = AuctionAllocator(objective)
-    ready = for_the_ready(problem)
+    ready = for_ready_robots(problem)
     first = allocator.plan(ready, iterations=1)
     assert validate(ready, first) == []
-    shared, plan = with_those_who_charge(problem, first, {}, allocator)
+    shared, plan = with_charging_robots(problem, first, {}, allocator)
     assert validate(shared, plan) == []
     assert validate(problem, plan) == []  # what is asked for beyond the problem takes nothing from it
     assert plan.rank <= first.rank
