@@ -12,7 +12,7 @@ from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.model.navigation.clearance import Passage, contact_distance_m, hold_off, passage
+from robrain.protocol.model.navigation.clearance_kernels import Passage, contact_distance_m, hold_off, passage
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.wire.clock import to_ns
 

@@ -20,7 +20,7 @@ from robrain.protocol.model.localization.scan_match import (
 from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays
-from robrain.protocol.model.navigation.clearance import (
+from robrain.protocol.model.navigation.clearance_kernels import (
     clearance_m,
     contact_distance_m,
     hold_off,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robrain.protocol.model.navigation import clearance
+from robrain.protocol.model.navigation import clearance_kernels
 from tests.mutation.mutant import Mutant, mutants_of
 from tests.mutation.running import ROOT
 from tests.mutation.scope import draw, files_in_scope
@@ -20,7 +20,7 @@ from pathlib import Path
 from tests.mutation.mutant import mutants_of
 from tests.mutation.swapping import LoadedFunctions
 from robrain.protocol.model import geometry
-from robrain.protocol.model.navigation import clearance
+from robrain.protocol.model.navigation import clearance_kernels
 from robrain.protocol.model.localization import odometry
 from robrain.protocol.model.localization import scan_match_kernels
 import numpy as np, subprocess
@@ -60,23 +60,23 @@ def test_a_child_process_makes_the_mistake_too(tmp_path: Path) -> None:
 
 
 def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
-    code = "print(clearance.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
-    right = clearance.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
-    said = _run("protocol/model/navigation/clearance.py", "width + 1 -> width - 1", tmp_path, code)
+    code = "print(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
+    right = clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
+    said = _run("protocol/model/navigation/clearance_kernels.py", "width + 1 -> width - 1", tmp_path, code)
     assert said.startswith("[")
     assert said != str(right)
 
 
 def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_nobody(tmp_path: Path) -> None:
     """numba's cache does not tell a kernel from one with another constant."""
-    code = "from robrain.protocol.model.navigation import clearance; import numpy as np; {}".format(
-        "print(clearance.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
+    code = "from robrain.protocol.model.navigation import clearance_kernels; import numpy as np; {}".format(
+        "print(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
     )
-    right = clearance.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist()
+    right = clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist()
     unchanged = [sys.executable, "-c", code]
     for path, change in (
-        ("protocol/model/navigation/clearance.py", "width + 1 -> width - 1"),
-        ("protocol/model/navigation/clearance.py", "_clearance_m::1 -> 2"),
+        ("protocol/model/navigation/clearance_kernels.py", "width + 1 -> width - 1"),
+        ("protocol/model/navigation/clearance_kernels.py", "_clearance_m::1 -> 2"),
     ):
         said = _run(path, change, tmp_path, f"print(subprocess.run({unchanged!r}, capture_output=True).stdout)")
         assert said != f"b'{right}\\n'"
@@ -100,8 +100,8 @@ except IndexError:
 
 def test_the_callers_of_a_compiled_kernel_are_known() -> None:
     loaded = LoadedFunctions(ROOT)
-    callers = set(loaded.callers_of_kernel(("protocol/model/navigation/clearance.py", "_clearance_m")))
-    assert ("protocol/model/navigation/clearance.py", "clearance_m") in callers
+    callers = set(loaded.callers_of_kernel(("protocol/model/navigation/clearance_kernels.py", "_clearance_m")))
+    assert ("protocol/model/navigation/clearance_kernels.py", "clearance_m") in callers
     assert not list(loaded.callers_of_kernel(("protocol/model/geometry.py", "wrap_angle_rad")))
 
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization import mote_relocalisation
 from robrain.protocol.model.mapping import occupancy_grid, ray_cast
-from robrain.protocol.model.navigation import clearance, frontier, path_planning
+from robrain.protocol.model.navigation import clearance_kernels, frontier, path_planning
 from robrain.protocol.model.navigation import navigation_grid as navigation
 from robrain.protocol.model.numeric import small_linear_algebra
 from robrain.protocol.model.slam import mates_in_scan, pose_graph, submap, submap_atlas, surface_match
 from robrain.protocol.model.warm_up import warm_up
 
 MODULES: tuple[ModuleType, ...] = (
-    clearance,
+    clearance_kernels,
     frontier,
     mates_in_scan,
     occupancy_grid,
@@ -61,7 +61,7 @@ def use_every_kernel() -> None:
     cells = np.frombuffer(bytes(6), np.int8).reshape(2, 3)
     grid.merge_patch(np.int64(1), np.int64(1), cells, np.int64(8))
     frontier.find_frontiers(grid.classes())
-    traversable = clearance.clearance_m(walls, 1, 3) > 0
+    traversable = clearance_kernels.clearance_m(walls, 1, 3) > 0
     traversable.setflags(write=False)
     cost = np.ones(geometry.shape, np.float32).T.copy().T
     start = path_planning.nearest_traversable(traversable, (np.int64(8), np.int64(3)), 2)
@@ -119,7 +119,7 @@ def test_warming_up_calls_each_kernel_of_maps_paths_obstacles_and_motes(monkeypa
 
         return call
 
-    others = (navigation, clearance, mote_relocalisation)
+    others = (navigation, clearance_kernels, mote_relocalisation)
     needed = {kernel for module in (*MODULES, *others) for kernel in kernels_of(module)}
     models = [module for name, module in sys.modules.items() if name.startswith("robrain.protocol.model.")]
     for module in models:

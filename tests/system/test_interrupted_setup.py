@@ -38,7 +38,10 @@ main()
 
 @pytest.mark.parametrize(
     ("module", "name", "user"),
-    [("sim.simulated_robot", "SimulatedRobot", "sim.arena"), ("agent.host.agent_host", "AgentHost", "sim.lockstep")],
+    [
+        ("sim.robot.simulated_robot", "SimulatedRobot", "sim.world.arena"),
+        ("agent.host.agent_host", "AgentHost", "sim.lockstep.lockstep"),
+    ],
 )
 def test_ctrl_c_while_robots_are_set_up_closes_them_without_a_word(module: str, name: str, user: str) -> None:
     script = SCRIPT.format(module=module, name=name, user=user)

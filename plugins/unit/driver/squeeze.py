@@ -13,10 +13,10 @@ from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.navigation.clearance import (
     LEAST_MARGIN_M,
     PREFERRED_MARGIN_M,
-    Passage,
     least_clearance_m,
     least_gap_m,
 )
+from robrain.protocol.model.navigation.clearance_kernels import Passage
 
 BEGIN_M = 0.3
 """The driver squeezes where normal driving has less room ahead than this."""

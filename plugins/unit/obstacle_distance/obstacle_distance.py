@@ -15,7 +15,7 @@ from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.lookout import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
 from robrain.plugins.unit.obstacle_distance.interface import ObstacleDistanceInterface, ObstacleView
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.navigation.clearance import sector_distances_m
+from robrain.protocol.model.navigation.clearance_kernels import sector_distances_m
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from scipy import ndimage
 
-from robrain.protocol.model.navigation.clearance import clearance_m
+from robrain.protocol.model.navigation.clearance_kernels import clearance_m
 
 
 @settings(deadline=None)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.navigation.clearance import (
+from robrain.protocol.model.navigation.clearance_kernels import (
     Passage,
     contact_distance_m,
     hold_off,
