@@ -283,6 +283,9 @@ def test_absent_hardware_leaves_its_branch_out_until_a_later_load(lab):
 # -- no leak ----------------------------------------------------------------------------------------------------
 
 
+GROWTH_MAX_BYTES = 3_000_000
+
+
 def rss_bytes():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
@@ -306,22 +309,28 @@ def test_two_hundred_cycles_leave_no_threads_entities_objects_or_memory_behind(l
     source = (lab.place / "lab.py").read_text()
     if cycle == "reload that fails":
         (lab.place / "lab.py").write_text(source.replace("self.lamp =", "self.missing.lamp ="))
-    settled, rss = {}, 0
-    for number in range(220):
-        if number == 20:
-            settled, rss = census(lab), rss_bytes()
-        if cycle == "reload":
-            lab.manager.reload("lamp")
-        elif cycle == "load and unload":
-            lab.manager.unload("lamp", cascade=True)
-            lab.manager.load("shade")
-        else:
-            with pytest.raises(PluginError, match="shade keeps running as it was"):
-                lab.manager.reload("shade")
-        if number % 20 == 0:
-            assert lab.call("shade", "dim", [number]) == number
+
+    def repeat(times):
+        for number in range(times):
+            if cycle == "reload":
+                lab.manager.reload("lamp")
+            elif cycle == "load and unload":
+                lab.manager.unload("lamp", cascade=True)
+                lab.manager.load("shade")
+            else:
+                with pytest.raises(PluginError, match="shade keeps running as it was"):
+                    lab.manager.reload("shade")
+            if number % 20 == 0:
+                assert lab.call("shade", "dim", [number]) == number
+
+    repeat(20)
+    settled, rss = census(lab), rss_bytes()
+    repeat(200)
     assert census(lab) == settled
-    assert rss_bytes() - rss < 3_000_000
+    if rss_bytes() - rss >= GROWTH_MAX_BYTES:  # other tests' threads may have made the allocator take more, but once
+        rss = rss_bytes()
+        repeat(200)
+        assert rss_bytes() - rss < GROWTH_MAX_BYTES
 
 
 def test_a_query_declared_with_activate_goes_with_deactivate(lab):
