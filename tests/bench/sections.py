@@ -82,6 +82,12 @@ SECTIONS = {
         "`deploy/bench/allocation_best.json`.",
         "robrain.deploy.bench.allocation:measure",
     ),
+    "code": Section(
+        "The code",
+        "Lines without blank lines and docstrings; the files with functions that run only because of one visit, by one "
+        "robot, from its submission to the first wheel command.",
+        "tests.bench.code_size:measure",
+    ),
     "real_time_factor": Section(
         "Real-time factor",
         "Lockstep runs of 20 simulated seconds in the depot with 24 motes, one core, against the bare pymunk loop of "
