@@ -19,6 +19,9 @@ from robrain.protocol.wire.reasons.words import told
 if TYPE_CHECKING:
     from robrain.coordinator.allocation.explain import Decision
     from robrain.coordinator.planning.problem_builder import BuiltProblem
+from typing import Protocol
+
+from robrain.coordinator.planning.policy import PlanningPolicy
 
 BIDS_MAX = 4000
 """Limit for the bids in the published decisions of one plan, earliest tasks first; the rest follow with the next plans
@@ -132,3 +135,30 @@ def _bids(decision: "Decision", snapshot: Snapshot) -> Iterable[RobotVerdict]:
             energy_j=None if why_not else option.energy_j,
             time_s=None if why_not else option.time_s,
         )
+
+
+class Planner(Protocol):
+    """Makes plans from snapshots; the latest request counts."""
+
+    def prepare(self) -> None:
+        """Prepare for the first request; returns at once in live."""
+
+    def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
+        """Request a plan; returns at once in live."""
+
+    def take(self) -> list[PlanInForce]:
+        """Return the plans made since the last call, the best last."""
+        ...
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a requested plan may still arrive."""
+        ...
+
+    @property
+    def why_failed(self) -> str:
+        """Why planning failed for the last request; empty if it has not failed."""
+        ...
+
+    def close(self) -> None:
+        """Stop planning and free its resources."""

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.charging.chargers import KnownChargers
-from robrain.coordinator.planning.plan_in_force import PlanInForce, Step
-from robrain.coordinator.planning.planner import Planner
+from robrain.coordinator.planning.plan_in_force import PlanInForce, Planner, Step
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
 from robrain.coordinator.planning.replan_trigger import ReplanTrigger
 from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, Snapshot

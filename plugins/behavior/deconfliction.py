@@ -180,7 +180,7 @@ class Standing:
         self._lent = None
 
     def has_no_refuge(self, encounter: Encounter, here: Floats, now_ns: int) -> None:
-        """There is nowhere to go; that is told once somebody is near enough to be waiting for it."""
+        """There is no place to yield to; reported once a robot is near enough to wait for it."""
         pressed_by = encounter.in_the_way_of(here, PRESSED_S)
         if pressed_by and now_ns - self._cornered_ns >= to_ns(CORNERED_AGAIN_S):
             self._cornered_ns = now_ns

@@ -1,7 +1,7 @@
 """Driving a robot by hand: while a button or key is held, the dashboard renews a short lease on the driver.
 
-`driver.move` drives for `LEASE_S` at most. If the browser closes, hangs or loses its link, nobody renews the lease, and
-the robot stops.
+`driver.move` drives for `LEASE_S` at most. If the browser closes, hangs or loses its link, the lease is not renewed,
+and the robot stops.
 """
 
 from collections.abc import Callable

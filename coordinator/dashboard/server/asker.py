@@ -14,7 +14,7 @@ from robrain.protocol.wire.topic import Q, Query, R
 
 WORKERS = 6
 WAITING_MAX = 64
-"""Further queries are refused: somebody clicks faster than robots answer."""
+"""Further queries are refused: they come faster than robots answer."""
 TIMEOUT_S = 5.0
 
 

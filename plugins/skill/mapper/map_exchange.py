@@ -1,4 +1,4 @@
-"""What the mapper hears of other robots, their submaps and loop closures, and what it tells them of its own submaps."""
+"""Exchange of submaps and loop closures between the mappers of a team."""
 
 import logging
 

@@ -49,7 +49,7 @@ class HaltLatch:
         """Somebody halts; without a stamp it is the next after the last.
 
         >>> latch = HaltLatch()
-        >>> latch.hold("ann", "somebody walks there")
+        >>> latch.hold("ann", "a person is in the way")
         >>> latch.release("bob")
         'bob may not end the halt of ann: only ann may, or an operator'
         >>> latch.release("operator:bob")
