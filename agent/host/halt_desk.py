@@ -49,11 +49,12 @@ class HaltDesk:
 
     def __init__(self, manager: PluginManager, wire: Endpoint, tell_state: Callable[[], None]) -> None:
         live = wire.drive is Drive.LIVE
-        self._arrivals = Inbox()
+        self.arrivals = Inbox()
+        """What is heard of halts."""
         if live:
             # At once, on the thread of the subscription: to hand over to another one would cost several ms in a process
             # that is kept busy, as that thread must first be given a processor, and then Python's own lock.
-            self._arrivals.on_arrival = self.hear
+            self.arrivals.on_arrival = self.hear
         self._manager = manager
         self._robot = manager.robot
         self._wire = wire
@@ -71,8 +72,8 @@ class HaltDesk:
 
     def listen(self) -> None:
         """Hear of halts from now on; of one that is in force, by asking the coordinator if there is one."""
-        self._wire.subscribe(self._arrivals, HALT)
-        self._wire.subscribe(self._arrivals, COORDINATOR_STATE)
+        self._wire.subscribe(self.arrivals, HALT)
+        self._wire.subscribe(self.arrivals, COORDINATOR_STATE)
         try:
             status = self._wire.ask(COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S)
         except (CallError, NobodyThere) as error:
@@ -92,12 +93,12 @@ class HaltDesk:
 
     def hear(self) -> None:
         """Halt or resume as the team was told to, in the order of arrival; in lockstep the host's step does this."""
-        if not len(self._arrivals):
+        if not self.arrivals.has_some:
             return
         with self._acting:
             if self._is_closed:
                 return
-            self._guard.messages(self._arrivals.drain(), self._take)
+            self._guard.messages(self.arrivals.drain(), self._take)
 
     def _take(self, received: Received) -> None:
         message = received.message

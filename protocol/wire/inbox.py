@@ -40,6 +40,8 @@ class Inbox:
         self.border = Border() if border is None else border
         self._has_own_border = border is not None
         self.received = 0
+        self.has_some = False
+        """Whether `drain` may have something to take out."""
         self.on_arrival: Callable[[], None] | None = None
         """Called after each sample that was taken, on the thread that brings it."""
         self._every: deque[Sample] = deque(maxlen=capacity)
@@ -77,6 +79,7 @@ class Inbox:
             # The deque itself lets the oldest go: a popleft here could meet the owner's in `drain` on an empty deque.
             self.dropped += len(self._every) == self.capacity
             self._every.append(sample)
+        self.has_some = True
         if self.on_arrival is not None:
             self.on_arrival()
         return True
@@ -94,10 +97,11 @@ class Inbox:
 
         """
         self._expected.append((replies, topic, key))
+        self.has_some = True
 
     def drain(self) -> list[Received]:
         """Take everything out, decoded: first what counts singly, in order of arrival, then the latest ones."""
-        if not self._every and not self._latest and not self._expected:
+        if not self.has_some:
             return []
         border = self.border
         read: list[Received] = []
@@ -116,6 +120,7 @@ class Inbox:
         return [sample[:3] for sample in self._drain()]
 
     def _drain(self) -> list[Sample]:
+        self.has_some = False  # first: what arrives meanwhile sets it again
         if self._expected:
             self._take_replies()
         samples: list[Sample] = [self._every.popleft() for _ in range(len(self._every))]
@@ -133,4 +138,4 @@ class Inbox:
                         self.append(topic, key, payload)
             except zenoh.ZError:  # it is answered, or was not in time
                 continue
-            self._expected.append((replies, topic, key))
+            self.expect(replies, topic, key)

@@ -354,6 +354,7 @@ class RecorderInbox(Inbox):
             return False
         self._bytes += size
         self._every.append(sample)
+        self.has_some = True
         return True
 
     def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
