@@ -5,7 +5,7 @@ It is registered as an entry point, so `python -m can.viewer -i zenoh -c r1/can0
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from contextlib import suppress
 from itertools import count
 from typing import Any
@@ -140,6 +140,8 @@ class ZenohBus(can.BusABC):
         self._on_outside = on_outside
         self._owner = threading.get_ident()
         self._frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
+        self.waiting: Sized = self._frames
+        """Holds something while frames wait to be received; a look at it costs no call."""
         self._arrived = threading.Condition()
         self._filter = _Filter([])
         self._apply_filters(can_filters)  # before the first frame can arrive
