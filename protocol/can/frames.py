@@ -52,11 +52,13 @@ class FrameCodec:
         """Of all bytes but the checksum."""
         self._scales = tuple(signal.scale if signal.scale != 1 else 1 for signal in signals)
         # 0.3 µs for a frame; crccheck's own loop, against which the tests hold it, takes 5 µs.
-        self._crc_table = table = _crc8_table()
+        self.crc_table = table = _crc8_table()
+        """The next register of the checksum, for the register before XOR the next byte."""
         register = _CRC8_START
         for byte in self.arbitration_id.to_bytes(2, "big"):
             register = table[register ^ byte]
-        self._crc_start = register
+        self.crc_start = register
+        """Register of the checksum after the identifier; the checksum is the inverse of the last register."""
 
     def encode(self, counter: int, *values: float) -> bytes:
         """The frame's bytes with these values (physical units), in the order of `signals`; `counter` wraps at 256.
@@ -72,7 +74,7 @@ class FrameCodec:
             data = self._layout.pack(*map(round, map(truediv, values, self._scales)), counter & 0xFF)
         except struct.error as error:
             raise OverflowError(f"{self.name}: {values}: {error}") from error
-        register, table = self._crc_start, self._crc_table
+        register, table = self.crc_start, self.crc_table
         for byte in data:
             register = table[register ^ byte]
         return data + _BYTES[register ^ _CRC8_XOR_OUT]
@@ -86,7 +88,7 @@ class FrameCodec:
         """
         if len(data) != self._length:
             raise BadFrame(f"{self.name}: expected {self._length} bytes, got {len(data)}")
-        register, table = self._crc_start, self._crc_table
+        register, table = self.crc_start, self.crc_table
         for byte in data[:-1]:
             register = table[register ^ byte]
         if data[-1] != register ^ _CRC8_XOR_OUT:

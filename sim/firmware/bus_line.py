@@ -91,6 +91,10 @@ class BusLine(can.BusABC):
         else:
             self.transmit_errors = PASSIVE_ERRORS if self.fault is LineFault.CUT else BUS_OFF_ERRORS
 
+    def send_data(self, identifier: int, data: bytes) -> None:
+        """Send a frame of 11 bits with these bytes, if the line is whole."""
+        self.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
     def deliver(self) -> None:
         """Pass on the late frames that have arrived by now; a broken line loses them."""
         for sent_ns, frame in self._late.arrivals() if self._late is not None else ():

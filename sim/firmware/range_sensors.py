@@ -96,8 +96,11 @@ class RangeSensors:
         cone_rad = np.linspace(-spec.cone_rad / 2, spec.cone_rad / 2, RAYS_A_CONE)
         self._rays_rad = (np.array(spec.angles_rad)[:, None] + cone_rad[None, :]).ravel()
         self._period_ticks = max(1, round(1.0 / (spec.rate_hz * tick_s)))
-        self._bump_period_ticks = max(1, round(BUMP_PERIOD_S / tick_s))
-        self._phase = phase % self._period_ticks
+        self.bump_period_ticks = max(1, round(BUMP_PERIOD_S / tick_s))
+        self.phase = phase % self._period_ticks
+        """Measurements and bump contacts are due in ticks that leave this when divided by the period of each."""
+        self.told = 0
+        """The contacts that were told last, a bit for each sector."""
         self._rings: list[tuple[FrameCodec, list[str]]] = []
         self._silence: list[dict[str, float]] = []
         for number, first in enumerate(range(0, sensors, SENSORS_A_FRAME), 1):
@@ -107,25 +110,27 @@ class RangeSensors:
         self._draws: list[tuple[float, bool]] = []
         self._bumps = codec("Bumps")
         self._sent = [0] * (len(self._rings) + 1)
-        self._told = 0
 
     def measures_at(self, tick: int) -> bool:
         """Whether a measurement is due with this tick."""
-        return bool(self._rings) and tick % self._period_ticks == self._phase
+        return bool(self._rings) and tick % self._period_ticks == self.phase
 
     def measure(self, pose: Pose2D, robots: NDArray[np.float64]) -> None:
         """Measure and send, from `pose`; `robots` (K, 3) are the hulls of all robots, as for the lidar."""
         self._send(self._measure(pose, robots))
 
     def feel(self, tick: int, yaw_rad: float, contacts_rad: Sequence[float]) -> None:
-        """A tick in which the hull is touched from these directions of the arena frame."""
+        """A tick in which the hull is touched from these directions of the arena frame.
+
+        Ticks may be left out in which there is no contact, nor was at the last call, and no frame is due.
+        """
         contacts = 0
         for direction_rad in contacts_rad:
             contacts |= 1 << bump_sector(direction_rad - yaw_rad)
-        if contacts != self._told or tick % self._bump_period_ticks == self._phase:
+        if contacts != self.told or tick % self.bump_period_ticks == self.phase:
             if not self._rings:
                 return
-            self._told = contacts
+            self.told = contacts
             self._bus.send(self._bumps.pack(self._sent[-1], contacts=contacts))
             self._sent[-1] += 1
 

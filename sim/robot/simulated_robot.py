@@ -1,7 +1,5 @@
 """One simulated robot: a body on wheels, the nodes on its CAN bus, a battery and a lidar."""
 
-import math
-
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
@@ -17,6 +15,7 @@ from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
+from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.robot.lidar import Lidar
 from robrain.sim.robot.robot_body import MASS_KG, RobotBody
@@ -29,7 +28,7 @@ CAN_CHANNEL = "can0"
 class SimulatedRobot:
     """A body with its firmware and its lidar.
 
-    A tick is `act()`, the step of the space, then `report()`; `measure()` and `scan()` when they are due; `deliver()`.
+    `RobotTeam` moves it on together with others.
 
     Args:
         spec: what it is built of, and where it starts.
@@ -68,20 +67,19 @@ class SimulatedRobot:
         self._late_scans = disturbance.scans(index, endpoint.clock)
         self.is_late = late_frames is not None or self._late_scans is not None
         """Whether frames or scans can be late, so that `deliver` must be called."""
-        self.bus = BusLine(
-            ZenohBus(
-                f"{spec.name}/{CAN_CHANNEL}",
-                session=endpoint.session,
-                team=endpoint.team,
-                direct=endpoint.drive is Drive.LOCKSTEP,
-                now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
-                on_outside=endpoint.note_outside,
-            ),
-            late_frames,
-            stamps,
+        bus = ZenohBus(
+            f"{spec.name}/{CAN_CHANNEL}",
+            session=endpoint.session,
+            team=endpoint.team,
+            direct=endpoint.drive is Drive.LOCKSTEP,
+            now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
+            on_outside=endpoint.note_outside,
         )
+        self.waiting = bus.pending
+        """Holds something while frames wait to be received."""
+        self.bus = BusLine(bus, late_frames, stamps)
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
-        self.body = RobotBody(space, wheels, spec.start, spec.radius_m, tick_s)
+        self.body = RobotBody(space, wheels, spec.start, spec.radius_m)
         self.battery = Battery(spec.battery)
         self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
         self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
@@ -93,22 +91,16 @@ class SimulatedRobot:
             self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
         )
         self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
-        self._per_tick = 1.0 / tick_s
-
-    def act(self) -> None:
-        """Hear the bus, set the wheels."""
-        self.controller.receive()
         self.controller.powered = not self.battery.is_cut_off
-        self.body.drive(*self.controller.wheel_speeds_rad_s)
 
-    def report(self, tick: int) -> None:
-        """Follow the body's motion and tell it on the bus."""
-        body = self.body
-        body.roll()
-        self.controller.report(body.wheel_turns_rad)
-        self.ranges.feel(tick, body.yaw_rad, body.contacts_rad)
-        speed_m_s = math.hypot(body.forward_m, body.left_m) * self._per_tick
-        self.manager.report(speed_m_s, body.turned_rad * self._per_tick)
+    def send_counts(self, data: bytes) -> None:
+        """Send this frame of the encoders."""
+        self.bus.send_data(ENCODER_IDENTIFIER, data)
+
+    def measure_battery(self) -> None:
+        """Load and measure the battery; when it cuts off, the motors are without power."""
+        self.manager.measure()
+        self.controller.powered = not self.battery.is_cut_off
 
     def measure(self, hulls: NDArray[np.float64]) -> None:
         """Measure all ranges, and send them; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""
