@@ -80,6 +80,7 @@ class AgentHost:
         seed: of the run; each plugin draws from its own generator, made from seed, robot and plugin.
         on_outside: told of queries from other processes, in lockstep.
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
+        distributions: `entry_point_places()`, where several robots share a process; None looks for them.
 
     """
 
@@ -94,6 +95,7 @@ class AgentHost:
         seed: int = 0,
         on_outside: OnOutside | None = None,
         has_one_thread: bool = False,
+        distributions: list[tuple[Path, str]] | None = None,
     ) -> None:
         self.name = robot_file.robot.name
         self.drive = drive
@@ -122,7 +124,7 @@ class AgentHost:
         self._told_facts = self.desk.facts
         self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
         self.door = TextCommandDoor(self._registry)
-        self._distributions = entry_point_places()
+        self._distributions = entry_point_places() if distributions is None else distributions
         self._came_with: dict[Path, str] = {}
         """The distribution of each manifest that was asked for; empty for those of robrain and of the robot."""
         own = [folder_of(base, place) for place in robot_file.robot.places]
