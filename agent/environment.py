@@ -2,10 +2,8 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, TypeVar
-
-import can
-import numpy as np
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
@@ -15,6 +13,10 @@ from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
 from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 from robrain.protocol.wire.topic import Q, Query, R
+
+if TYPE_CHECKING:  # imported when a plugin asks for them
+    import can
+    import numpy as np
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +66,7 @@ class Environment:
         plugin: PluginRequests,
         robot: str,
         wire: Endpoint,
-        rng: np.random.Generator,
+        seeds: tuple[int, ...],
         board: Board,
         tasks: TaskDesk,
         *,
@@ -75,7 +77,8 @@ class Environment:
         self.robot = robot
         self.wire = wire
         """The robot's place on the wire; closed when the plugin goes."""
-        self.rng = rng
+        self.seeds = seeds
+        """Of the plugin's own generator."""
         self.board = board
         """What the robot tells of itself; see RobotState."""
         self.tasks = tasks
@@ -97,6 +100,13 @@ class Environment:
     def abandon(self) -> None:
         """Nothing that the instance does has a consequence any more. Not for plugins."""
         self.__has_gone = True
+
+    @cached_property
+    def rng(self) -> "np.random.Generator":
+        """The plugin's own random numbers, the same in each run of a seed. They need robrain[navigation]."""
+        import numpy as np
+
+        return np.random.default_rng(self.seeds)
 
     @property
     def clock(self) -> Clock:
@@ -171,13 +181,15 @@ class Environment:
         self.abandon()
         self.wire.close()
 
-    def open_can(self, interface: str, channel: str, **options: Any) -> can.BusABC:
+    def open_can(self, interface: str, channel: str, **options: Any) -> "can.BusABC":
         """Open a python-can bus; `interface = "zenoh"` is the simulator's.
 
         Raises:
             HardwareAbsent: it cannot be opened, or the interface does not know an option.
 
         """
+        import can
+
         if interface == "zenoh":
             options |= {
                 "session": self.wire.session,

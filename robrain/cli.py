@@ -12,7 +12,7 @@ import msgspec
 import typer
 
 from robrain.deploy.bench.commands import bench_app
-from robrain.deploy.commands.extras import missing_package
+from robrain.deploy.commands.extras import missing_extra
 from robrain.deploy.commands.plugin_commands import plugin_app
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
 from robrain.deploy.recordings.recording_commands import recording_app
@@ -420,7 +420,7 @@ def _said_in_words() -> Iterator[None]:
             sys.stderr.write("".join(f"  {safe_text(line)}\n" for line in error.detail.splitlines()))
         sys.exit(EXIT_BAD_INPUT)
     except ModuleNotFoundError as error:
-        missing = missing_package(error)
+        missing = missing_extra(error)
         if missing is None:
             raise
         sys.stderr.write(f"robrain: {missing}\n")

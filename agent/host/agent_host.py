@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import numpy as np
 import zenoh
 
 from robrain.agent.board import Board
@@ -314,12 +313,10 @@ class AgentHost:
 
     def _make_environment(self, plugin: PluginRequests) -> Environment:
         names = (zlib.crc32(self.name.encode()), zlib.crc32(plugin.name.encode()))
-        rng = np.random.default_rng([self._seed, *names])
         door = self.door if plugin.name == COMMAND else None
         connect = self._connect
-        return Environment(
-            plugin, self.name, self._open_wire(), rng, self.board, self.desk, outside=door, connect=connect
-        )
+        wire, seeds = self._open_wire(), (self._seed, *names)
+        return Environment(plugin, self.name, wire, seeds, self.board, self.desk, outside=door, connect=connect)
 
 
 def stock_place() -> Path:

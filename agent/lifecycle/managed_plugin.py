@@ -23,6 +23,7 @@ from robrain.agent.errors import (
     FOREIGN_ERRORS,
     AccessDenied,
     ForeignError,
+    PackageMissing,
     PluginCrashed,
     PluginError,
     PluginHung,
@@ -70,6 +71,8 @@ class ManagedPlugin:
         self.state = PluginState.DISCOVERED
         self.why = ""
         """The reason of the state, in words."""
+        self.needs = ""
+        """The extra that it needs and that is not installed."""
         self.lacks = ""
         """The plugin that it requires and for want of which it does not run; empty if it is not for that."""
         self.raised = raised(None)
@@ -169,6 +172,7 @@ class ManagedPlugin:
             level=code.plugin_class.level.name.lower() if code is not None else "",
             state=self.state.value,
             why=cut(self.why),
+            needs=self.needs,
             where=cut(self.raised.where),
             detail=self.raised.detail,
             visibility=self.manifest.tag.visibility,
@@ -220,11 +224,12 @@ class ManagedPlugin:
         self.apply(trigger, why, error, lacks=lacks)
 
     def _follow(self, trigger: Trigger, why: str, error: BaseException | None, lacks: str) -> None:
-        where = raised(error)
+        needs = error.needed if isinstance(error, PackageMissing) else ""
+        where = raised(None if needs else error)
         with self._deciding:
             to, steps = transition(self.name, self.state, trigger)
             if to is not self.state or (steps and why):
-                self.state, self.why, self.raised, self.lacks = to, why, where, lacks
+                self.state, self.why, self.raised, self.lacks, self.needs = to, why, where, lacks, needs
         instance, failure = self.instance, None
         for step in steps:
             match step:

@@ -48,10 +48,16 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
 
         def tell_plugins() -> None:
             claim.settle()
-            left_out = [f"{tag.name} ({tag.why})" for tag in host.manager.plugins.values() if tag.why]
-            tell(f"agent: {host.name} is up with {len(host.manager.plugins) - len(left_out)} plugins")
-            for text in left_out:
-                tell(f"agent: {host.name} without {text}")
+            plugins = host.manager.plugins.values()
+            left_out = [plugin for plugin in plugins if plugin.why]
+            tell(f"agent: {host.name} is up with {len(plugins) - len(left_out)} plugins")
+            needs = {plugin.name: host.manager.registry.needs_of(plugin.name) for plugin in left_out}
+            for needed in sorted({*needs.values()} - {""}):
+                names = ", ".join(name for name, its in needs.items() if its == needed)
+                tell(f"agent: {host.name} without {names}: pip install '{needed}'")
+            for plugin in left_out:
+                if not needs[plugin.name]:
+                    tell(f"agent: {host.name} without {plugin.name} ({plugin.why})")
 
         watch = NameWatch(claim, should_stop)
         run_agent(host, watch, tell_plugins)

@@ -11,7 +11,7 @@ import pytest
 from typer.main import get_command
 
 from robrain.cli import app
-from robrain.deploy.commands.extras import EXTRAS
+from robrain.protocol.extras import EXTRAS
 from robrain.protocol.wire.session import open_session
 from tests.system.conftest import ROOT, Commands
 from tests.system.plain_install import plain_packages, plain_python_path
