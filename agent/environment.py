@@ -160,6 +160,11 @@ class Environment:
         self._of_init = len(self._at_end)
         self._events.open(events)
 
+    @property
+    def ends_actions(self) -> bool:
+        """Whether `end_actions` has something to call. Not for plugins."""
+        return bool(self._at_end)
+
     def end_actions(self, why: str) -> None:
         """Call the functions registered by `at_end`. Not for plugins."""
         for function in self._at_end:

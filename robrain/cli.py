@@ -15,6 +15,7 @@ from robrain.deploy.bench.commands import bench_app
 from robrain.deploy.commands.extras import missing_extra
 from robrain.deploy.commands.plugin_commands import plugin_app
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
+from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
@@ -384,6 +385,7 @@ def wire(
 def main() -> None:
     """Entry point: prints an error as one sentence, with exit status 2."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    limit_native_threads()
     with _said_in_words():
         app()
 

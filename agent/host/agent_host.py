@@ -62,6 +62,8 @@ T = TypeVar("T")
 STATE_PERIOD_NS = to_ns(1 / 10)
 WOKEN_PASSES = 2
 """A task that follows another at once: its behavior is told in the first, the driver in the second."""
+IDLE_S = 1.0
+"""A thread that has started plugins ends when there has been nothing to start for so long."""
 START_POOL_TIMEOUT_S = 1.0
 """How long the end waits for plugins that are being started."""
 
@@ -144,7 +146,7 @@ class AgentHost:
         """
         if self.drive is Drive.LIVE:
             self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self._registry.halted)
-            self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S)
+            self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S)
         found = self.manager.discover(self._places, self._load)
         for name in self._parameters:
             if name not in found:
@@ -155,7 +157,7 @@ class AgentHost:
         self.halting.started()
         wire, robot = self._wire, self.name
         wire.subscribe(self._inbox, COORDINATOR_STATE)
-        wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
+        wire.answer(ROBOT_PLUGINS, self._tell_plugins, serve=Serve.POOL, at_once=("plugins",), robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
         wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.POOL, at_once=AT_ONCE, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
@@ -166,8 +168,7 @@ class AgentHost:
     def step(self) -> None:
         """What the host itself does, and in lockstep the steps of all plugins that are due."""
         now_ns = self.clock.now_ns()
-        if self.drive is Drive.LOCKSTEP:
-            self.halting.hear()
+        self.halting.hear()
         self._hear(now_ns)
         for wire in self._wires:
             if wire.has_waiting:

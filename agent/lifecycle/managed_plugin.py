@@ -134,6 +134,15 @@ class ManagedPlugin:
         return self.instance.plugin.period_s if self.instance is not None else None
 
     @property
+    def halts_itself(self) -> bool:
+        """Whether code of the plugin's own runs in an emergency halt, which may hang."""
+        instance = self.instance
+        if instance is None:
+            return False
+        own = getattr(instance.plugin.emergency_halt, "__func__", None)
+        return own is not Plugin.emergency_halt or instance.environment.ends_actions
+
+    @property
     def mailbox(self) -> Mailbox:
         """Where notifications wait for the plugin."""
         return self.holdings.mailbox

@@ -10,6 +10,7 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import ZenohTable, read_robot_file
 from robrain.deploy.processes.live_process import LiveStop, note, open_when_there, tell
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
+from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
@@ -29,6 +30,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         RobrainError: in one sentence.
 
     """
+    limit_zenoh_threads()
     robot_file = read_robot_file(robot)
     table, settings = robot_file.robot, robot_file.zenoh
     if team is not None:
