@@ -1,5 +1,6 @@
 """`robrain agent`: one robot. Needs the plain install only."""
 
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import msgspec
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import ZenohTable, read_robot_file
+from robrain.deploy.processes.compiler_pages import CompilerPages
 from robrain.deploy.processes.live_process import LiveStop, note, open_when_there, tell
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
@@ -61,8 +63,13 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
                 if not needs[plugin.name]:
                     tell(f"agent: {host.name} without {plugin.name} ({plugin.why})")
 
-        watch = NameWatch(claim, should_stop)
-        run_agent(host, watch, tell_plugins)
+        watch, compiler, began_s = NameWatch(claim, should_stop), CompilerPages(), time.monotonic()
+
+        def watch_and_tidy() -> bool:
+            compiler.give_back(time.monotonic() - began_s)
+            return watch()
+
+        run_agent(host, watch_and_tidy, tell_plugins)
         watch.check()
 
 
