@@ -431,7 +431,7 @@ def _said_in_words() -> Iterator[None]:
             sys.stderr.write("".join(f"  {safe_text(line)}\n" for line in error.detail.splitlines()))
         sys.exit(EXIT_BAD_INPUT)
     except ModuleNotFoundError as error:
-        missing = missing_extra(error)
+        missing = missing_extra(error, sys.argv[1:])
         if missing is None:
             raise
         sys.stderr.write(f"robrain: {missing}\n")

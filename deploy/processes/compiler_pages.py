@@ -65,7 +65,7 @@ class CompilerPages:
         if self._pages:
             import ctypes  # llvmlite has loaded it
 
-            advise = ctypes.CDLL(None).madvise
-            advise.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
+            libc = ctypes.CDLL(None)
+            libc.madvise.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
             for pages in self._pages:
-                advise(pages.begin, pages.size, MADV_DONTNEED)
+                libc.madvise(pages.begin, pages.size, MADV_DONTNEED)

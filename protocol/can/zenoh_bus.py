@@ -163,10 +163,8 @@ class ZenohBus(can.BusABC):
             congestion_control=congestion.BLOCK if self._own_session is not None else congestion.DROP,
             express=True,
         )
-        self._subscriber = session.declare_subscriber(
-            self._key, zenoh.handlers.Callback(self._take, indirect=not direct)
-        )
-        # Direct in live as well: the answer takes no time and needs no thread of its own.
+        # Direct in live as well: neither takes time nor needs a thread of its own.
+        self._subscriber = session.declare_subscriber(self._key, zenoh.handlers.Callback(self._take, indirect=False))
         self._queryable = session.declare_queryable(self._key, zenoh.handlers.Callback(self._answer, indirect=False))
         if not direct:  # nodes of a lockstep run share a session and hear each other at once
             self._meet()
