@@ -11,8 +11,8 @@ from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
 from robrain.agent.event import Event, EventsOutside, EventView, Mailbox
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork, work_at_place
-from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
+from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 from robrain.protocol.wire.topic import Q, Query, R
 
@@ -87,21 +87,19 @@ class Environment:
         self._at_end: list[Callable[[str], None]] = []
         self._of_init: int | None = None
         self.__requests = plugin
-        self.__has_gone = False
+        self.clock = wire.clock
+        """The run's clock."""
+        self.gone: list[bool] = []
+        """Not empty as soon as the instance `has_gone`: for those that look at it at each call."""
 
     @property
     def has_gone(self) -> bool:
         """The instance was closed, or somebody is stuck in it: what it does from now on has no consequence."""
-        return self.__has_gone
+        return bool(self.gone)
 
     def abandon(self) -> None:
         """Nothing that the instance does has a consequence any more. Not for plugins."""
-        self.__has_gone = True
-
-    @property
-    def clock(self) -> Clock:
-        """The run's clock."""
-        return self.wire.clock
+        self.gone.append(True)
 
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """A handle on another plugin, which must be of a lower level and named in `requires`.
@@ -123,6 +121,10 @@ class Environment:
         this tick or the next one.
         """
         self.__requests.mailbox.hurry()
+
+    def wake_on(self, inbox: Inbox) -> None:
+        """As `hurry`, whenever something arrives in an inbox: a plugin that waits for messages need not poll."""
+        inbox.on_arrival = self.hurry
 
     def at_end(self, function: Callable[[str], None]) -> None:
         """Call `function` with the reason whenever the plugin is deactivated, faults or is halted.

@@ -119,6 +119,19 @@ class TaskDesk:
         """How all tasks stand; for the host's own thread. What differs from the last is worth telling at once."""
         return Standing(self.status, self._held.status if self._held is not None else None, self._before)
 
+    def differs_from(self, told: Standing) -> bool:
+        """Whether any task stands otherwise than in `told`, an earlier `facts`; as that, and in less time."""
+        if self._said:
+            return self.facts != told
+        held = self._held.status if self._held is not None else None
+        is_same = self._status is told.task and held is told.next_task and self._before is told.before
+        return not is_same and self.facts != told
+
+    @property
+    def has_next(self) -> bool:
+        """Whether a task is held; any thread."""
+        return self._held is not None
+
     def standing(self, now_ns: int) -> Standing:
         """The same, with what is known of when the running task ends."""
         facts, foreseen = self.facts, self._foreseen
@@ -354,7 +367,7 @@ class TaskDesk:
                 self._held = None
         if recalled and self.is_busy:
             self._let_go(TaskState.FAILED, recalled)
-        if self.status is None or self._current is None or self.coordinator_heard_ns is None:
+        if self._current is None or self.coordinator_heard_ns is None or self.status is None:
             return
         if now_ns - self.coordinator_heard_ns > self._lease_ns:
             self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")

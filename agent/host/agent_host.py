@@ -22,6 +22,7 @@ from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.host.command_door import TextCommandDoor
 from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.host.host_verbs import AT_ONCE, answer_verb
+from robrain.agent.host.lockstep_schedule import LockstepSchedule
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_file import RobotFile, folder_of
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
@@ -99,6 +100,7 @@ class AgentHost:
         self.desk = TaskDesk()
         self._registry = Registry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
         self.manager = PluginManager(self._registry)
+        self._schedule = LockstepSchedule() if drive is Drive.LOCKSTEP else None
         self._seed = seed
         self._on_outside = on_outside
         self._session = session
@@ -167,9 +169,10 @@ class AgentHost:
     def step(self) -> None:
         """What the host itself does, and in lockstep the steps of all plugins that are due."""
         now_ns = self.clock.now_ns()
-        if self.drive is Drive.LOCKSTEP:
+        if self._schedule is not None and self.halting.arrivals.has_some:
             self.halting.hear()
-        self._hear(now_ns)
+        if self._inbox.has_some and self._inbox.drain():
+            self.desk.coordinator_heard_ns = now_ns
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
@@ -178,16 +181,17 @@ class AgentHost:
         self.desk.check_lease(now_ns)
         if self._registry.foreign is not None:
             self.manager.foreign_came(self._registry.foreign.follow())
-        self.manager.settle(now_ns)
-        if self.drive is Drive.LOCKSTEP:
-            self._step_plugins(now_ns)
-        if self.desk.go_on(now_ns) and self.drive is Drive.LOCKSTEP:
+        if self._registry.new_faults or now_ns >= self.manager.faults.look_ns:
+            self.manager.settle(now_ns)
+        if self._schedule is not None:
+            self._schedule.step(self._registry.plugins, now_ns)
+        if self.desk.has_next and self.desk.go_on(now_ns) and self._schedule is not None:
             for _ in range(WOKEN_PASSES):
-                self._step_plugins(now_ns)
+                self._schedule.step(self._registry.plugins, now_ns)
         if now_ns >= self._state_due_ns:
             self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
             self._publish_state()
-        elif self.desk.facts != self._told_facts:  # the next task must not wait for the period
+        elif self.desk.differs_from(self._told_facts):  # the next task must not wait for the period
             self._publish_state()
 
     def close(self) -> None:
@@ -197,26 +201,6 @@ class AgentHost:
         if self._registry.starters is not None:
             self._registry.starters.close()
         self._wire.close()
-
-    def _hear(self, now_ns: int) -> None:
-        if self._inbox.drain():
-            self.desk.coordinator_heard_ns = now_ns
-
-    def _step_plugins(self, now_ns: int) -> None:
-        for plugin in self._registry.plugins.values():
-            holdings = plugin.holdings  # asked of each plugin in each tick: attributes, not properties
-            if holdings.mailbox.waiting:
-                plugin.deliver()
-            mailbox = holdings.mailbox
-            if mailbox.is_hurried:
-                mailbox.is_hurried = False
-                if plugin.period_ns:
-                    plugin.due_ns = min(plugin.due_ns, now_ns - plugin.period_ns)
-            if now_ns >= plugin.due_ns:
-                plugin.due_ns += plugin.period_ns
-                if plugin.due_ns <= now_ns:  # what was missed is not made up for
-                    plugin.due_ns = now_ns + plugin.period_ns
-                plugin.run_step()
 
     def _publish_state(self) -> None:
         board = self.board

@@ -17,7 +17,7 @@ from robrain.agent.access.exclusive_use import ExclusiveUse
 from robrain.agent.access.external_function import ExternalFunction
 from robrain.agent.access.handle import Handle
 from robrain.agent.access.incoming_calls import call_from_outside, external_function, query_handler, task_handlers
-from robrain.agent.access.turn import Turn
+from robrain.agent.access.turn import LockstepTurn, Turn
 from robrain.agent.environment import Environment
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
@@ -74,7 +74,7 @@ class ManagedPlugin:
         """The plugin that it requires and for want of which it does not run; empty if it is not for that."""
         self.raised = raised(None)
         """Where the plugin's code raised what has led to the state."""
-        self.turn = Turn(self.name, manifest.tag.hang_s, context.clock)
+        self.turn = self._new_turn(manifest, context)
         """Who is in the plugin at the moment: its lock."""
         self.exclusive = ExclusiveUse(self.name, context.leases)
         """Who holds the plugin, if it is not shared."""
@@ -93,6 +93,8 @@ class ManagedPlugin:
         self._code: PluginCode | None = None
         self.instance: Instance | None = None
         """The instance, if there is one."""
+        self.callable: Plugin | None = None
+        """The plugin itself while it may be called; see `live_plugin`."""
         self._making: Environment | None = None
         self._in_halt: Instance | None = None
         self._deciding = threading.Lock()
@@ -225,6 +227,7 @@ class ManagedPlugin:
             to, steps = transition(self.name, self.state, trigger)
             if to is not self.state or (steps and why):
                 self.state, self.why, self.raised, self.lacks = to, why, where, lacks
+            self._note_callable()
         instance, failure = self.instance, None
         for step in steps:
             match step:
@@ -244,7 +247,7 @@ class ManagedPlugin:
                 case Step.END_WIRE if instance is not None:
                     instance.end_wire()
                 case Step.DISCARD if instance is not None:
-                    self.instance = None
+                    self.instance = self.callable = None
                     instance.close()
                 case Step.REPORT:
                     logger.error("%s: plugin %s faulted: %s", self._context.robot, self.name, error, exc_info=error)
@@ -262,9 +265,9 @@ class ManagedPlugin:
 
     def _leave(self) -> None:
         self.leave_new()
-        instance, self.instance = self.instance, None
+        instance, self.instance, self.callable = self.instance, None, None
         self.generation += 1
-        self.turn = Turn(self.name, self.manifest.tag.hang_s, self._context.clock)
+        self.turn = self._new_turn(self.manifest, self._context)
         if instance is not None:
             instance.environment.abandon()
 
@@ -276,6 +279,7 @@ class ManagedPlugin:
     def load(self) -> None:
         """Create the plugin with its checked parameters and environment, and call its `init`."""
         self.instance = self.create(self.manifest, self.code)
+        self._note_callable()
         self.apply(Trigger.INITIALISED)
 
     def create(self, manifest: Manifest, code: PluginCode, *, replaces: Instance | None = None) -> Instance:
@@ -313,6 +317,7 @@ class ManagedPlugin:
         self.manifest, self._code, self.instance = manifest, code, instance
         self.environment = instance.environment if instance is not None else None
         self.turn.set_limit(manifest.tag.hang_s)
+        self._note_callable()
 
     def activate(self) -> None:
         """Call the plugin's `activate`; it is callable from then on (PluginHung if it was abandoned meanwhile)."""
@@ -329,8 +334,7 @@ class ManagedPlugin:
             self.apply(Trigger.ACTIVATED)
             if self._context.halted:  # looked at last: a halt that comes now sees that it is active
                 self.refuse_calls()
-            if self.holdings.mailbox.wake is not None:
-                self.holdings.mailbox.wake()  # its thread sleeps while there is nothing to step
+            self.holdings.mailbox.ring()  # its runner sleeps while there is nothing to step
 
     def fault(self, error: ForeignError) -> None:
         """The plugin raised, hangs or floods: it is not called any more; the host sees to the rest in its step."""
@@ -362,6 +366,14 @@ class ManagedPlugin:
         finally:
             self.why = "it was unloaded"
 
+    def _note_callable(self) -> None:
+        is_callable = self.state is PluginState.ACTIVE and self.instance is not None
+        self.callable = self.instance.plugin if is_callable and self.instance is not None else None
+
+    def _new_turn(self, manifest: Manifest, context: RobotContext) -> Turn:
+        kind = Turn if context.is_live else LockstepTurn
+        return kind(self.name, manifest.tag.hang_s, context.clock)
+
     def _there(self) -> Instance:
         if self.instance is None:
             raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
@@ -373,30 +385,45 @@ class ManagedPlugin:
 
     def run_step(self) -> None:
         """Deliver what was notified, then the plugin's own step; a plugin that raises is faulted."""
-        self._run(steps=True)
+        self._run(self.step_in_turn)
 
     def deliver(self) -> None:
         """Deliver what was notified, between two steps or to a passive plugin."""
-        self._run(steps=False)
+        self._run(self.deliver_in_turn)
 
-    def _run(self, *, steps: bool) -> None:
+    def _run(self, do: Callable[[], None]) -> None:
         turn = self.turn
         if not turn.acquire(turn.limit_s):
             return  # a caller is stuck in it: the host sees to that
         try:
-            instance = self.instance
-            if self.state is not PluginState.ACTIVE or instance is None:
-                return
-            try:
-                if self.holdings.mailbox.waiting:
-                    self.holdings.mailbox.deliver()
-                if steps and instance.plugin.period_s is not None:
-                    instance.plugin.step()
-            except FOREIGN_ERRORS as error:  # foreign plugin code
-                if instance is self.instance:
-                    self.blame(error)
+            do()
         finally:
             turn.release()
+
+    def step_in_turn(self) -> None:
+        """As `run_step`, for a runner that has the plugin's turn."""
+        instance = self.instance
+        if self.state is not PluginState.ACTIVE or instance is None:
+            return
+        try:
+            if self.holdings.mailbox.waiting:
+                self.holdings.mailbox.deliver()
+            if instance.plugin.period_s is not None:
+                instance.plugin.step()
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            if instance is self.instance:
+                self.blame(error)
+
+    def deliver_in_turn(self) -> None:
+        """As `deliver`, for a runner that has the plugin's turn."""
+        instance = self.instance
+        if self.state is not PluginState.ACTIVE or instance is None:
+            return
+        try:
+            self.holdings.mailbox.deliver()
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            if instance is self.instance:
+                self.blame(error)
 
     def blame(self, error: ForeignError) -> None:
         """What the plugin raised is its fault, unless it ran into a halt or an end of what it calls."""
@@ -442,7 +469,7 @@ class ManagedPlugin:
         check_use(self, caller, interface)
         if not self.manifest.tag.shared:
             self.exclusive.keep(caller, granted=True)
-        return Handle(self, interface, caller)
+        return Handle(self, interface, caller, live=self._context.is_live)
 
     def hold(self, by: str, lease_s: float) -> Lease:
         """Let somebody outside have the plugin for themselves for a time, or longer if they have it.

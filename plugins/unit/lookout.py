@@ -161,7 +161,7 @@ class Lookout:
 
     def free_m(self, pose: Pose2D, heading_rad: float) -> float:
         """How far the robot can go straight in this direction of odom, less its stop distance before an obstacle."""
-        if self._is_touched(pose, heading_rad):
+        if self._touched_rad and self._is_touched(pose, heading_rad):
             return 0.0
         points_m = self._obstacles.points_m
         return contact_distance_m(points_m, pose.x_m, pose.y_m, heading_rad, self._reach_m) - self._gap_m

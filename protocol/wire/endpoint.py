@@ -9,9 +9,8 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from enum import StrEnum
 from threading import get_ident
-from typing import Any, Generic, NamedTuple
+from typing import Any
 
 import msgspec
 import zenoh
@@ -25,15 +24,18 @@ from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.exchange import Exchange
 from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
+from robrain.protocol.wire.serving import Drive, Handler, OnOutside, Request, Serve
 from robrain.protocol.wire.topic import JSON, Delivery, Q, Query, R, Token, Topic
+
+__all__ = ["Drive", "Endpoint", "Handler", "OnOutside", "Request", "Serve"]
 
 logger = logging.getLogger(__name__)
 
-OnOutside = Callable[[str, bytes], None]
 PENDING_QUERIES = 256
 DECLARED_KEYS = 16384
 REPLIES = 64
@@ -46,37 +48,6 @@ STUCK_TIMEOUT_S = 2.0
 """How long `close` waits for handlers that are still running."""
 
 
-class Drive(StrEnum):
-    """Who moves time: the wall, or the lockstep runner."""
-
-    LIVE = "live"
-    LOCKSTEP = "lockstep"
-
-
-class Serve(StrEnum):
-    """Where queries are answered in the live drive."""
-
-    AT_ONCE = "at_once"
-    """On the thread that Zenoh gives the queryable; one after the other."""
-    POOL = "pool"
-    """On threads of its own, several at a time; `busy` when there are too many."""
-    IN_STEP = "in_step"
-    """When the component calls `serve()`."""
-
-
-class Request(NamedTuple, Generic[Q]):
-    """A query as its handler sees it."""
-
-    names: dict[str, str]
-    """Names in the key, and its team under `team`."""
-    asked: Q
-    """The request, decoded; bytes where the query has free JSON, None where nothing is said."""
-    by: str = ""
-    """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`."""
-
-
-Handler = Callable[[Request[Q]], R | bytes]
-"""Returns the reply (bytes go as they are), or raises CallError."""
 _Waiting = tuple[zenoh.Query, Query[Any, Any], str | None, Callable[[Request[Any]], Any]]
 
 
@@ -124,6 +95,7 @@ class Endpoint:
         self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
         self._owner = threading.get_ident()
         self._zid = session.zid()
+        self._exchange = Exchange.of(session) if drive is Drive.LOCKSTEP else None
         self._entities: list[Any] = []
         self._declared_keys: dict[str, zenoh.KeyExpr] = {}
         self._pending: deque[_Waiting] = deque()
@@ -141,7 +113,9 @@ class Endpoint:
             "express": topic.is_blocking,
         }
         declared: Any
-        if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
+        if self._exchange is not None:
+            declared = self.session.declare_publisher(key, **options, allowed_destination=zenoh.Locality.REMOTE)
+        elif topic.delivery is Delivery.LOSSLESS:
             declared = ext.declare_advanced_publisher(
                 self.session,
                 key,
@@ -153,7 +127,7 @@ class Endpoint:
         else:
             declared = self.session.declare_publisher(key, **options)
         self._entities.append(declared)
-        return Publisher(declared, topic, key, self.clock, self._entities.remove)
+        return Publisher(declared, topic, key, self.clock, self._entities.remove, self._exchange)
 
     def token(self, topic: Token, **names: str) -> None:
         """Say that this component is there, for as long as the endpoint is open."""
@@ -165,6 +139,8 @@ class Endpoint:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
         inbox.adopt(self._border)
         key = topic.selector(self.team, **names)
+        if self._exchange is not None:
+            self._entities.append(self._exchange.subscribe(key, topic, inbox))
         # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
         own_key = key if "*" not in key else None
         lockstep, owner = self.drive is Drive.LOCKSTEP, self._owner

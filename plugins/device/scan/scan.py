@@ -39,7 +39,7 @@ class ScanDevice(Device):
             check_positive(self, "silent_s")
 
     interface = ScanInterface
-    period_s = 0.02
+    period_s = 0.2  # and as soon as a turn arrives
     parameters: Parameters
     scanned = Event[LaserScan]()
     trouble = Event[str](outside=True)
@@ -56,6 +56,7 @@ class ScanDevice(Device):
     def activate(self) -> None:
         self._heard_ns = self.env.clock.now_ns()
         self.env.wire.subscribe(self._inbox, ARENA_SCAN, robot=self.env.robot)
+        self.env.wake_on(self._inbox)
 
     def step(self) -> None:
         board, now_ns = self.env.board, self.env.clock.now_ns()
