@@ -59,7 +59,10 @@ class Mailbox:
     def hurry(self) -> None:
         """Have the observer's next step run at once."""
         self.is_hurried = True
-        self.ring()
+        if self.bell is not None:
+            self.bell[self.bell_index] = 1
+        elif self.wake is not None:
+            self.wake()
 
     def ring(self) -> None:
         """Have the runner look at the plugin: something of it has changed."""

@@ -17,14 +17,14 @@ class Handle:
     callee is there by then.
     """
 
-    __slots__ = ("__callee", "__caller", "__dict__", "__interface", "__live", "__user")
+    __slots__ = ("__callee", "__caller", "__dict__", "__interface", "__locks", "__user")
 
-    def __init__(self, callee: Callee, interface: type, caller: Caller, *, live: bool = True) -> None:
+    def __init__(self, callee: Callee, interface: type, caller: Caller, *, locks: bool = True) -> None:
         self.__callee = callee
         self.__user = caller.environment
         self.__caller = caller
         self.__interface = interface
-        self.__live = live
+        self.__locks = locks
 
     def __getattr__(self, name: str) -> Any:
         if name[0] == "_" and name.startswith("_Handle__"):  # of a copy that `__init__` never ran for
@@ -42,7 +42,7 @@ class Handle:
         if getattr(value, UNLOCKED_MARK, False):
             return lambda *args, **kwargs: getattr(callee.live_plugin(), name)(*args, **kwargs)
 
-        kind = _live_call if self.__live else _lockstep_call
+        kind = _locked_call if self.__locks else _lockstep_call
         call = self.__dict__[name] = kind(callee, caller, user, name)  # found there from now on
         return call
 
@@ -50,7 +50,7 @@ class Handle:
         return f"<handle on {self.__callee.name} as {self.__interface.__name__}>"
 
 
-def _live_call(callee: Callee, caller: Caller, user: Environment | None, name: str) -> Callable[..., Any]:
+def _locked_call(callee: Callee, caller: Caller, user: Environment | None, name: str) -> Callable[..., Any]:
     def call(*args: Any, **kwargs: Any) -> Any:
         with callee.turn:
             plugin = callee.live_plugin()
@@ -65,7 +65,7 @@ def _live_call(callee: Callee, caller: Caller, user: Environment | None, name: s
 
 
 def _lockstep_call(callee: Callee, caller: Caller, user: Environment | None, name: str) -> Callable[..., Any]:
-    """As `_live_call`, for one thread: nobody else can be in the plugin."""
+    """As `_locked_call`, for one thread: nobody else can be in the plugin."""
     is_gone = user.gone if user is not None else ()
 
     def call(*args: Any, **kwargs: Any) -> Any:

@@ -79,6 +79,7 @@ class AgentHost:
         drive: who moves time.
         seed: of the run; each plugin draws from its own generator, made from seed, robot and plugin.
         on_outside: told of queries from other processes, in lockstep.
+        has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
 
     """
 
@@ -92,6 +93,7 @@ class AgentHost:
         *,
         seed: int = 0,
         on_outside: OnOutside | None = None,
+        has_one_thread: bool = False,
     ) -> None:
         self.name = robot_file.robot.name
         self.drive = drive
@@ -99,8 +101,9 @@ class AgentHost:
         self.board = Board()
         self.desk = TaskDesk()
         self._registry = Registry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
+        self._registry.has_one_thread = has_one_thread
         self.manager = PluginManager(self._registry)
-        self._schedule = LockstepSchedule() if drive is Drive.LOCKSTEP else None
+        self._schedule = LockstepSchedule(has_one_thread=has_one_thread) if drive is Drive.LOCKSTEP else None
         self._seed = seed
         self._on_outside = on_outside
         self._session = session
@@ -185,7 +188,7 @@ class AgentHost:
             self.manager.settle(now_ns)
         if self._schedule is not None:
             self._schedule.step(self._registry.plugins, now_ns)
-        if self.desk.has_next and self.desk.go_on(now_ns) and self._schedule is not None:
+        if self.desk.held is not None and self.desk.go_on(now_ns) and self._schedule is not None:
             for _ in range(WOKEN_PASSES):
                 self._schedule.step(self._registry.plugins, now_ns)
         if now_ns >= self._state_due_ns:

@@ -131,7 +131,12 @@ class FaultDesk:
         elapsed_s = (now_ns - self._looked_ns) / NS_PER_S
         self._looked_ns = now_ns
         for plugin in self._registry.plugins.values():
-            dropped = sum(event.dropped for event in plugin.events().values())
+            instance = plugin.instance
+            if instance is None or not instance.code.events:
+                continue
+            dropped = 0
+            for event in plugin.events().values():
+                dropped += event.dropped
             before = self._drops.get(plugin.name, 0)
             self._drops[plugin.name] = dropped
             if dropped - before > FLOOD_DROPS_A_SECOND * elapsed_s:

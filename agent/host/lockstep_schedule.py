@@ -10,9 +10,14 @@ class LockstepSchedule:
 
     In a pass each plugin gets its notifications, then its step if that is due. What a plugin leaves for one that comes
     later is delivered in the same pass, for an earlier one in the next.
+
+    Args:
+        has_one_thread: whether plugins' turns need not be waited for.
+
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, has_one_thread: bool) -> None:
+        self._has_one_thread = has_one_thread
         self._plugins: list[ManagedPlugin] = []
         self._known: dict[str, ManagedPlugin] = {}
         self._wanted = bytearray()
@@ -35,13 +40,16 @@ class LockstepSchedule:
         while index >= 0:
             wanted[index] = 0
             plugin = self._plugins[index]
-            turn = plugin.turn
             if plugin.holdings.mailbox.waiting:
-                turn.depth += 1
-                try:
-                    plugin.deliver_in_turn()
-                finally:
-                    turn.depth -= 1
+                if self._has_one_thread:
+                    turn = plugin.turn
+                    turn.depth += 1
+                    try:
+                        plugin.deliver_in_turn()
+                    finally:
+                        turn.depth -= 1
+                else:
+                    plugin.deliver()
             mailbox = plugin.holdings.mailbox  # another one if the plugin has faulted
             if mailbox.is_hurried:
                 mailbox.is_hurried = False
@@ -51,11 +59,15 @@ class LockstepSchedule:
                 plugin.due_ns += plugin.period_ns
                 if plugin.due_ns <= now_ns:  # what was missed is not made up for
                     plugin.due_ns = now_ns + plugin.period_ns
-                turn.depth += 1
-                try:
-                    plugin.step_in_turn()
-                finally:
-                    turn.depth -= 1
+                if self._has_one_thread:
+                    turn = plugin.turn
+                    turn.depth += 1
+                    try:
+                        plugin.step_in_turn()
+                    finally:
+                        turn.depth -= 1
+                else:
+                    plugin.run_step()
             if plugin.due_ns != queued[index]:
                 queued[index] = plugin.due_ns
                 heappush(due, (plugin.due_ns, index))

@@ -371,7 +371,7 @@ class ManagedPlugin:
         self.callable = self.instance.plugin if is_callable and self.instance is not None else None
 
     def _new_turn(self, manifest: Manifest, context: RobotContext) -> Turn:
-        kind = Turn if context.is_live else LockstepTurn
+        kind = LockstepTurn if context.has_one_thread else Turn
         return kind(self.name, manifest.tag.hang_s, context.clock)
 
     def _there(self) -> Instance:
@@ -469,7 +469,7 @@ class ManagedPlugin:
         check_use(self, caller, interface)
         if not self.manifest.tag.shared:
             self.exclusive.keep(caller, granted=True)
-        return Handle(self, interface, caller, live=self._context.is_live)
+        return Handle(self, interface, caller, locks=not self._context.has_one_thread)
 
     def hold(self, by: str, lease_s: float) -> Lease:
         """Let somebody outside have the plugin for themselves for a time, or longer if they have it.

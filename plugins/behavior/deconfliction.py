@@ -16,7 +16,7 @@ from robrain.plugins.skill.planner.interface import Circle
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.navigation.claim import Claim, Rank
 from robrain.protocol.model.navigation.navigation_grid import Zone
 from robrain.protocol.model.navigation.right_of_way import (
     LOOK_AHEAD_M,
@@ -63,13 +63,7 @@ class Encounter:
         self.radius_m = radius_m
         self.mates = mates
         self._speed_m_s = speed_m_s
-        self.tracks = [
-            mate.track._replace(
-                keep_m=mate.radius_m + radius_m,
-                goes_first=mate.doing is Doing.UNDER_WAY and mate.claim.beats(mate.name, claim, robot),
-            )
-            for mate in mates
-        ]
+        self.tracks = _tracks(mates, radius_m, claim.rank(robot))
 
     def release(self, ahead: Floats) -> Release:
         """How far the robot may go along positions (N, 2)."""
@@ -77,15 +71,16 @@ class Encounter:
 
     def guard(self, ahead: Floats) -> Release:
         """How far it may go without touching anybody; for a robot that is getting out of the way."""
-        return release(ahead, self._speed_m_s, [track._replace(goes_first=False) for track in self.tracks], MARGINS)
+        return release(ahead, self._speed_m_s, self.tracks, MARGINS, yields=False)
 
     def in_the_way_of(self, here: Floats, within_s: float) -> list[str]:
         """Who of those who go first is to pass these positions (N, 2) within that time."""
         found = []
         for mate, track in zip(self.mates, self.tracks, strict=True):
-            soon = track._replace(positions=track.positions[: 1 + round(within_s * track.speed_m_s / STEP_M)])
-            if track.goes_first and meet(here, soon, MARGINS.contest_m):
-                found.append(mate.name)
+            if track.goes_first:
+                soon = 1 + round(within_s * track.speed_m_s / STEP_M)
+                if meet(here, track, MARGINS.contest_m, soon):
+                    found.append(mate.name)
         return found
 
     def still_meets(self, ahead: Floats, names: Sequence[str]) -> bool:
@@ -107,6 +102,19 @@ class Encounter:
             if not push or track.goes_first or mate.doing is Doing.OBSTACLE
         ]
         return self._speed_m_s, tracks, REFUGE_M
+
+
+def _tracks(mates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track]:
+    """The tracks of mates as a robot of that radius and rank sees them."""
+    tracks = []
+    for mate in mates:
+        track, first = mate.track, False
+        if mate.doing is Doing.UNDER_WAY:
+            rank = mate.rank
+            first = (mate.claim.rank(mate.name) if rank is None else rank) < own
+        keep_m = mate.radius_m + radius_m
+        tracks.append(Track(track.positions, track.speed_m_s, track.held_at, keep_m, goes_first=first))
+    return tracks
 
 
 def circles(mates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Circle]:

@@ -32,7 +32,7 @@ from robrain.protocol.can.payload import (
     pack_fd,
     unpack,
 )
-from robrain.protocol.can.segment import Segment
+from robrain.protocol.can.segment import Node, Segment
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.errors import BadName, WireError
 from robrain.protocol.wire.exchange import Exchange
@@ -145,8 +145,8 @@ class ZenohBus(can.BusABC):
         self._direct = direct
         self._on_outside = on_outside
         self._owner = threading.get_ident()
-        self._frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
-        self.pending: Sized = self._frames
+        self.frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
+        self.pending: Sized = self.frames
         self.on_frame: Callable[[], None] | None = None
         self._arrived = threading.Condition()
         self._segment: Segment | None = None
@@ -233,7 +233,7 @@ class ZenohBus(can.BusABC):
         except zenoh.ZError as error:
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
         if self._segment is not None and self._exchange is not None:
-            self._segment.deliver(payload)
+            self._segment.deliver(payload, self)
             self._exchange.deliver(ARENA_CAN, self._key, payload)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
@@ -246,14 +246,14 @@ class ZenohBus(can.BusABC):
         if timeout != 0:
             return super().recv(timeout)
         try:
-            payload = self._frames.popleft()
+            payload = self.frames.popleft()
         except IndexError:
             return None
         return self._unpack(payload) if self._receives_own else unpack(payload, self._channel)
 
     def take_frames(self) -> list[Frame]:
         """Take all frames that have arrived, in order."""
-        frames, new = self._frames, tuple.__new__
+        frames, new = self.frames, tuple.__new__
         taken: list[Frame] = []
         for _ in range(len(frames)):
             payload = frames.popleft()
@@ -263,12 +263,12 @@ class ZenohBus(can.BusABC):
         return taken
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not self._frames:
+        if not self.frames:
             with self._arrived:
-                self._arrived.wait_for(lambda: self._frames or self._is_shutdown, timeout)
+                self._arrived.wait_for(lambda: self.frames or self._is_shutdown, timeout)
         # Frames are filtered on arrival: python-can's filter ends a recv(timeout=0) at the first frame it rejects.
         try:
-            return self._unpack(self._frames.popleft()), True
+            return self._unpack(self.frames.popleft()), True
         except IndexError:  # none arrived, or another thread took it
             if self._is_shutdown:
                 raise self._shut_down() from None
@@ -342,22 +342,16 @@ class ZenohBus(can.BusABC):
     def _shut_down(self) -> can.CanOperationError:
         return can.CanOperationError(f"{self.channel_info}: is shut down")
 
-    def wants(self, traveling: bytes) -> bool:
-        """Whether the filters take an identifier, as it travels."""
-        return self._filter[traveling]
+    def wants(self, traveling: bytes, sender: Node) -> bool:
+        """Whether the filters take an identifier, as it travels, and the sender is another or is to be heard too."""
+        return self._filter[traveling] and (sender is not self or self._receives_own)
 
     def accept(self, payload: bytes) -> None:
-        """Take a frame of this process's nodes that the filters take, in lockstep."""
+        """Take a frame that `wants` lets through, in lockstep."""
         if len(payload) > CLASSIC_BYTES and not self._fd:
             self.refused += 1
-        elif payload[NODE] == self._node_bytes and not self._receives_own:
-            return
-        elif payload[STAMP] == NO_STAMP or len(self._frames) == QUEUE_FRAMES or threading.get_ident() != self._owner:
+        else:
             self._keep(payload)
-        else:  # as `_keep`, for nearly all
-            self._frames.append(payload)
-            if self.on_frame is not None:
-                self.on_frame()
 
     def _take(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
@@ -370,7 +364,7 @@ class ZenohBus(can.BusABC):
     def _keep(self, payload: bytes) -> None:
         if payload[STAMP] == NO_STAMP and self._received_ns is not None:
             payload = payload[NODE] + self._received_ns().to_bytes(8, "little") + payload[STAMP.stop :]
-        frames = self._frames
+        frames = self.frames
         if len(frames) == QUEUE_FRAMES:
             self.dropped += 1
         frames.append(payload)

@@ -123,9 +123,13 @@ class Inbox:
         self.has_some = False  # first: what arrives meanwhile sets it again
         if self._expected:
             self._take_replies()
-        samples: list[Sample] = [self._every.popleft() for _ in range(len(self._every))]
-        if self._latest:
-            samples += [self._latest.pop(key) for key in sorted(self._latest)]
+        samples: list[Sample] = []
+        every, latest = self._every, self._latest
+        for _ in range(len(every)):
+            samples.append(every.popleft())
+        if latest:
+            for key in sorted(latest):
+                samples.append(latest.pop(key))
         return samples
 
     def _take_replies(self) -> None:

@@ -117,6 +117,7 @@ class LockstepRun:
                 Drive.LOCKSTEP,
                 seed=world.seed,
                 on_outside=self._note_outside,
+                has_one_thread=True,
             )
             self._closers.append(host.close)
             host.start()
@@ -173,7 +174,8 @@ class LockstepRun:
         if self._ticks % TRUTH_TICKS == 0:
             self._watch()
         for endpoint in self._endpoints:
-            endpoint.serve()
+            if endpoint.has_waiting:
+                endpoint.serve()
         self._recorder.step()
 
     def close(self) -> RecordingSummary | None:

@@ -8,6 +8,7 @@ manifest's restart policy opens the bus again until it answers. The odometry goe
 import logging
 import math
 from collections import deque
+from collections.abc import Sized
 from typing import Any
 
 import can
@@ -78,6 +79,8 @@ class MocDevice(Device):
     def init(self) -> None:
         self._bus: can.BusABC | None = None
         self._port: FramePort | None = None
+        self._pending: Sized = ()
+        """Empty if there is nothing to catch up with."""
         self._command, self._stop = codec("WheelCommand"), codec("Stop")
         self._encoders, self._motor_status = codec("WheelEncoders"), codec("MotorStatus")
         self._known = known_identifiers()
@@ -103,6 +106,7 @@ class MocDevice(Device):
         self._since_ns = self.env.clock.now_ns()
         self._bus = self._open()
         self._port = frame_port(self._bus)
+        self._pending = self._port.pending
 
     def step(self) -> None:
         if self._port is None:
@@ -119,6 +123,7 @@ class MocDevice(Device):
             self.stop()
             self._bus.shutdown()
             self._bus = self._port = None
+            self._pending = ()
 
     def emergency_halt(self) -> None:
         self.stop()
@@ -131,7 +136,7 @@ class MocDevice(Device):
         if not all(map(math.isfinite, wanted)):
             raise ValueError(f"expected a finite velocity, got {twist}")
         share = WHEEL_SPEED_MAX_RAD_S / max(WHEEL_SPEED_MAX_RAD_S, *map(abs, wanted))
-        first, second, third = (share * speed_rad_s for speed_rad_s in wanted)
+        first, second, third = share * wanted[0], share * wanted[1], share * wanted[2]
         self._counter = (self._counter + 1) & 0xFF
         self._send(self._command, self._command.encode(self._counter, first, second, third))
 
@@ -144,33 +149,41 @@ class MocDevice(Device):
     @external
     def is_fresh(self) -> bool:
         """Whether the wheel encoders send data."""
-        self._catch_up()
+        if self._pending:
+            self._catch_up()
         return self._heard_ns is not None and self.env.clock.now_ns() - self._heard_ns <= self._silent_ns
 
     def pose(self) -> Pose2D:
         """T_odom_robot from the wheel encoders."""
-        self._catch_up()
+        if self._pending:
+            self._catch_up()
         return self._odometry.pose
 
     def pose_if_fresh(self) -> tuple[Pose2D, bool]:
         """`pose` and `is_fresh` in one call, for who asks many times a second."""
-        is_fresh = self.is_fresh()
+        if self._pending:
+            self._catch_up()
+        heard_ns = self._heard_ns
+        is_fresh = heard_ns is not None and self.env.clock.now_ns() - heard_ns <= self._silent_ns
         return self._odometry.pose, is_fresh
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last five seconds, between the encoder frames before and after it."""
-        self._catch_up()
+        if self._pending:
+            self._catch_up()
         return self._odometry.pose_at(stamp_ns - self._frame_clock.offset_ns)
 
     def odometry_until_ns(self) -> int:
         """Time of measurement of the newest wheel counts; 0 before the first."""
-        self._catch_up()
+        if self._pending:
+            self._catch_up()
         until_ns = self._odometry.until_ns
         return until_ns + self._frame_clock.offset_ns if until_ns is not None else 0
 
     def velocity(self) -> Twist2D:
         """Velocity in the body frame, from the encoders."""
-        self._catch_up()
+        if self._pending:
+            self._catch_up()
         return self._odometry.velocity
 
     def radius_m(self) -> float:
@@ -180,13 +193,15 @@ class MocDevice(Device):
     @external
     def counters(self) -> Counters:
         """Frames believed, rejected, foreign and lost, and error frames."""
-        self._catch_up()
+        if self._pending:
+            self._catch_up()
         return Counters(self._believed, self._rejected, self._foreign, self._sequence.lost, self._errors)
 
     @external
     def status(self) -> ControllerStatus | None:
         """Last status of the motor controller; null before the first."""
-        self._catch_up()
+        if self._pending:
+            self._catch_up()
         return self._status
 
     def _stamped_at(self) -> StampedAt:
@@ -212,7 +227,7 @@ class MocDevice(Device):
     def _catch_up(self) -> None:
         """Read what has arrived. What is wrong is told by the device's own step: a caller is not to blame."""
         port = self._port
-        if port is None or not port.pending or self._broken is not None:
+        if port is None or self._broken is not None:
             return
         try:
             self._listen(port)

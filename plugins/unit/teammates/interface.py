@@ -8,7 +8,7 @@ import msgspec
 
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.map_frame import MapFrame
-from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.navigation.claim import Claim, Rank
 from robrain.protocol.model.navigation.right_of_way import Track
 
 
@@ -52,6 +52,8 @@ class Mate(msgspec.Struct, frozen=True, eq=False):
     """What drives it."""
     endurance_s: float = math.inf
     """For how long its battery surely lasts at what it usually draws; inf if it does not say."""
+    rank: Rank | None = None
+    """`claim.rank(name)`, if it has been computed."""
 
 
 class TeammatesInterface(Protocol):

@@ -1,6 +1,8 @@
 """Teammates: where the other robots are, where they go and whether they still move, by what they publish."""
 
+import itertools
 import math
+from collections.abc import Iterable, Sequence
 
 import msgspec
 import numpy as np
@@ -10,9 +12,10 @@ from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate, Team
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.navigation.claim import Claim
-from robrain.protocol.model.navigation.right_of_way import MATE_AHEAD_M, STEP_M, Track, Way
+from robrain.protocol.model.navigation.right_of_way import MATE_AHEAD_M, STEP_M, Track, Way, any_within
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.tasks.task import ENDED
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.clock import to_ns
@@ -38,7 +41,7 @@ LOST_MARGIN_M = 0.5
 
 
 class KnownMate:
-    """Follows the states and paths of one other robot.
+    """What one other robot has told of its state and its path.
 
     Args:
         name: its name.
@@ -57,104 +60,108 @@ class KnownMate:
         """None before it has told where it is."""
         self.frame = ARENA
         """The map frame in which it tells that."""
-        self._stalled_ns = stalled_ns
-        self._default_speed_m_s = speed_m_s
-        self._moved_ns = 0
-        self._moved_at: Pose2D | None = None
-        self._is_halted = self._is_lost = False
-        self._task = self._behavior = ""
-        self._endurance_s = math.inf
-        self._way: Way | None = None
-        self._claim = Claim()
-        self._speed_m_s = speed_m_s
-        self._held_at_m: float | None = None
-        self._mate: Mate | None = None
-        self._made_ns = -1
+        self.state: RobotState | None = None
+        """The last with a pose."""
+        self.way: Way | None = None
+        """The path that it drives; None if it has none."""
+        self.claim = Claim()
+        self.rank = self.claim.rank(name)
+        self.speed_m_s = speed_m_s
+        self.held_at_m: float | None = None
+        self.moved_ns = 0
+        """When it was last seen to move, or was given reason to."""
+        self.moved_at: Pose2D | None = None
+        self.stalled_ns = stalled_ns
+        self.default_speed_m_s = speed_m_s
+        self.mate: Mate | None = None
+        """As reckoned last; None if it has said anything new since."""
 
-    def hear_state(self, state: RobotState, now_ns: int) -> None:
-        """Take its state."""
-        self.spoke_ns = now_ns
+    def has_way_left(self) -> bool:
+        """Whether it had more way ahead when its state was heard last than one that has arrived."""
+        known, way = self.teammate, self.way
+        return known is not None and way is not None and way.count_ahead(known.pose.x_m, known.pose.y_m) > AT_END
+
+
+def hear_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> None:
+    """Take states of mates. One function for all of them: calls are what this costs in a large team."""
+    for known, state in told:
+        known.spoke_ns = now_ns
         pose = state.pose
         if pose is None:
-            return
-        self.heard_ns = now_ns
-        self.teammate = Teammate(self.name, pose, state.velocity, state.radius_m)
-        self.frame = state.frame
-        self._is_halted, self._is_lost = state.halted, bool(state.lost)
-        self._behavior = state.behavior
-        energy = state.energy
-        if energy is not None:
-            self._endurance_s = energy.usable_j / max(energy.usual_power_w, LEAST_W)
-        self._task = state.task.id if state.task is not None and not state.task.state.ended else ""
-        if self._moved_at is None or pose.distance_m(self._moved_at) > MOVED_M:
-            self._moved_at = pose
-            self._moved_ns = now_ns
+            continue
+        known.heard_ns = now_ns
+        known.state, known.frame, known.mate = state, state.frame, None
+        known.teammate = Teammate(known.name, pose, state.velocity, state.radius_m)
+        at = known.moved_at
+        if at is None or math.hypot(pose.x_m - at.x_m, pose.y_m - at.y_m) > MOVED_M:
+            known.moved_at, known.moved_ns = pose, now_ns
 
-    def hear_path(self, path: PlannedPath, now_ns: int) -> None:
-        """Take its path."""
-        self.spoke_ns = now_ns
-        has_stood = not self._has_way_left()
-        self._way = Way(np.array([(point.x_m, point.y_m) for point in path.points])) if path.points else None
-        self._claim = path.claim
-        self._speed_m_s = path.speed_m_s if path.speed_m_s > 0 else self._default_speed_m_s
-        if self._held_at_m is not None or has_stood:
-            self._moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
-        self._held_at_m = path.held_at_m
-        self._made_ns = -1
 
-    def _has_way_left(self) -> bool:
-        known, way = self.teammate, self._way
-        return (
-            known is not None
-            and way is not None
-            and len(way.ahead(known.pose.x_m, known.pose.y_m, MATE_AHEAD_M)) > AT_END
-        )
+def hear_paths(told: Iterable[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
+    """Take paths of mates."""
+    for known, path in told:
+        known.spoke_ns = now_ns
+        if known.held_at_m is not None or not known.has_way_left():
+            known.moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
+        points = path.points
+        known.way = Way(np.array([(point.x_m, point.y_m) for point in points])) if points else None
+        if path.claim != known.claim:
+            known.claim, known.rank = path.claim, path.claim.rank(known.name)
+        known.speed_m_s = path.speed_m_s if path.speed_m_s > 0 else known.default_speed_m_s
+        known.held_at_m = path.held_at_m
+        known.mate = None
 
-    def mate(self, now_ns: int, fresh_ns: int) -> Mate | None:
-        """As it is to be reckoned with; None before it has told where it is."""
-        known = self.teammate
-        if known is None:
-            return None
-        is_fresh = now_ns - self.heard_ns <= fresh_ns
-        if self._mate is None or self._made_ns != self.heard_ns or not is_fresh:
-            self._made_ns = self.heard_ns
-            self._mate = self._reckon(known, now_ns, is_fresh=is_fresh)
-        return self._mate
 
-    def _reckon(self, known: Teammate, now_ns: int, *, is_fresh: bool) -> Mate:
-        place = (known.pose.x_m, known.pose.y_m)
-        positions = np.array([place]) if self._way is None else self._way.ahead(*place, MATE_AHEAD_M)
-        doing = self._doing(positions.shape[0], now_ns, is_fresh=is_fresh)
-        speed_m_s, radius_m = self._speed_m_s, known.radius_m + LOST_MARGIN_M * self._is_lost
-        if doing is not Doing.UNDER_WAY:
-            speed_m_s = math.hypot(known.velocity.forward_m_s, known.velocity.left_m_s)
-            positions = _rolling_on(known, speed_m_s if is_fresh else 0.0)
-        held_at = positions.shape[0] - 1
-        if doing is Doing.UNDER_WAY and self._held_at_m is not None and self._way is not None:
-            held_at = max(0, min(held_at, round((self._held_at_m - self._way.passed_m) / STEP_M)))
-        track = Track(positions, speed_m_s, held_at, radius_m, goes_first=False)
-        bound = Point2D(*place) if self._way is None or doing is not Doing.UNDER_WAY else self._way.end
-        return Mate(
-            self.name,
-            known.pose,
-            radius_m,
-            doing,
-            self._claim,
-            track,
-            self._task,
-            bound,
-            self._behavior,
-            self._endurance_s,
-        )
+def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:
+    """Mates as they are to be reckoned with, those left out that have not told where they are."""
+    reckoned = []
+    for known in mates:
+        teammate, state = known.teammate, known.state
+        if teammate is None or state is None:
+            continue
+        is_fresh = now_ns - known.heard_ns <= fresh_ns
+        mate = known.mate
+        if mate is None or not is_fresh:
+            mate = known.mate = _reckon(known, teammate, state, now_ns, is_fresh=is_fresh)
+        reckoned.append(mate)
+    return reckoned
 
-    def _doing(self, positions: int, now_ns: int, *, is_fresh: bool) -> Doing:
-        if not is_fresh or self._is_halted or self._is_lost:
-            return Doing.OBSTACLE
-        if positions <= AT_END:
-            return Doing.STANDING
-        if self._held_at_m is None and now_ns - self._moved_ns > self._stalled_ns:
-            return Doing.OBSTACLE
-        return Doing.UNDER_WAY
+
+def _reckon(known: KnownMate, teammate: Teammate, state: RobotState, now_ns: int, *, is_fresh: bool) -> Mate:
+    pose, way, held_at_m = teammate.pose, known.way, known.held_at_m
+    x_m, y_m = pose.x_m, pose.y_m
+    positions = np.array(((x_m, y_m),)) if way is None else way.ahead(x_m, y_m, MATE_AHEAD_M)
+    doing = Doing.UNDER_WAY
+    if not is_fresh or state.halted or state.lost:
+        doing = Doing.OBSTACLE
+    elif positions.shape[0] <= AT_END:
+        doing = Doing.STANDING
+    elif held_at_m is None and now_ns - known.moved_ns > known.stalled_ns:
+        doing = Doing.OBSTACLE
+    speed_m_s, radius_m = known.speed_m_s, teammate.radius_m + LOST_MARGIN_M * bool(state.lost)
+    if doing is not Doing.UNDER_WAY:
+        speed_m_s = math.hypot(teammate.velocity.forward_m_s, teammate.velocity.left_m_s)
+        positions = _rolling_on(teammate, speed_m_s if is_fresh else 0.0)
+    held_at = positions.shape[0] - 1
+    bound = Point2D(x_m, y_m)
+    if doing is Doing.UNDER_WAY and way is not None:
+        bound = way.end
+        if held_at_m is not None:
+            held_at = max(0, min(held_at, round((held_at_m - way.passed_m) / STEP_M)))
+    energy, task = state.energy, state.task
+    return Mate(
+        known.name,
+        pose,
+        radius_m,
+        doing,
+        known.claim,
+        Track(positions, speed_m_s, held_at, radius_m, goes_first=False),
+        "" if task is None or task.state in ENDED else task.id,
+        bound,
+        state.behavior,
+        math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
+        known.rank,
+    )
 
 
 def _rolling_on(mate: Teammate, speed_m_s: float) -> Floats:
@@ -166,12 +173,14 @@ def _rolling_on(mate: Teammate, speed_m_s: float) -> Floats:
     return np.stack((pose.x_m + along_m * math.cos(heading_rad), pose.y_m + along_m * math.sin(heading_rad)), axis=1)
 
 
-def is_near(mate: Mate, place: Point2D, within_m: float) -> bool:
-    """Whether a mate is, or is bound, within a distance of a place."""
-    if mate.pose.distance_m(place) <= within_m:
-        return True
-    apart = mate.track.positions - (place.x_m, place.y_m)
-    return bool(np.min(apart[:, 0] ** 2 + apart[:, 1] ** 2) <= within_m**2)
+def near(mates: Sequence[Mate], place: Point2D, within_m: float) -> list[Mate]:
+    """Those that are, or are bound, within a distance of a place."""
+    if not mates:
+        return []
+    tracks = [mate.track.positions for mate in mates]
+    counts = np.array([len(track) for track in tracks])
+    comes_near = any_within(np.concatenate(tracks), counts, place.x_m, place.y_m, within_m)
+    return list(itertools.compress(mates, comes_near.tolist()))
 
 
 class Teammates(Unit):
@@ -201,6 +210,8 @@ class Teammates(Unit):
         self._next_ns = 0
         self._known: dict[str, KnownMate] = {}
         self._fresh_ns = to_ns(self.parameters.fresh_s)
+        self._remember_ns = to_ns(self.parameters.remember_s)
+        self._stalled_ns = to_ns(self.parameters.stalled_s)
 
     def activate(self) -> None:
         self._guard = RecordGuard(self.env.wire.refusals)
@@ -233,8 +244,8 @@ class Teammates(Unit):
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
         now_ns = self._hear()
         frame = self.env.board.frame
-        mates = [known.mate(now_ns, self._fresh_ns) for known in self._known.values() if known.frame == frame]
-        return [mate for mate in mates if mate is not None and is_near(mate, place, within_m)]
+        here = [known for known in self._known.values() if known.frame == frame]
+        return near(reckon(here, now_ns, self._fresh_ns), place, within_m)
 
     def _hear(self) -> int:
         now_ns = self.env.clock.now_ns()
@@ -242,24 +253,31 @@ class Teammates(Unit):
             return now_ns
         self._next_ns = now_ns + HEAR_NS
         count = len(self._known)
-        self._guard.messages(self._inbox.drain(), self._take)
-        too_old_ns = now_ns - to_ns(self.parameters.remember_s)
-        if len(self._known) != count or any(known.spoke_ns < too_old_ns for known in self._known.values()):
+        self._guard.batch(self._inbox.drain(), self._take)
+        too_old_ns = now_ns - self._remember_ns
+        oldest_ns = min([known.spoke_ns for known in self._known.values()], default=now_ns)
+        if len(self._known) != count or oldest_ns < too_old_ns:
             by_name = sorted(self._known.items())
             self._known = {name: known for name, known in by_name if known.spoke_ns >= too_old_ns}
         return now_ns
 
-    def _take(self, received: Received) -> None:
-        message, now_ns = received.message, self.env.clock.now_ns()
-        if message.robot == self.env.robot:
-            return
-        known = self._known.get(message.robot)
-        if known is None:
-            if len(self._known) >= MATES_MAX:
-                return
-            stalled_ns = to_ns(self.parameters.stalled_s)
-            known = self._known[message.robot] = KnownMate(message.robot, stalled_ns, self.parameters.speed_m_s)
-        if received.topic is ROBOT_STATE:
-            known.hear_state(message, now_ns)
-        else:
-            known.hear_path(message, now_ns)
+    def _take(self, batch: Sequence[Received]) -> None:
+        robot, all_known = self.env.robot, self._known
+        states, paths = [], []
+        for received in batch:
+            message = received.message
+            name = message.robot
+            if name == robot:
+                continue
+            known = all_known.get(name)
+            if known is None:
+                if len(all_known) >= MATES_MAX:
+                    continue
+                known = all_known[name] = KnownMate(name, self._stalled_ns, self.parameters.speed_m_s)
+            if received.topic is ROBOT_STATE:
+                states.append((known, message))
+            else:
+                paths.append((known, message))
+        now_ns = self.env.clock.now_ns()
+        hear_paths(paths, now_ns)
+        hear_states(states, now_ns)

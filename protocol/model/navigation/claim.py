@@ -7,18 +7,20 @@ from msgspec import Meta
 
 from robrain.protocol.model.ranges import Length, Name
 
-Rank = Annotated[int, Meta(ge=-1_000_000_000, le=1_000_000_000)]
+Degree = Annotated[int, Meta(ge=-1_000_000_000, le=1_000_000_000)]
+Rank = tuple[int, int, float, str, int, str]
+"""What claims are compared by."""
 
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
     """Decides a robot's right of way."""
 
-    cornered: Rank = 0
+    cornered: Degree = 0
     """Above 0 if the robot has nowhere to give way to: one more than the robots that press it. The last to be cornered
     goes first, because the others may have found a refuge by now."""
-    priority: Rank = 0
+    priority: Degree = 0
     """Priority of its task; the higher goes first."""
-    waited: Rank = 0
+    waited: Degree = 0
     """Counts up while the robot yields. Each count adds one to the priority, so that no robot waits for ever."""
     way_m: Length = 0.0
     """Length of its path when it set out; the shorter goes first."""
@@ -26,16 +28,17 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
     """A robot that makes room for another uses that robot's claim, so that others make room in turn: priority
     inheritance (Okumura et al., *Priority Inheritance with Backtracking for Iterative Multi-agent Path Finding*, IJCAI
     2019). Empty if the claim is the robot's own."""
-    lent: Rank = 0
+    lent: Degree = 0
     """How many robots have passed the claim on."""
 
     def beats(self, name: str, other: "Claim", other_name: str) -> bool:
         """Whether the robot `name` with this claim goes before another; of any two one does, and never both."""
-        return self._rank(name) < other._rank(other_name)
+        return self.rank(name) < other.rank(other_name)
 
     def lend(self, name: str) -> "Claim":
         """The claim of a robot that makes room for the robot `name`, whose claim this is: next after it."""
         return msgspec.structs.replace(self, lent_by=self.lent_by or name, lent=self.lent + 1)
 
-    def _rank(self, name: str) -> tuple[int, int, float, str, int, str]:
+    def rank(self, name: str) -> Rank:
+        """As what the claim of the robot `name` is compared: the lesser goes first."""
         return -self.cornered, -(self.priority + self.waited), self.way_m, self.lent_by or name, self.lent, name

@@ -10,8 +10,10 @@ Positions are (N, 2) in metres, arena frame, `STEP_M` apart along the way; a rob
 k · STEP_M / speed.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import msgspec
@@ -20,7 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 
 STEP_M = 0.1
 """From one position of a way to the next; half of what a small robot is wide would be enough."""
@@ -34,7 +36,7 @@ SEARCH = 30
 """Positions by which a robot advances between two looks at the most: 3 m."""
 
 
-class Track(NamedTuple):
+class Track(msgspec.Struct, frozen=True, eq=False):
     """A mate as it is reckoned with."""
 
     positions: Floats
@@ -75,30 +77,33 @@ class Margins(msgspec.Struct, frozen=True, kw_only=True):
 
 def sample_way(points: Floats, limit_m: float) -> Floats:
     """Positions `STEP_M` apart along a polyline (N, 2), for `limit_m` or to its end; both its ends are among them."""
-    return _sample(np.require(points, np.float64, ("C", "A", "W")), STEP_M, float(limit_m))
+    return _sample(kernel_array(points, FLOAT64), STEP_M, float(limit_m))
 
 
-def release(own: Floats, speed_m_s: float, tracks: Sequence[Track], margins: Margins) -> Release:
+def release(
+    own: Floats, speed_m_s: float, tracks: Sequence[Track], margins: Margins, *, yields: bool = True
+) -> Release:
     """How far a robot may go along its own positions (N, 2), the first of which is where it is.
 
     Towards a mate that goes first, an own position is *contested* while the mate has still to pass within reach of it.
     A contested stretch is entered only if at every position of it the two are apart by `slack_s` in time. A robot that
     is already in one goes on if it gets out of it ahead of the mate, and must leave it otherwise. Towards all mates,
-    the way ends where in the next `guard_s` the hulls would come nearer than `guard_m`.
+    the way ends where in the next `guard_s` the hulls would come nearer than `guard_m`. Without `yields`, that alone
+    counts.
     """
     if not tracks:
         return Release(own.shape[0], is_whole=True, must_leave=False, by=-1)
-    begins = np.zeros(len(tracks) + 1, np.int64)
-    np.cumsum([track.positions.shape[0] for track in tracks], out=begins[1:])
+    positions = [track.positions for track in tracks]
+    begins = np.array([0, *itertools.accumulate([len(track) for track in positions])])
     count, must_leave, by = _release(
         own,
         STEP_M / speed_m_s,
-        np.concatenate([track.positions for track in tracks]),
+        np.concatenate(positions),
         begins,
         np.array([STEP_M / max(track.speed_m_s, 1e-3) for track in tracks]),
         np.array([track.held_at for track in tracks], np.int64),
         np.array([track.keep_m for track in tracks]),
-        np.array([track.goes_first for track in tracks], np.bool_),
+        np.array([yields and track.goes_first for track in tracks], np.bool_),
         margins.contest_m,
         margins.guard_m,
         margins.slack_s,
@@ -107,9 +112,9 @@ def release(own: Floats, speed_m_s: float, tracks: Sequence[Track], margins: Mar
     return Release(count, is_whole=count == own.shape[0], must_leave=must_leave, by=by)
 
 
-def meet(own: Floats, track: Track, margin_m: float) -> bool:
-    """Whether the rest of a mate's way comes anywhere within reach of own positions (N, 2)."""
-    return _meet(own, track.positions, track.keep_m + margin_m)
+def meet(own: Floats, track: Track, margin_m: float, within: int | None = None) -> bool:
+    """Whether the rest of a mate's way, or its positions `within`, come anywhere within reach of own ones (N, 2)."""
+    return _meet(own, track.positions[:within], track.keep_m + margin_m)
 
 
 class Way:
@@ -122,10 +127,14 @@ class Way:
 
     def __init__(self, points: Floats) -> None:
         self._points = points
-        legs_m = np.hypot(*np.diff(points, axis=0).T)
-        self._at_m = np.concatenate(([0.0], np.cumsum(legs_m)))
         self._positions = sample_way(points, LONGEST_M)
         self._passed = 0
+
+    @cached_property
+    def _at_m(self) -> Floats:
+        """How far along the path each of its points lies."""
+        legs_m = np.hypot(*np.diff(self._points, axis=0).T)
+        return np.concatenate(([0.0], np.cumsum(legs_m)))
 
     @property
     def passed_m(self) -> float:
@@ -152,10 +161,12 @@ class Way:
 
         What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
         """
-        near = self._positions[self._passed : self._passed + SEARCH]
-        self._passed += int(np.argmin((near[:, 0] - x_m) ** 2 + (near[:, 1] - y_m) ** 2))
-        rest = self._positions[self._passed + 1 : self._passed + 1 + round(limit_m / STEP_M)]
-        return np.concatenate((np.array([[x_m, y_m]]), rest))
+        self._passed, ahead = _ahead(self._positions, self._passed, x_m, y_m, round(limit_m / STEP_M))
+        return ahead
+
+    def count_ahead(self, x_m: float, y_m: float) -> int:
+        """How many positions `ahead` would return without a limit; passes nothing."""
+        return len(self._positions) - int(_passed_at(self._positions, self._passed, x_m, y_m))
 
     def points_until(self, at_m: float) -> Floats:
         """Its points from here to a place on it, `at_m` along it; the last lies there."""
@@ -164,6 +175,58 @@ class Way:
         between = (self._at_m > self.passed_m) & (self._at_m < at_m)
         end = self._positions[min(round(at_m / STEP_M), self._positions.shape[0] - 1)]
         return np.concatenate((self._points[between], end[None]))
+
+
+@njit(cache=True, nogil=True)
+def _passed_at(positions: Floats, passed: int, x_m: float, y_m: float) -> int:
+    """The position nearest to a place among the next `SEARCH` ones; of equally near ones the first."""
+    nearest, nearest_2 = passed, np.inf
+    for k in range(passed, min(passed + SEARCH, positions.shape[0])):
+        dx, dy = positions[k, 0] - x_m, positions[k, 1] - y_m
+        if dx * dx + dy * dy < nearest_2:
+            nearest, nearest_2 = k, dx * dx + dy * dy
+    return nearest
+
+
+@njit(cache=True, nogil=True)
+def _ahead(positions: Floats, passed: int, x_m: float, y_m: float, limit: int) -> tuple[int, Floats]:
+    """The position passed by now, and the place with at most `limit` positions beyond that one."""
+    passed = _passed_at(positions, passed, x_m, y_m)
+    count = min(limit, positions.shape[0] - passed - 1)
+    ahead = np.empty((count + 1, 2))
+    ahead[0, 0], ahead[0, 1] = x_m, y_m
+    ahead[1:] = positions[passed + 1 : passed + 1 + count]
+    return passed, ahead
+
+
+@njit(cache=True, nogil=True)
+def any_within(
+    positions: Floats, counts: NDArray[np.int64], x_m: float, y_m: float, within_m: float
+) -> NDArray[np.bool_]:
+    """(T,) whether any position of a track is within a distance of a place.
+
+    The tracks lie one behind the other in `positions` (N, 2); `counts` (T,) are their lengths.
+    """
+    found = np.zeros(counts.shape[0], np.bool_)
+    begin = 0
+    for track in range(counts.shape[0]):
+        for k in range(begin, begin + counts[track]):
+            dx, dy = positions[k, 0] - x_m, positions[k, 1] - y_m
+            if dx * dx + dy * dy <= within_m * within_m:
+                found[track] = True
+                break
+        begin += counts[track]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _stride_m(positions: Floats, first: int, last: int) -> float:
+    """The greatest distance from one position of a track to the next, and a little more."""
+    stride_2 = 0.0
+    for k in range(first, last):
+        dx, dy = positions[k + 1, 0] - positions[k, 0], positions[k + 1, 1] - positions[k, 1]
+        stride_2 = max(stride_2, dx * dx + dy * dy)
+    return math.sqrt(stride_2) + 1e-6
 
 
 @njit(cache=True, nogil=True)
@@ -230,11 +293,16 @@ def _release(
         first, last = begins[mate], begins[mate + 1] - 1
         held = held_at[mate] < last - first
         reach_2 = (keep_m[mate] + contest_m) ** 2
+        stride_m = _stride_m(tracks, first, last)
         for k in range(count):
             own_s = k * own_step_s
-            for j in range(first, last + 1):
+            j = first - 1
+            while j < last:
+                j += 1
                 dx, dy = tracks[j, 0] - own[k, 0], tracks[j, 1] - own[k, 1]
                 if dx * dx + dy * dy >= reach_2:
+                    # The track takes so many positions at least to come within reach.
+                    j += max(0, int((math.sqrt(dx * dx + dy * dy) - keep_m[mate] - contest_m) / stride_m) - 1)
                     continue
                 if contested_by[k] < 0:
                     contested_by[k] = mate
@@ -263,11 +331,17 @@ def _release(
             end, by, must_leave = max(begin, 1), contested_by[begin], begin == 0
             break
 
+    guarded = min(count - 1, int(guard_s / own_step_s) + 1)
+    guarded_m = guarded * _stride_m(own, 0, guarded)
+    """How far the robot can get while the guard looks ahead."""
     for mate in range(begins.shape[0] - 1):
         first, last = begins[mate], begins[mate + 1] - 1
         last = min(last, first + held_at[mate])
         reach_m = keep_m[mate] + guard_m
         now_m = math.hypot(tracks[first, 0] - own[0, 0], tracks[first, 1] - own[0, 1])
+        soon = min(last, first + int((guard_s + 0.5) / steps_s[mate]) + 1)
+        if now_m - guarded_m - (soon - first) * _stride_m(tracks, first, soon) > reach_m:
+            continue
         for k in range(1, end):
             own_s = k * own_step_s
             if own_s > guard_s:

@@ -36,7 +36,11 @@ class TaskState(StrEnum):
     @property
     def ended(self) -> bool:
         """Nothing follows this state."""
-        return self in (TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED)
+        return self in ENDED
+
+
+ENDED = frozenset((TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED))
+"""The states that nothing follows."""
 
 
 class Task(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -1,7 +1,7 @@
 """Handles records one by one, so that one that raises does not keep the others from being handled."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import ParamSpec, TypeVar
 
 from robrain.protocol.wire.border.border import Received
@@ -39,6 +39,15 @@ class RecordGuard:
                 raise
             except FAULTS as error:
                 self._set_aside(one.topic.name, one.key, error)
+
+    def batch(self, received: Sequence[Received], handle: Callable[[Sequence[Received]], object]) -> None:
+        """Call `handle` with all messages at once; if that raises, with each alone, those handled before included."""
+        try:
+            handle(received)
+        except self._passes:
+            raise
+        except FAULTS:
+            self.messages(received, lambda one: handle((one,)))
 
     def records(self, records: Iterable[R], handle: Callable[[R], object], name: Callable[[R], str], what: str) -> None:
         """Call `handle` with each record.

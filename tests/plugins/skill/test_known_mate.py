@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.plugins.unit.teammates.interface import Doing, Mate
-from robrain.plugins.unit.teammates.teammates import KnownMate, is_near
+from robrain.plugins.unit.teammates.teammates import KnownMate, hear_paths, hear_states, near, reckon
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
 
@@ -21,15 +21,14 @@ class Watched:
 
     def state(self, x_m: float, at_s: float, y_m: float = 0.0, yaw_rad: float = 0.0, **fields: object) -> None:
         state = RobotState(robot="r2", pose=Pose2D(x_m, y_m, yaw_rad), radius_m=0.2, **fields)  # type: ignore[arg-type]
-        self.known.hear_state(state, round(at_s * S))
+        hear_states([(self.known, state)], round(at_s * S))
 
     def path(self, at_s: float, *points: tuple[float, float], held_at_m: float | None = None) -> None:
         path = PlannedPath(robot="r2", points=[Point2D(*point) for point in points], held_at_m=held_at_m)
-        self.known.hear_path(path, round(at_s * S))
+        hear_paths([(self.known, path)], round(at_s * S))
 
     def at(self, at_s: float) -> Mate:
-        mate = self.known.mate(round(at_s * S), FRESH_S * S)
-        assert mate is not None
+        (mate,) = reckon([self.known], round(at_s * S), FRESH_S * S)
         return mate
 
 
@@ -106,11 +105,11 @@ def test_where_a_path_ends_exactly_at_the_distance_the_mate_is_near() -> None:
     mate = Watched()
     mate.path(0, (20.0, 0.0), (4.0, 0.0))
     mate.state(20.0, 0)
-    assert is_near(mate.at(0), Point2D(1.0, 0.0), 3.0)
-    assert not is_near(mate.at(0), Point2D(1.0, 0.0), 2.99)
+    assert near([mate.at(0)], Point2D(1.0, 0.0), 3.0)
+    assert not near([mate.at(0)], Point2D(1.0, 0.0), 2.99)
     mate.path(1, (20.0, 0.0), (25.0, 0.0))
     mate.state(20.0, 1)
-    assert not is_near(mate.at(1), Point2D(1.0, 0.0), 3.0)
+    assert not near([mate.at(1)], Point2D(1.0, 0.0), 3.0)
 
 
 def test_a_mate_that_waits_for_nobody_goes_to_the_end_of_its_way_as_fast_as_it_says_or_as_robots_usually_do() -> None:
@@ -118,7 +117,7 @@ def test_a_mate_that_waits_for_nobody_goes_to_the_end_of_its_way_as_fast_as_it_s
     mate.state(0.0, 0)
     for speed_m_s, expected_m_s in ((0.0, 0.6), (0.3, 0.3), (-1.0, 0.6)):
         points = [Point2D(0.0, 0.0), Point2D(4.0, 0.0)]
-        mate.known.hear_path(PlannedPath(robot="r2", points=points, speed_m_s=speed_m_s), 0)
+        hear_paths([(mate.known, PlannedPath(robot="r2", points=points, speed_m_s=speed_m_s))], 0)
         track = mate.at(0).track
         assert track.speed_m_s == expected_m_s
         assert track.held_at == len(track.positions) - 1

@@ -44,6 +44,6 @@ def test_who_was_cornered_last_goes_first():
 def test_who_makes_room_for_somebody_comes_next_after_that_one(claim, other):
     lent = claim.lend("a")
     assert claim.beats("a", lent, "b")
-    if claim.beats("a", other, "c") and other._rank("c")[:3] != claim._rank("a")[:3]:
+    if claim.beats("a", other, "c") and other.rank("c")[:3] != claim.rank("a")[:3]:
         assert lent.beats("b", other, "c")
     assert lent.beats("b", lent.lend("b"), "c")
