@@ -20,11 +20,18 @@ class Handle:
     __slots__ = ("__callee", "__caller", "__dict__", "__interface", "__locks", "__user")
 
     def __init__(self, callee: Callee, interface: type, caller: Caller, *, locks: bool = True) -> None:
-        self.__callee = callee
-        self.__user = caller.environment
-        self.__caller = caller
-        self.__interface = interface
-        self.__locks = locks
+        fields = (callee, caller.environment, caller, interface, locks)
+        for name, value in zip(("callee", "user", "caller", "interface", "locks"), fields, strict=True):
+            object.__setattr__(self, f"_Handle__{name}", value)
+
+    __callee: Callee
+    __caller: Caller
+    __interface: type
+    __locks: bool
+    __user: Environment | None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{name}: nothing can be written through a handle")
 
     def __getattr__(self, name: str) -> Any:
         if name[0] == "_" and name.startswith("_Handle__"):  # of a copy that `__init__` never ran for

@@ -74,12 +74,12 @@ class ManagedPlugin:
         """The plugin that it requires and for want of which it does not run; empty if it is not for that."""
         self.raised = raised(None)
         """Where the plugin's code raised what has led to the state."""
-        self.turn = self._new_turn(manifest, context)
+        self._context = context
+        self.turn = self._new_turn()
         """Who is in the plugin at the moment: its lock."""
         self.exclusive = ExclusiveUse(self.name, context.leases)
         """Who holds the plugin, if it is not shared."""
-        self.overruns = 0
-        self.restarts = 0
+        self.overruns = self.restarts = 0
         self.generation = 0
         """Grows when an instance is abandoned in which somebody is stuck."""
         self.period_ns = 0
@@ -88,7 +88,6 @@ class ManagedPlugin:
         """When its next step is due, in lockstep."""
         self.environment: Environment | None = None
         """What the instance was given that is there, or is being made."""
-        self._context = context
         self.holdings = Holdings(self.name, context)
         self._code: PluginCode | None = None
         self.instance: Instance | None = None
@@ -267,7 +266,7 @@ class ManagedPlugin:
         self.leave_new()
         instance, self.instance, self.callable = self.instance, None, None
         self.generation += 1
-        self.turn = self._new_turn(self.manifest, self._context)
+        self.turn = self._new_turn()
         if instance is not None:
             instance.environment.abandon()
 
@@ -367,12 +366,12 @@ class ManagedPlugin:
             self.why = "it was unloaded"
 
     def _note_callable(self) -> None:
-        is_callable = self.state is PluginState.ACTIVE and self.instance is not None
-        self.callable = self.instance.plugin if is_callable and self.instance is not None else None
+        instance = self.instance if self.state is PluginState.ACTIVE else None
+        self.callable = instance.plugin if instance is not None else None
 
-    def _new_turn(self, manifest: Manifest, context: RobotContext) -> Turn:
-        kind = LockstepTurn if context.has_one_thread else Turn
-        return kind(self.name, manifest.tag.hang_s, context.clock)
+    def _new_turn(self) -> Turn:
+        kind = LockstepTurn if self._context.has_one_thread else Turn
+        return kind(self.name, self.manifest.tag.hang_s, self._context.clock)
 
     def _there(self) -> Instance:
         if self.instance is None:

@@ -28,7 +28,7 @@ from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 POLL_S = 0.04
 """Period of the step where the bus does not tell of arrivals."""
-LOOK_S = 0.2
+LOOK_S = 0.08
 """Where it does: to see that the node is silent."""
 FRAMES_ID, FRAMES_MASK = 0x280, 0x7FC
 """The node's frames are 0x280 to 0x283."""
