@@ -6,6 +6,7 @@ from collections.abc import Callable
 import can
 import numpy as np
 
+from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import codec
 from robrain.sim.firmware.battery import Battery, GaugeSpec
 from robrain.sim.firmware.power_model import PowerModel
@@ -73,7 +74,7 @@ class BatteryManager:
         """A fault of the gauge: what it tells in place of what it reads."""
         self.load = Load(power, mass_kg, rng)
         """What the robot has drawn since the last status."""
-        self._bus = bus
+        self._port = frame_port(bus)
         self._gauge = Gauge(battery.spec.gauge, rng)
         self._tick_s = tick_s
         self.period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
@@ -97,8 +98,8 @@ class BatteryManager:
         if self.lie is not None:
             reading = self.lie(reading)
         voltage_v, current_a, temperature_c = reading
-        self._bus.send(
-            self._codec.pack(self._sent, voltage_v=voltage_v, current_a=current_a, temperature_c=temperature_c)
+        self._port.send_data(
+            self._codec.arbitration_id, self._codec.encode(self._sent, voltage_v, current_a, temperature_c)
         )
         self._sent += 1
 

@@ -11,6 +11,7 @@ import can
 import numpy as np
 
 from robrain.protocol.can.bus_state import MOST_ERRORS, BusState, state_of
+from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.navigation.omni_drive import OmniBase
@@ -70,7 +71,7 @@ class MotorController:
         self._worst = BusState.ACTIVE
         """The worst state of the CAN controller since the last status."""
         self._wanted_rad_s = STANDING
-        self._bus = bus
+        self._port = frame_port(bus)
         self.ticks_per_rad = 1.0 / base.rad_per_tick
         self.encoder_period_ticks = max(1, round(ENCODER_PERIOD_S / tick_s))
         self.status_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
@@ -98,9 +99,9 @@ class MotorController:
         before = self.state, self.rejected_frames, self._commands.lost
         if self.has_failed:
             self._stand(MotorState.ERROR)
-        while (frame := self._bus.recv(timeout=0)) is not None:
+        for frame in self._port.take_frames():
             try:
-                self._obey(frame)
+                self._obey(frame.identifier, frame.data)
             except BadFrame:
                 self.rejected_frames += 1
         if tick >= self.due_tick:
@@ -112,7 +113,7 @@ class MotorController:
         """Send what is due: encoder counts at 50 Hz, the status at 5 Hz and on change."""
         if self._reports % self.encoder_period_ticks == 0:
             (data,) = self._encoders.frames(np.array([wheel_turns_rad]))
-            self._bus.send(can.Message(arbitration_id=ENCODER_IDENTIFIER, data=data, is_extended_id=False))
+            self._port.send_data(ENCODER_IDENTIFIER, data)
         self.note_errors()
         if self.has_news or self._reports % self.status_period_ticks == 0:
             self.tell()
@@ -128,36 +129,34 @@ class MotorController:
         """Send the status."""
         self.has_news = False
         errors = self._transmit_errors()
-        self._bus.send(
-            self._status.pack(
-                self._status_sent,
-                state=self.state,
-                rejected_frames=self.rejected_frames & 0xFF,
-                lost_commands=self._commands.lost & 0xFF,
-                bus_state=self._worst,
-                transmit_errors=min(errors, MOST_ERRORS),
-                receive_errors=0,
-            )
+        data = self._status.encode(
+            self._status_sent,
+            self.state,
+            self.rejected_frames & 0xFF,
+            self._commands.lost & 0xFF,
+            self._worst,
+            min(errors, MOST_ERRORS),
+            0,  # receive errors
         )
+        self._port.send_data(self._status.arbitration_id, data)
         self._status_sent += 1
-        if state_of(self._transmit_errors(), 0) is BusState.ACTIVE:
+        errors = self._transmit_errors()
+        if not errors or state_of(errors, 0) is BusState.ACTIVE:
             self._worst = BusState.ACTIVE
 
-    def _obey(self, frame: can.Message) -> None:
-        if frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame:
-            return
-        if frame.arbitration_id == self._command.arbitration_id:
-            signals = self._command.unpack(frame)
-            self._commands.note(int(signals["counter"]))
+    def _obey(self, identifier: int, data: bytes) -> None:
+        if identifier == self._command.arbitration_id:
+            first, second, third, counter = self._command.decode(data)
+            self._commands.note(int(counter))
             if self.state not in (MotorState.LATCHED, MotorState.ERROR):
-                self._wanted_rad_s = signals["wheel_1_rad_s"], signals["wheel_2_rad_s"], signals["wheel_3_rad_s"]
+                self._wanted_rad_s = first, second, third
                 self.due_tick = self._received_tick + self._watchdog_ticks
                 self.state = MotorState.RUNNING
-        elif frame.arbitration_id == self._stop.arbitration_id:
-            signals = self._stop.unpack(frame)
-            self._commands.note(int(signals["counter"]))  # a host counts its commands and stops together
+        elif identifier == self._stop.arbitration_id:
+            latched, counter = self._stop.decode(data)
+            self._commands.note(int(counter))  # a host counts its commands and stops together
             if not self.has_failed:
-                self._stand(MotorState.LATCHED if signals["latched"] else MotorState.WATCHDOG)
+                self._stand(MotorState.LATCHED if latched else MotorState.WATCHDOG)
 
     def _stand(self, state: MotorState) -> None:
         self._wanted_rad_s = STANDING

@@ -6,7 +6,7 @@ import numpy as np
 import pymunk
 
 from robrain.sim.firmware.load_kernel import LOAD, add_motion
-from robrain.sim.firmware.wheel_encoders import WheelEncoders
+from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER, WheelEncoders
 from robrain.sim.robot.robot_body import RobotBodies
 from robrain.sim.robot.simulated_robot import SimulatedRobot
 
@@ -39,7 +39,7 @@ class RobotTeam:
         wanted_rad_s = self.bodies.wanted_rad_s
         for row, robot in enumerate(self._robots):
             controller = robot.controller
-            if robot.waiting or tick >= controller.due_tick or controller.has_failed:
+            if robot.pending or tick >= controller.due_tick or controller.has_failed:
                 controller.receive(tick)
                 wanted_rad_s[row] = controller.wheel_speeds_rad_s
         self.bodies.drive()
@@ -53,7 +53,7 @@ class RobotTeam:
         robots = self._robots
         if robots and before % robots[0].controller.encoder_period_ticks == 0:
             for robot, data in zip(robots, self._encoders.frames(bodies.turns_rad), strict=True):
-                robot.send_counts(data)
+                robot.bus.send_data(ENCODER_IDENTIFIER, data)
         for row, robot in enumerate(robots):
             controller, ranges = robot.controller, robot.ranges
             if robot.bus.transmit_errors:
@@ -76,7 +76,7 @@ class RobotTeam:
         if due or ranging:
             self._hulls[:, 0], self._hulls[:, 1] = self.bodies.state["x_m"], self.bodies.state["y_m"]
             for robot in ranging:
-                robot.measure(self._hulls)
+                robot.ranges.measure(robot.body.pose, self._hulls)
             for robot in due:
                 robot.scan(self._hulls)
         for robot in self._late:

@@ -5,6 +5,7 @@ import pymunk
 from numpy.typing import NDArray
 
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
+from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -15,7 +16,6 @@ from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
-from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.robot.lidar import Lidar
 from robrain.sim.robot.robot_body import MASS_KG, RobotBody
@@ -23,6 +23,9 @@ from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.robot.wheels import Wheels
 
 CAN_CHANNEL = "can0"
+STANDARD_MASK = 0x7FF
+OBEYED = ("WheelCommand", "Stop")
+"""Frames that the robot's nodes listen to."""
 
 
 class SimulatedRobot:
@@ -69,14 +72,15 @@ class SimulatedRobot:
         """Whether frames or scans can be late, so that `deliver` must be called."""
         bus = ZenohBus(
             f"{spec.name}/{CAN_CHANNEL}",
+            [{"can_id": codec(name).arbitration_id, "can_mask": STANDARD_MASK, "extended": False} for name in OBEYED],
             session=endpoint.session,
             team=endpoint.team,
             direct=endpoint.drive is Drive.LOCKSTEP,
             now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
             on_outside=endpoint.note_outside,
         )
-        self.waiting = bus.pending
-        """Holds something while frames wait to be received."""
+        self.pending = bus.pending
+        """Empty if no frame waits to be received."""
         self.bus = BusLine(bus, late_frames, stamps)
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
         self.body = RobotBody(space, wheels, spec.start, spec.radius_m)
@@ -93,21 +97,13 @@ class SimulatedRobot:
         self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
         self.controller.powered = not self.battery.is_cut_off
 
-    def send_counts(self, data: bytes) -> None:
-        """Send this frame of the encoders."""
-        self.bus.send_data(ENCODER_IDENTIFIER, data)
-
     def measure_battery(self) -> None:
         """Load and measure the battery; when it cuts off, the motors are without power."""
         self.manager.measure()
         self.controller.powered = not self.battery.is_cut_off
 
-    def measure(self, hulls: NDArray[np.float64]) -> None:
-        """Measure all ranges, and send them; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""
-        self.ranges.measure(self.body.pose, hulls)
-
     def scan(self, hulls: NDArray[np.float64]) -> None:
-        """Send a turn of the lidar; hulls as for `measure`."""
+        """Send a turn of the lidar; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""
         turn = self.lidar.scan(self.body.pose, hulls)
         if self._late_scans is None:
             self._scans.put(turn)
