@@ -126,19 +126,20 @@ class Coordinator:
     def step(self) -> None:
         """Hear, decide, act."""
         now_ns = self._wire.clock.now_ns()
-        self._wire.serve()
+        if self._wire.has_waiting:
+            self._wire.serve()
         has_heard = len(self._inbox) > 0
         self._hear(now_ns)
         stage = self._guard.stage
         if stage("answers", False, self.lifecycle.hear_answers, now_ns):
             self._decide_due_ns = now_ns
-        if stage("halts", True, self.halts.hear):
+        if (self.halts.has_heard or self.halts.is_halted) and stage("halts", True, self.halts.hear):
             self._summary_due_ns = now_ns
         looks = has_heard or self._requests.has_changed or now_ns >= self._look_due_ns
         if looks:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
             stage("tasks", None, self._look, now_ns)
-        if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written(now_ns)):
+        if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written):
             self._decide_due_ns = now_ns
         if stage("planning", False, self.planning.step, now_ns):
             self._decide_due_ns = now_ns
@@ -166,7 +167,7 @@ class Coordinator:
     # -- hearing --------------------------------------------------------------------------------------------
 
     def _hear(self, now_ns: int) -> None:
-        for change in self._presence.changes():
+        for change in self._presence.changes() if self._presence.arrived else ():
             robot = self.roster.note_presence(change)
             if change.present:
                 # It may have mapped before this coordinator came.
@@ -174,7 +175,8 @@ class Coordinator:
                 self.capabilities.came(robot.name)
                 self.planning.chargers.came(robot.name)
         self._now_ns = now_ns
-        self._guard.messages(self._inbox.drain(), self._take)
+        if self._inbox.has_some:
+            self._guard.messages(self._inbox.drain(), self._take)
 
     def _take(self, received: Received) -> None:
         now_ns = self._now_ns

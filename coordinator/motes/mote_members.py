@@ -6,7 +6,7 @@ goes from queued to running at `mote:M`, and from there to done, or back to queu
 mote is then left out for a while, and the next in line, a robot maybe, is asked.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -120,23 +120,23 @@ class MoteDesk:
 
     # -- a step ---------------------------------------------------------------------------------------------
 
-    def step(self, now_ns: int, writing: AbstractContextManager[object]) -> bool:
+    def step(self, now_ns: int, writing: Callable[[int], AbstractContextManager[object]]) -> bool:
         """Hear what the motes say, end what is done or hopeless, and give out what is new.
 
         Args:
             now_ns: the time.
-            writing: around all that changes tasks: what the journal does not take is not done.
+            writing: given the time, goes around all that changes tasks: what the journal does not take is not done.
 
         Returns:
             Whether a task has come free that somebody else might do.
 
         """
-        if not len(self._inbox) and now_ns < self._look_ns and self._seen_version == self._book.version:
+        if not self._inbox.has_some and now_ns < self._look_ns and self._seen_version == self._book.version:
             return False
         self._look_ns = now_ns + LOOK_NS
         self._hear(now_ns)
         freed = False
-        with writing:
+        with writing(now_ns):
             for record in self._book.open:
                 if record.robot.startswith(MEMBER_PREFIX):
                     freed = self._follow(record, now_ns) or freed

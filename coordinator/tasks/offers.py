@@ -74,6 +74,11 @@ class Offers:
         reply = self._wire.ask_later(ROBOT_WITHDRAW, withdrawal, robot=robot, timeout_s=ASK_TIMEOUT_S)
         self._withdrawn.append(_Withdrawn(robot, withdrawal.id, reply))
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether an answer is still to come or to be taken."""
+        return bool(self._asked or self._withdrawn)
+
     def answered(self) -> list[Answered]:
         """Return the answers since the last call, in the order of the offers."""
         self._withdrawn = [one for one in self._withdrawn if not _is_over(one)]

@@ -95,7 +95,7 @@ def strays(robot: Robot, records: Sequence[TaskRecord]) -> list[TaskStatus]:
     at, held = state.task, state.next_task
     # An offer of another task replaces the running one by itself. A held task, however, waits for the end of the
     # running one.
-    is_to_end = all(held is not None and _is(record, held) for record in records)
+    is_to_end = not records or (held is not None and all(_is(record, held) for record in records))
     if at is not None and not at.state.ended and is_to_end and not _has(records, at):
         found.append(at)
     if held is not None and not _has(records, held):
@@ -107,12 +107,14 @@ def _spoken(record: TaskRecord, robot: Robot) -> TaskStatus | None:
     state = robot.state
     if state is None:
         return None
-    told = (state.task, state.next_task, state.task_before)
-    return next((status for status in told if status is not None and _is(record, status)), None)
+    for status in (state.task, state.next_task, state.task_before):
+        if status is not None and status.id == record.task.id and status.epoch == record.epoch:
+            return status
+    return None
 
 
 def _is(record: TaskRecord, status: TaskStatus) -> bool:
-    return (record.task.id, record.epoch) == (status.id, status.epoch)
+    return record.task.id == status.id and record.epoch == status.epoch
 
 
 def _has(records: Sequence[TaskRecord], status: TaskStatus) -> bool:

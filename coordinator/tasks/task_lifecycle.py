@@ -74,9 +74,11 @@ class TaskLifecycle:
 
     def hear(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
         """Process a robot's report on its last task; returns the record before the change, None if nothing changed."""
-        record = None
-        with self.as_far_as_written(now_ns):
+        try:
             record = self._book.note_status(robot, status)
+        except JournalUnwritable as error:
+            self._note_unwritten(error, now_ns)
+            return None
         if record is not None and status.state is TaskState.FAILED:
             self._backoff.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
         elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
@@ -89,6 +91,8 @@ class TaskLifecycle:
 
     def hear_answers(self, now_ns: int) -> bool:
         """Process the answers to offers; True if one was refused."""
+        if not self._offers.is_waiting:
+            return False
         refused = False
 
         def take(answered: Answered) -> None:
@@ -299,9 +303,12 @@ class TaskLifecycle:
         try:
             yield
         except JournalUnwritable as error:
-            if self._complained_ns is None or now_ns - self._complained_ns > COMPLAIN_AGAIN_NS:
-                self._complained_ns = now_ns
-                logger.error("%s; no task changes until it can be", error)  # noqa: TRY400 - a traceback adds nothing
+            self._note_unwritten(error, now_ns)
+
+    def _note_unwritten(self, error: JournalUnwritable, now_ns: int) -> None:
+        if self._complained_ns is None or now_ns - self._complained_ns > COMPLAIN_AGAIN_NS:
+            self._complained_ns = now_ns
+            logger.error("%s; no task changes until it can be", error)
 
 
 def _task_id(record: TaskRecord) -> str:

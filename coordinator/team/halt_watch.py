@@ -41,6 +41,11 @@ class HaltWatch:
         """Whether the team is to stand."""
         return self._latch.is_held
 
+    @property
+    def has_heard(self) -> bool:
+        """Whether `hear` may have something to follow."""
+        return self._arrivals.has_some
+
     def hear(self) -> bool:
         """Follow what has come; True if there is news for the team."""
         heard = self._arrivals.drain()

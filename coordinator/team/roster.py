@@ -38,7 +38,7 @@ class Robot:
 
     def is_up(self, now_ns: int) -> bool:
         """Whether it can be counted on."""
-        return self.has_token and self.age_s(now_ns) <= LOST_AFTER_S
+        return self.has_token and self.heard_ns is not None and now_ns - self.heard_ns <= _LOST_AFTER_NS
 
     def why_not_up(self, now_ns: int) -> Unavailable | None:
         """Why it cannot be counted on; None if it can."""

@@ -108,7 +108,7 @@ class Inbox:
             return []
         border = self.border
         read: list[Received] = []
-        for topic, key, payload, shared in self._drain():
+        for topic, key, payload, shared in self.drain_samples():
             received = shared[0] if shared else border.read(topic, key, payload)
             if received is None:
                 self.refused += 1
@@ -120,9 +120,10 @@ class Inbox:
 
     def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
         """Take everything out as topic, key and payload, in the order of `drain`."""
-        return [sample[:3] for sample in self._drain()]
+        return [sample[:3] for sample in self.drain_samples()]
 
-    def _drain(self) -> list[Sample]:
+    def drain_samples(self) -> list[Sample]:
+        """Take everything out as it is shared with other inboxes, in the order of `drain`."""
         self.has_some = False  # first: what arrives meanwhile sets it again
         if self._expected:
             self._take_replies()

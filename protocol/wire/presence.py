@@ -28,17 +28,18 @@ class Presence:
         """Key of each token that is there, and the names in it."""
         self.dropped = 0
         """Tokens left out because there are too many."""
-        self._arrived: deque[tuple[str, bool]] = deque(maxlen=65536)
+        self.arrived: deque[tuple[str, bool]] = deque(maxlen=65536)
+        """Changes that `changes` has not yet returned."""
 
     def append(self, sample: zenoh.Sample) -> None:
         """Take a change in; called by the liveliness subscription."""
-        self._arrived.append((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+        self.arrived.append((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
 
     def changes(self) -> list[Change]:
         """What changed since the last call; ordered by key where the order of arrival is not repeatable."""
         latest: dict[str, bool] = {}
-        for _ in range(len(self._arrived)):
-            key, present = self._arrived.popleft()
+        for _ in range(len(self.arrived)):
+            key, present = self.arrived.popleft()
             latest[key] = present
         changes = []
         for key in sorted(latest):

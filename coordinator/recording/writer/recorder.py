@@ -20,13 +20,11 @@ from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.border.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.recorder_messages import LostMessages, RecorderState
-from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
     from robrain.coordinator.recording.writer.recording_file import ToldMessage
-from robrain.protocol.wire.border.border import Heard
 from robrain.protocol.wire.inbox import Inbox, Sample
 
 logger = logging.getLogger(__name__)
@@ -201,8 +199,7 @@ class Recorder:
     def _record(self) -> None:
         now_ns = self._clock.now_ns()
         file, visual = self._file, self._visual
-        raw: list[tuple[Any, str, bytes]] = [*self._inbox.drain_raw()]  # topics: it subscribes to nothing else
-        heard = self._stamped(raw, now_ns)
+        heard = self._stamped(self._inbox.drain_samples(), now_ns)
         self._messages += len(heard)
         for start in range(0, len(heard), DIGESTED_AT_ONCE):
             self._digest.update(self._digested(heard[start : start + DIGESTED_AT_ONCE]))
@@ -292,12 +289,13 @@ class Recorder:
             self._said,
         )
 
-    def _stamped(self, raw: Iterable[tuple[Topic[Any], str, bytes]], now_ns: int) -> "list[ToldMessage]":
+    def _stamped(self, samples: Iterable[Sample], now_ns: int) -> "list[ToldMessage]":
         """What the border lets pass, with the sender's stamp and number; a message without a stamp was sent now."""
         read = self._inbox.border.read
         told = []
-        for topic, key, payload in raw:
-            received = read(topic, key, payload)
+        topic: Any  # a Topic: it subscribes to nothing else
+        for topic, key, payload, shared in samples:
+            received = shared[0] if shared else read(topic, key, payload)
             if received is None:
                 self._inbox.refused += 1
                 continue
@@ -357,9 +355,11 @@ class RecorderInbox(Inbox):
         self.has_some = True
         return True
 
-    def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
-        """Take everything out as topic, key and payload, in order of arrival."""
-        raw = super().drain_raw()
-        taken = sum(len(payload) for _, _, payload in raw)  # first: what comes while it is reckoned counts as well
+    def drain_samples(self) -> list[Sample]:
+        """Take everything out, in order of arrival."""
+        samples = super().drain_samples()
+        taken = 0  # summed first: what comes while it is reckoned counts as well
+        for sample in samples:
+            taken += len(sample[2])
         self._bytes -= taken
-        return raw
+        return samples
