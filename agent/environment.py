@@ -2,19 +2,21 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, TypeVar
-
-import can
-import numpy as np
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
 from robrain.agent.event import Event, EventsOutside, EventView, Mailbox
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork, work_at_place
-from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
+from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 from robrain.protocol.wire.topic import Q, Query, R
+
+if TYPE_CHECKING:  # imported when a plugin asks for them
+    import can
+    import numpy as np
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +66,7 @@ class Environment:
         plugin: PluginRequests,
         robot: str,
         wire: Endpoint,
-        rng: np.random.Generator,
+        seeds: tuple[int, ...],
         board: Board,
         tasks: TaskDesk,
         *,
@@ -75,7 +77,8 @@ class Environment:
         self.robot = robot
         self.wire = wire
         """The robot's place on the wire; closed when the plugin goes."""
-        self.rng = rng
+        self.seeds = seeds
+        """Of the plugin's own generator."""
         self.board = board
         """What the robot tells of itself; see RobotState."""
         self.tasks = tasks
@@ -87,21 +90,26 @@ class Environment:
         self._at_end: list[Callable[[str], None]] = []
         self._of_init: int | None = None
         self.__requests = plugin
-        self.__has_gone = False
+        self.clock = wire.clock
+        """The run's clock."""
+        self.gone: list[bool] = []
+        """Not empty as soon as the instance `has_gone`: for those that look at it at each call."""
 
     @property
     def has_gone(self) -> bool:
         """The instance was closed, or somebody is stuck in it: what it does from now on has no consequence."""
-        return self.__has_gone
+        return bool(self.gone)
 
     def abandon(self) -> None:
         """Nothing that the instance does has a consequence any more. Not for plugins."""
-        self.__has_gone = True
+        self.gone.append(True)
 
-    @property
-    def clock(self) -> Clock:
-        """The run's clock."""
-        return self.wire.clock
+    @cached_property
+    def rng(self) -> "np.random.Generator":
+        """The plugin's own random numbers, the same in each run of a seed. They need robrain[navigation]."""
+        import numpy as np
+
+        return np.random.default_rng(self.seeds)
 
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """A handle on another plugin, which must be of a lower level and named in `requires`.
@@ -123,6 +131,10 @@ class Environment:
         this tick or the next one.
         """
         self.__requests.mailbox.hurry()
+
+    def wake_on(self, inbox: Inbox) -> None:
+        """As `hurry`, whenever something arrives in an inbox: a plugin that waits for messages need not poll."""
+        inbox.on_arrival = self.hurry
 
     def at_end(self, function: Callable[[str], None]) -> None:
         """Call `function` with the reason whenever the plugin is deactivated, faults or is halted.
@@ -150,6 +162,11 @@ class Environment:
         self._of_init = len(self._at_end)
         self._events.open(events)
 
+    @property
+    def ends_actions(self) -> bool:
+        """Whether `end_actions` has something to call. Not for plugins."""
+        return bool(self._at_end)
+
     def end_actions(self, why: str) -> None:
         """Call the functions registered by `at_end`. Not for plugins."""
         for function in self._at_end:
@@ -171,13 +188,15 @@ class Environment:
         self.abandon()
         self.wire.close()
 
-    def open_can(self, interface: str, channel: str, **options: Any) -> can.BusABC:
+    def open_can(self, interface: str, channel: str, **options: Any) -> "can.BusABC":
         """Open a python-can bus; `interface = "zenoh"` is the simulator's.
 
         Raises:
             HardwareAbsent: it cannot be opened, or the interface does not know an option.
 
         """
+        import can
+
         if interface == "zenoh":
             options |= {
                 "session": self.wire.session,

@@ -40,6 +40,9 @@ class Mailbox:
         self.waiting: deque[tuple[Callable[[Any], None], Any]] = deque(maxlen=capacity)
         self.is_hurried = False
         """Whether the observer's next step should run at once; the runner resets it."""
+        self.bell: bytearray | None = None
+        """Set at `bell_index` after each arrival, for a runner that looks at it in its own time."""
+        self.bell_index = 0
 
     def post(self, function: Callable[[Any], None], value: Any) -> bool:
         """Leave a notification; False if an older one was dropped for it."""
@@ -47,14 +50,25 @@ class Mailbox:
         is_full = len(self.waiting) == self.capacity
         self.dropped += is_full
         self.waiting.append((function, value))
-        if self.wake is not None:
+        if self.bell is not None:
+            self.bell[self.bell_index] = 1
+        elif self.wake is not None:
             self.wake()
         return not is_full
 
     def hurry(self) -> None:
         """Have the observer's next step run at once."""
         self.is_hurried = True
-        if self.wake is not None:
+        if self.bell is not None:
+            self.bell[self.bell_index] = 1
+        elif self.wake is not None:
+            self.wake()
+
+    def ring(self) -> None:
+        """Have the runner look at the plugin: something of it has changed."""
+        if self.bell is not None:
+            self.bell[self.bell_index] = 1
+        elif self.wake is not None:
             self.wake()
 
     def deliver(self) -> None:

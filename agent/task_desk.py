@@ -92,7 +92,8 @@ class TaskDesk:
     def __init__(self) -> None:
         self._status: TaskStatus | None = None
         self._before: TaskStatus | None = None
-        self._held: _Held | None = None
+        self.held: _Held | None = None
+        """The task that is begun after the running one."""
         self._foreseen: tuple[str, int] | None = None
         self._checked_ns: int | None = None
         self._said: deque[_Said] = deque()
@@ -117,7 +118,15 @@ class TaskDesk:
     @property
     def facts(self) -> Standing:
         """How all tasks stand; for the host's own thread. What differs from the last is worth telling at once."""
-        return Standing(self.status, self._held.status if self._held is not None else None, self._before)
+        return Standing(self.status, self.held.status if self.held is not None else None, self._before)
+
+    def differs_from(self, told: Standing) -> bool:
+        """Whether any task stands otherwise than in `told`, an earlier `facts`; as that, and in less time."""
+        if self._said:
+            return self.facts != told
+        held = self.held.status if self.held is not None else None
+        is_same = self._status is told.task and held is told.next_task and self._before is told.before
+        return not is_same and self.facts != told
 
     def standing(self, now_ns: int) -> Standing:
         """The same, with what is known of when the running task ends."""
@@ -209,7 +218,7 @@ class TaskDesk:
         One that is for after the running task is held; it takes the place of another that was held. Where that task has
         just ended by itself, it is begun.
         """
-        held, status = self._held, self.status
+        held, status = self.held, self.status
         newest = max(self._epoch, held.offer.epoch if held is not None else 0)
         if offer.epoch < newest:
             return _too_old(offer.epoch, newest)
@@ -228,16 +237,16 @@ class TaskDesk:
         if reason is not None:
             return TaskAnswer.refused(reason)
         waiting = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.OFFERED)
-        self._held = _Held(offer, waiting, now_ns)
+        self.held = _Held(offer, waiting, now_ns)
         self.coordinator_heard_ns = now_ns
         return TaskAnswer(accepted=True)
 
     def go_on(self, now_ns: int) -> bool:
         """Begin what is held if the task before it has ended; whether it was begun."""
-        held, ended = self._held, self.status
+        held, ended = self.held, self.status
         if held is None or (ended is not None and not ended.state.ended):
             return False
-        self._held = None
+        self.held = None
         try:
             answer = self._begin(held.offer)  # does not renew the lease: the robot has heard nothing
         except FOREIGN_ERRORS as error:  # foreign plugin code
@@ -280,7 +289,7 @@ class TaskDesk:
             self._go_back(*before)
             return msgspec.structs.replace(answer, why=cut(answer.why))
         self._before = before[0] if before[0] is not None and before[0].state.ended else None
-        self._held = None
+        self.held = None
         self._epoch = offer.epoch
         self._lease_ns = lease_ns
         self._own = None
@@ -292,13 +301,13 @@ class TaskDesk:
 
     def withdraw(self, withdrawal: TaskWithdrawal) -> TaskAnswer:
         """Answer the coordinator's wish to have a task back. What is held is begun if it was the one before."""
-        held = self._held
+        held = self.held
         is_held = held is not None and held.offer.task.id == withdrawal.id
         newest = held.offer.epoch if held is not None and is_held else self._epoch
         if withdrawal.epoch < newest:
             return _too_old(withdrawal.epoch, newest)
         if is_held:
-            self._held = None
+            self.held = None
             return TaskAnswer(accepted=True)
         if self.status is None or self.status.id != withdrawal.id or self.status.state.ended:
             return TaskAnswer(accepted=True, why="not running here")
@@ -328,7 +337,7 @@ class TaskDesk:
     def halted(self) -> None:
         """The robot is halted: return its task; the behavior has dropped it in `emergency_halt`."""
         self._own = None
-        self._held = None
+        self.held = None
         if self._current is not None and self.status is not None:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
@@ -346,15 +355,17 @@ class TaskDesk:
         """
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""
-        held, heard_ns = self._held, self.coordinator_heard_ns
+        held, heard_ns = self.held, self.coordinator_heard_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)
             silent_ns = now_ns - (heard_ns if heard_ns is not None else held.since_ns)
             if recalled or max(silent_ns, now_ns - since_ns) > to_ns(held.offer.lease_s):
-                self._held = None
+                self.held = None
         if recalled and self.is_busy:
             self._let_go(TaskState.FAILED, recalled)
-        if self.status is None or self._current is None or self.coordinator_heard_ns is None:
+        if self._current is None or self.coordinator_heard_ns is None:
+            return
+        if (self.status if self._said else self._status) is None:
             return
         if now_ns - self.coordinator_heard_ns > self._lease_ns:
             self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")

@@ -51,6 +51,10 @@ class Callee(User, Protocol):
     def exclusive(self) -> ExclusiveUse:
         """Who holds it, if it is not shared."""
 
+    @property
+    def callable(self) -> Plugin | None:
+        """The instance while it may be called, else None."""
+
     def live_plugin(self) -> Plugin:
         """The instance, if it may be called now (PluginInactive, PluginUnloaded if not)."""
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from robrain.agent.access.callee import Callee, Caller
+from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, PluginUnloaded
 from robrain.agent.event import Event, EventView
 from robrain.agent.plugin import UNLOCKED_MARK
@@ -16,21 +17,25 @@ class Handle:
     callee is there by then.
     """
 
-    __slots__ = ("__callee", "__caller", "__calls", "__interface", "__user")
+    __slots__ = ("__callee", "__caller", "__dict__", "__interface", "__locks", "__user")
 
-    def __init__(self, callee: Callee, interface: type, caller: Caller) -> None:
-        self.__callee = callee
-        self.__user = caller.environment
-        self.__caller = caller
-        self.__interface = interface
-        self.__calls: dict[str, Callable[..., Any]] = {}
+    def __init__(self, callee: Callee, interface: type, caller: Caller, *, locks: bool = True) -> None:
+        fields = (callee, caller.environment, caller, interface, locks)
+        for name, value in zip(("callee", "user", "caller", "interface", "locks"), fields, strict=True):
+            object.__setattr__(self, f"_Handle__{name}", value)
+
+    __callee: Callee
+    __caller: Caller
+    __interface: type
+    __locks: bool
+    __user: Environment | None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{name}: nothing can be written through a handle")
 
     def __getattr__(self, name: str) -> Any:
         if name[0] == "_" and name.startswith("_Handle__"):  # of a copy that `__init__` never ran for
             raise AttributeError(name)
-        calls = self.__calls
-        if name in calls:
-            return calls[name]
         callee, interface, user, caller = self.__callee, self.__interface, self.__user, self.__caller
         own = callee.plugin_class.interface  # what the caller shows may be another one of the same name
         if name.startswith("_") or name not in _offered(interface) or own is None or name not in _offered(own):
@@ -44,21 +49,52 @@ class Handle:
         if getattr(value, UNLOCKED_MARK, False):
             return lambda *args, **kwargs: getattr(callee.live_plugin(), name)(*args, **kwargs)
 
-        def call(*args: Any, **kwargs: Any) -> Any:
-            with callee.turn:
-                plugin = callee.live_plugin()
-                if user is not None:
-                    if user.has_gone:
-                        raise PluginUnloaded(caller.name, f"this instance of {caller.name} has gone")
-                    if not callee.manifest.tag.shared:
-                        callee.exclusive.keep(caller)
-                return getattr(plugin, name)(*args, **kwargs)
-
-        calls[name] = call
+        kind = _locked_call if self.__locks else _lockstep_call
+        call = self.__dict__[name] = kind(callee, caller, user, name)  # found there from now on
         return call
 
     def __repr__(self) -> str:
         return f"<handle on {self.__callee.name} as {self.__interface.__name__}>"
+
+
+def _locked_call(callee: Callee, caller: Caller, user: Environment | None, name: str) -> Callable[..., Any]:
+    def call(*args: Any, **kwargs: Any) -> Any:
+        with callee.turn:
+            plugin = callee.live_plugin()
+            if user is not None:
+                if user.has_gone:
+                    raise _gone(caller)
+                if not callee.manifest.tag.shared:
+                    callee.exclusive.keep(caller)
+            return getattr(plugin, name)(*args, **kwargs)
+
+    return call
+
+
+def _lockstep_call(callee: Callee, caller: Caller, user: Environment | None, name: str) -> Callable[..., Any]:
+    """As `_locked_call`, for one thread: nobody else can be in the plugin."""
+    is_gone = user.gone if user is not None else ()
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        plugin = callee.callable
+        if plugin is None:
+            plugin = callee.live_plugin()
+        if is_gone:
+            raise _gone(caller)
+        if not callee.manifest.tag.shared and user is not None and callee.exclusive.inside != caller.name:
+            callee.exclusive.keep(caller)
+        turn = callee.turn
+        turn.depth += 1
+        try:
+            return getattr(plugin, name)(*args, **kwargs)
+        finally:
+            turn.depth -= 1
+
+    return call
+
+
+def _gone(caller: Caller) -> PluginUnloaded:
+    return PluginUnloaded(caller.name, f"this instance of {caller.name} has gone")
 
 
 def _offered(interface: type) -> set[str]:

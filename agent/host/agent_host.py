@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import numpy as np
 import zenoh
 
 from robrain.agent.board import Board
@@ -22,11 +21,13 @@ from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.host.command_door import TextCommandDoor
 from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.host.host_verbs import AT_ONCE, answer_verb
+from robrain.agent.host.lockstep_schedule import LockstepSchedule
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_file import RobotFile, folder_of
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
+from robrain.agent.lifecycle.plugin_info import plugin_info
 from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
@@ -63,6 +64,8 @@ T = TypeVar("T")
 STATE_PERIOD_NS = to_ns(1 / 10)
 WOKEN_PASSES = 2
 """A task that follows another at once: its behavior is told in the first, the driver in the second."""
+IDLE_S = 1.0
+"""A thread that has started plugins ends when there has been nothing to start for so long."""
 START_POOL_TIMEOUT_S = 1.0
 """How long the end waits for plugins that are being started."""
 
@@ -78,6 +81,8 @@ class AgentHost:
         drive: who moves time.
         seed: of the run; each plugin draws from its own generator, made from seed, robot and plugin.
         on_outside: told of queries from other processes, in lockstep.
+        has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
+        distributions: `entry_point_places()`, where several robots share a process; None looks for them.
 
     """
 
@@ -91,6 +96,8 @@ class AgentHost:
         *,
         seed: int = 0,
         on_outside: OnOutside | None = None,
+        has_one_thread: bool = False,
+        distributions: list[tuple[Path, str]] | None = None,
     ) -> None:
         self.name = robot_file.robot.name
         self.drive = drive
@@ -98,7 +105,9 @@ class AgentHost:
         self.board = Board()
         self.desk = TaskDesk()
         self._registry = Registry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
+        self._registry.has_one_thread = has_one_thread
         self.manager = PluginManager(self._registry)
+        self._schedule = LockstepSchedule(has_one_thread=has_one_thread) if drive is Drive.LOCKSTEP else None
         self._seed = seed
         self._on_outside = on_outside
         self._session = session
@@ -117,7 +126,7 @@ class AgentHost:
         self._told_facts = self.desk.facts
         self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
         self.door = TextCommandDoor(self._registry)
-        self._distributions = entry_point_places()
+        self._distributions = entry_point_places() if distributions is None else distributions
         self._came_with: dict[Path, str] = {}
         """The distribution of each manifest that was asked for; empty for those of robrain and of the robot."""
         own = [folder_of(base, place) for place in robot_file.robot.places]
@@ -145,7 +154,7 @@ class AgentHost:
         """
         if self.drive is Drive.LIVE:
             self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self._registry.halted)
-            self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S)
+            self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S)
         found = self.manager.discover(self._places, self._load)
         for name in self._parameters:
             if name not in found:
@@ -156,7 +165,7 @@ class AgentHost:
         self.halting.started()
         wire, robot = self._wire, self.name
         wire.subscribe(self._inbox, COORDINATOR_STATE)
-        wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
+        wire.answer(ROBOT_PLUGINS, self._tell_plugins, serve=Serve.POOL, at_once=("plugins",), robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
         wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.POOL, at_once=AT_ONCE, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
@@ -167,9 +176,10 @@ class AgentHost:
     def step(self) -> None:
         """What the host itself does, and in lockstep the steps of all plugins that are due."""
         now_ns = self.clock.now_ns()
-        if self.drive is Drive.LOCKSTEP:
+        if self.halting.has_heard:
             self.halting.hear()
-        self._hear(now_ns)
+        if self._inbox.has_some and self._inbox.drain():
+            self.desk.coordinator_heard_ns = now_ns
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
@@ -178,16 +188,17 @@ class AgentHost:
         self.desk.check_lease(now_ns)
         if self._registry.foreign is not None:
             self.manager.foreign_came(self._registry.foreign.follow())
-        self.manager.settle(now_ns)
-        if self.drive is Drive.LOCKSTEP:
-            self._step_plugins(now_ns)
-        if self.desk.go_on(now_ns) and self.drive is Drive.LOCKSTEP:
+        if self._registry.new_faults or now_ns >= self.manager.faults.look_ns:
+            self.manager.settle(now_ns)
+        if self._schedule is not None:
+            self._schedule.step(self._registry.plugins, now_ns)
+        if self.desk.held is not None and self.desk.go_on(now_ns) and self._schedule is not None:
             for _ in range(WOKEN_PASSES):
-                self._step_plugins(now_ns)
+                self._schedule.step(self._registry.plugins, now_ns)
         if now_ns >= self._state_due_ns:
             self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
             self._publish_state()
-        elif self.desk.facts != self._told_facts:  # the next task must not wait for the period
+        elif self.desk.differs_from(self._told_facts):  # the next task must not wait for the period
             self._publish_state()
 
     def close(self) -> None:
@@ -197,26 +208,6 @@ class AgentHost:
         if self._registry.starters is not None:
             self._registry.starters.close()
         self._wire.close()
-
-    def _hear(self, now_ns: int) -> None:
-        if self._inbox.drain():
-            self.desk.coordinator_heard_ns = now_ns
-
-    def _step_plugins(self, now_ns: int) -> None:
-        for plugin in self._registry.plugins.values():
-            holdings = plugin.holdings  # asked of each plugin in each tick: attributes, not properties
-            if holdings.mailbox.waiting:
-                plugin.deliver()
-            mailbox = holdings.mailbox
-            if mailbox.is_hurried:
-                mailbox.is_hurried = False
-                if plugin.period_ns:
-                    plugin.due_ns = min(plugin.due_ns, now_ns - plugin.period_ns)
-            if now_ns >= plugin.due_ns:
-                plugin.due_ns += plugin.period_ns
-                if plugin.due_ns <= now_ns:  # what was missed is not made up for
-                    plugin.due_ns = now_ns + plugin.period_ns
-                plugin.run_step()
 
     def _publish_state(self) -> None:
         board = self.board
@@ -272,7 +263,7 @@ class AgentHost:
     def info(self, plugin: ManagedPlugin) -> PluginInfo:
         """A plugin as the host reports it."""
         distribution = self._distribution_of(plugin.manifest.path)
-        return msgspec.structs.replace(plugin.info(), distribution=distribution)
+        return msgspec.structs.replace(plugin_info(plugin), distribution=distribution)
 
     def _distribution_of(self, manifest: Path) -> str:
         known = self._came_with.get(manifest)
@@ -314,12 +305,10 @@ class AgentHost:
 
     def _make_environment(self, plugin: PluginRequests) -> Environment:
         names = (zlib.crc32(self.name.encode()), zlib.crc32(plugin.name.encode()))
-        rng = np.random.default_rng([self._seed, *names])
         door = self.door if plugin.name == COMMAND else None
         connect = self._connect
-        return Environment(
-            plugin, self.name, self._open_wire(), rng, self.board, self.desk, outside=door, connect=connect
-        )
+        wire, seeds = self._open_wire(), (self._seed, *names)
+        return Environment(plugin, self.name, wire, seeds, self.board, self.desk, outside=door, connect=connect)
 
 
 def stock_place() -> Path:

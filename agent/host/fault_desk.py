@@ -52,6 +52,8 @@ class FaultDesk:
         self._drops: dict[str, int] = {}
         self._looked_ns = 0
         self._looked_hung_ns = 0
+        self.look_ns = 0
+        """When the next `look` has something to do, unless a plugin faults before."""
 
     def note(self, plugin: ManagedPlugin, now_ns: int) -> None:
         """A plugin has faulted: deactivate its users, let it clean up, and set the time of its restart."""
@@ -75,8 +77,9 @@ class FaultDesk:
         if policy.restart != "on-failure" or attempts >= policy.restart_limit:
             self._cases[plugin.name] = _Case(plugin, None, attempts=attempts)
             return
-        wait_s = min(policy.backoff_s * 2**attempts, LONGEST_BACKOFF_S)
-        self._cases[plugin.name] = _Case(plugin, now_ns + to_ns(wait_s), attempts=attempts + 1)
+        again_ns = now_ns + to_ns(min(policy.backoff_s * 2**attempts, LONGEST_BACKOFF_S))
+        self._cases[plugin.name] = _Case(plugin, again_ns, attempts=attempts + 1)
+        self.look_ns = min(self.look_ns, again_ns)
 
     def forget(self, plugin: ManagedPlugin) -> None:
         """A plugin is loaded anew by hand, or has gone."""
@@ -96,6 +99,8 @@ class FaultDesk:
             self._look_for_hung(now_ns)
         if now_ns - self._looked_ns >= NS_PER_S:
             self._look_for_floods(now_ns)
+        restarts_ns = [case.again_ns for case in self._cases.values() if case.again_ns is not None]
+        self.look_ns = min([self._looked_hung_ns + HUNG_PERIOD_NS, *restarts_ns])
 
     def _restart(self, case: _Case, now_ns: int) -> None:
         plugin = case.plugin
@@ -126,7 +131,12 @@ class FaultDesk:
         elapsed_s = (now_ns - self._looked_ns) / NS_PER_S
         self._looked_ns = now_ns
         for plugin in self._registry.plugins.values():
-            dropped = sum(event.dropped for event in plugin.events().values())
+            instance = plugin.instance
+            if instance is None or not instance.code.events:
+                continue
+            dropped = 0
+            for event in plugin.events().values():
+                dropped += event.dropped
             before = self._drops.get(plugin.name, 0)
             self._drops[plugin.name] = dropped
             if dropped - before > FLOOD_DROPS_A_SECOND * elapsed_s:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import msgspec
-import numpy as np
 import zenoh
 
 from robrain.agent.board import Board
@@ -18,7 +17,7 @@ from robrain.agent.isolation.parent_desk import BOARD_TYPES
 from robrain.agent.isolation.peer import Peer
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
-from robrain.protocol.wire.clock import Clock, WallClock
+from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
 from robrain.protocol.wire.session import open_session
@@ -115,12 +114,12 @@ class ChildEnvironment(Environment):
     `wire` opens a session of its own when it is first used. What an isolated plugin cannot have raises PluginError.
     """
 
-    def __init__(self, begin: Begin, parent: Parent, rng: np.random.Generator, turn: threading.RLock) -> None:
+    def __init__(self, begin: Begin, parent: Parent, turn: threading.RLock) -> None:
         # Not the base's own: it passes requests on to the host, which lies with the parent, and wants a wire, which is
         # opened when it is used.
         self.plugin = begin.plugin
         self.robot = begin.robot
-        self.rng = rng
+        self.seeds = begin.seeds
         self.board = RemoteBoard(parent)
         self.connect = begin.connect
         self._at_end: list[Callable[[str], None]] = []
@@ -128,7 +127,7 @@ class ChildEnvironment(Environment):
         self._own_module = ""
         self._parent = parent
         self._turn = turn
-        self._clock = WallClock()
+        self.clock = WallClock()
         self._session: zenoh.Session | None = None
         self._observers: list[tuple[Callable[[Any], None], Any]] = []
 
@@ -139,11 +138,6 @@ class ChildEnvironment(Environment):
         if name.startswith("__"):
             raise AttributeError(name)
         raise PluginError(self.plugin, f"{self.plugin} runs in a process of its own and has no env.{name.lstrip('_')}")
-
-    @property
-    def clock(self) -> Clock:
-        """The wall's."""
-        return self._clock
 
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """See Environment.use."""
@@ -200,4 +194,4 @@ class ChildEnvironment(Environment):
                 "its robot is not told of an endpoint to connect to ([zenoh] connect)",
             )
         self._session = open_session(mode="client", connect=self.connect)
-        return Endpoint(self._session, self._team, self._clock, Drive.LIVE)
+        return Endpoint(self._session, self._team, self.clock, Drive.LIVE)

@@ -79,6 +79,10 @@ class Holdings:
         event.add(function, self.mailbox)
         self._observed.append(event)
 
+    def ring_at(self, bell: bytearray | None, index: int) -> None:
+        """Have the mailbox, and those after it, set this place of `bell` when something arrives."""
+        self.mailbox.bell, self.mailbox.bell_index = bell, index
+
     def do_tasks(self, desk: TaskDesk, kind: str, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
         """Have the plugin do tasks of a kind."""
         desk.register(kind, accept, let_go, work)
@@ -90,6 +94,7 @@ class Holdings:
         tasks, self._tasks = self._tasks, []
         before, self.mailbox = self.mailbox, Mailbox()
         self.mailbox.wake, self.mailbox.dropped = before.wake, before.dropped
+        self.ring_at(before.bell, before.bell_index)
         for event in observed:
             event.remove(before)
         for desk, kind in tasks:

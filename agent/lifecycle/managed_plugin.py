@@ -6,23 +6,21 @@ Instances come and go: a restart or a reload makes a new one, handles on the plu
 
 import logging
 import threading
-import zlib
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
-
-import msgspec
 
 from robrain.agent.access.callee import Caller, check_outside, check_use
 from robrain.agent.access.exclusive_use import ExclusiveUse
 from robrain.agent.access.external_function import ExternalFunction
 from robrain.agent.access.handle import Handle
 from robrain.agent.access.incoming_calls import call_from_outside, external_function, query_handler, task_handlers
-from robrain.agent.access.turn import Turn
+from robrain.agent.access.turn import LockstepTurn, Turn
 from robrain.agent.environment import Environment
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
     AccessDenied,
     ForeignError,
+    PackageMissing,
     PluginCrashed,
     PluginError,
     PluginHung,
@@ -39,11 +37,9 @@ from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import raised
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
-from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Serve
 from robrain.protocol.wire.messages.host_messages import Lease
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo, TaskKind
 from robrain.protocol.wire.topic import Query
 
 logger = logging.getLogger(__name__)
@@ -70,16 +66,18 @@ class ManagedPlugin:
         self.state = PluginState.DISCOVERED
         self.why = ""
         """The reason of the state, in words."""
+        self.needs = ""
+        """The extra that it needs and that is not installed."""
         self.lacks = ""
         """The plugin that it requires and for want of which it does not run; empty if it is not for that."""
         self.raised = raised(None)
         """Where the plugin's code raised what has led to the state."""
-        self.turn = Turn(self.name, manifest.tag.hang_s, context.clock)
+        self._context = context
+        self.turn = self._new_turn()
         """Who is in the plugin at the moment: its lock."""
         self.exclusive = ExclusiveUse(self.name, context.leases)
         """Who holds the plugin, if it is not shared."""
-        self.overruns = 0
-        self.restarts = 0
+        self.overruns = self.restarts = 0
         self.generation = 0
         """Grows when an instance is abandoned in which somebody is stuck."""
         self.period_ns = 0
@@ -88,11 +86,12 @@ class ManagedPlugin:
         """When its next step is due, in lockstep."""
         self.environment: Environment | None = None
         """What the instance was given that is there, or is being made."""
-        self._context = context
         self.holdings = Holdings(self.name, context)
         self._code: PluginCode | None = None
         self.instance: Instance | None = None
         """The instance, if there is one."""
+        self.callable: Plugin | None = None
+        """The plugin itself while it may be called; see `live_plugin`."""
         self._making: Environment | None = None
         self._in_halt: Instance | None = None
         self._deciding = threading.Lock()
@@ -131,6 +130,15 @@ class ManagedPlugin:
         return self.instance.plugin.period_s if self.instance is not None else None
 
     @property
+    def halts_itself(self) -> bool:
+        """Whether code of the plugin's own runs in an emergency halt, which may hang."""
+        instance = self.instance
+        if instance is None:
+            return False
+        own = getattr(instance.plugin.emergency_halt, "__func__", None)
+        return own is not Plugin.emergency_halt or instance.environment.ends_actions
+
+    @property
     def mailbox(self) -> Mailbox:
         """Where notifications wait for the plugin."""
         return self.holdings.mailbox
@@ -161,33 +169,10 @@ class ManagedPlugin:
         """The events of the instance, by name; none if there is no instance."""
         return self.instance.events() if self.instance is not None else {}
 
-    def info(self) -> PluginInfo:
-        """The plugin as `robot/ROBOT/plugins` lists it."""
-        code = self._code
-        return PluginInfo(
-            name=self.name,
-            level=code.plugin_class.level.name.lower() if code is not None else "",
-            state=self.state.value,
-            why=cut(self.why),
-            where=cut(self.raised.where),
-            detail=self.raised.detail,
-            visibility=self.manifest.tag.visibility,
-            requires=self.manifest.tag.requires,
-            holder=self.exclusive.by,
-            period_s=self.period_s,
-            overruns=self.overruns,
-            restarts=self.restarts,
-            doc=(code.plugin_class.__doc__ or "").strip().partition("\n")[0] if code is not None else "",
-            functions=[info for each in code.functions.values() for info in each.infos] if code is not None else [],
-            task_kind=self._announced_kind(),
-        )
-
-    def _announced_kind(self) -> TaskKind | None:
-        if self._code is None or self._code.task_kind is None:
-            return None
-        parameters = {**self.manifest.parameters, **self._context.parameters_of(self.name)}
-        settings = zlib.crc32(msgspec.json.encode(parameters, order="deterministic"))
-        return msgspec.structs.replace(self._code.task_kind, settings=settings)
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Its manifest's parameters, overridden by the robot's file."""
+        return {**self.manifest.parameters, **self._context.parameters_of(self.name)}
 
     def apply(self, trigger: Trigger, why: str = "", error: BaseException | None = None, *, lacks: str = "") -> None:
         """Change the state as the table of transitions says, and do what the table says; the only way to do either.
@@ -220,11 +205,13 @@ class ManagedPlugin:
         self.apply(trigger, why, error, lacks=lacks)
 
     def _follow(self, trigger: Trigger, why: str, error: BaseException | None, lacks: str) -> None:
-        where = raised(error)
+        needs = error.needed if isinstance(error, PackageMissing) else ""
+        where = raised(None if needs else error)
         with self._deciding:
             to, steps = transition(self.name, self.state, trigger)
             if to is not self.state or (steps and why):
-                self.state, self.why, self.raised, self.lacks = to, why, where, lacks
+                self.state, self.why, self.raised, self.lacks, self.needs = to, why, where, lacks, needs
+            self._note_callable()
         instance, failure = self.instance, None
         for step in steps:
             match step:
@@ -244,7 +231,7 @@ class ManagedPlugin:
                 case Step.END_WIRE if instance is not None:
                     instance.end_wire()
                 case Step.DISCARD if instance is not None:
-                    self.instance = None
+                    self.instance = self.callable = None
                     instance.close()
                 case Step.REPORT:
                     logger.error("%s: plugin %s faulted: %s", self._context.robot, self.name, error, exc_info=error)
@@ -262,9 +249,9 @@ class ManagedPlugin:
 
     def _leave(self) -> None:
         self.leave_new()
-        instance, self.instance = self.instance, None
+        instance, self.instance, self.callable = self.instance, None, None
         self.generation += 1
-        self.turn = Turn(self.name, self.manifest.tag.hang_s, self._context.clock)
+        self.turn = self._new_turn()
         if instance is not None:
             instance.environment.abandon()
 
@@ -276,6 +263,7 @@ class ManagedPlugin:
     def load(self) -> None:
         """Create the plugin with its checked parameters and environment, and call its `init`."""
         self.instance = self.create(self.manifest, self.code)
+        self._note_callable()
         self.apply(Trigger.INITIALISED)
 
     def create(self, manifest: Manifest, code: PluginCode, *, replaces: Instance | None = None) -> Instance:
@@ -313,6 +301,7 @@ class ManagedPlugin:
         self.manifest, self._code, self.instance = manifest, code, instance
         self.environment = instance.environment if instance is not None else None
         self.turn.set_limit(manifest.tag.hang_s)
+        self._note_callable()
 
     def activate(self) -> None:
         """Call the plugin's `activate`; it is callable from then on (PluginHung if it was abandoned meanwhile)."""
@@ -329,8 +318,7 @@ class ManagedPlugin:
             self.apply(Trigger.ACTIVATED)
             if self._context.halted:  # looked at last: a halt that comes now sees that it is active
                 self.refuse_calls()
-            if self.holdings.mailbox.wake is not None:
-                self.holdings.mailbox.wake()  # its thread sleeps while there is nothing to step
+            self.holdings.mailbox.ring()  # its runner sleeps while there is nothing to step
 
     def fault(self, error: ForeignError) -> None:
         """The plugin raised, hangs or floods: it is not called any more; the host sees to the rest in its step."""
@@ -362,6 +350,14 @@ class ManagedPlugin:
         finally:
             self.why = "it was unloaded"
 
+    def _note_callable(self) -> None:
+        instance = self.instance if self.state is PluginState.ACTIVE else None
+        self.callable = instance.plugin if instance is not None else None
+
+    def _new_turn(self) -> Turn:
+        kind = LockstepTurn if self._context.has_one_thread else Turn
+        return kind(self.name, self.manifest.tag.hang_s, self._context.clock)
+
     def _there(self) -> Instance:
         if self.instance is None:
             raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
@@ -373,30 +369,45 @@ class ManagedPlugin:
 
     def run_step(self) -> None:
         """Deliver what was notified, then the plugin's own step; a plugin that raises is faulted."""
-        self._run(steps=True)
+        self._run(self.step_in_turn)
 
     def deliver(self) -> None:
         """Deliver what was notified, between two steps or to a passive plugin."""
-        self._run(steps=False)
+        self._run(self.deliver_in_turn)
 
-    def _run(self, *, steps: bool) -> None:
+    def _run(self, do: Callable[[], None]) -> None:
         turn = self.turn
         if not turn.acquire(turn.limit_s):
             return  # a caller is stuck in it: the host sees to that
         try:
-            instance = self.instance
-            if self.state is not PluginState.ACTIVE or instance is None:
-                return
-            try:
-                if self.holdings.mailbox.waiting:
-                    self.holdings.mailbox.deliver()
-                if steps and instance.plugin.period_s is not None:
-                    instance.plugin.step()
-            except FOREIGN_ERRORS as error:  # foreign plugin code
-                if instance is self.instance:
-                    self.blame(error)
+            do()
         finally:
             turn.release()
+
+    def step_in_turn(self) -> None:
+        """As `run_step`, for a runner that has the plugin's turn."""
+        instance = self.instance
+        if self.state is not PluginState.ACTIVE or instance is None:
+            return
+        try:
+            if self.holdings.mailbox.waiting:
+                self.holdings.mailbox.deliver()
+            if instance.plugin.period_s is not None:
+                instance.plugin.step()
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            if instance is self.instance:
+                self.blame(error)
+
+    def deliver_in_turn(self) -> None:
+        """As `deliver`, for a runner that has the plugin's turn."""
+        instance = self.instance
+        if self.state is not PluginState.ACTIVE or instance is None:
+            return
+        try:
+            self.holdings.mailbox.deliver()
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            if instance is self.instance:
+                self.blame(error)
 
     def blame(self, error: ForeignError) -> None:
         """What the plugin raised is its fault, unless it ran into a halt or an end of what it calls."""
@@ -442,7 +453,7 @@ class ManagedPlugin:
         check_use(self, caller, interface)
         if not self.manifest.tag.shared:
             self.exclusive.keep(caller, granted=True)
-        return Handle(self, interface, caller)
+        return Handle(self, interface, caller, locks=not self._context.has_one_thread)
 
     def hold(self, by: str, lease_s: float) -> Lease:
         """Let somebody outside have the plugin for themselves for a time, or longer if they have it.

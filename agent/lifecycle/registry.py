@@ -50,6 +50,7 @@ class Registry:
         self.plugins: dict[str, ManagedPlugin] = {}
         """Requirements before those that require them."""
         self.halted = False
+        self.has_one_thread = False
         self.foreign: ForeignPlugins | None = None
         """Plugins that are processes of their own, in live."""
         self.starters: WorkerPool | None = None
@@ -91,6 +92,13 @@ class Registry:
                 needed.add(plugin.name)
                 users.append(plugin)
         return users[::-1]
+
+    def needs_of(self, name: str) -> str:
+        """The extra for want of which a plugin is left out, or one that it requires; empty if that is not why."""
+        plugin = self.plugins.get(name)
+        while plugin is not None and plugin.lacks:
+            plugin = self.plugins.get(plugin.lacks)
+        return plugin.needs if plugin is not None else ""
 
     def has(self, name: str) -> bool:
         """Whether there is a plugin of that name, in the robot's process or in one of its own."""

@@ -18,6 +18,8 @@ class RobotContext(Protocol):
     desk: TaskDesk
     leases: ExternalLeases
     halted: bool
+    has_one_thread: bool
+    """Whether nothing but the lockstep runner's own thread ever calls a plugin."""
 
     @property
     def is_live(self) -> bool:

@@ -16,6 +16,7 @@ from robrain.coordinator.allocation.warm_up import warm_up as warm_up_allocation
 from robrain.coordinator.exploration.warm_up import warm_up as warm_up_exploration
 from robrain.deploy.commands.terminal import console, say
 from robrain.protocol.model.warm_up import warm_up as warm_up_model
+from robrain.sim.warm_up import warm_up as warm_up_arena
 
 COMPILING = "numba:compile"
 WORDS = "compiling kernels, once on this computer"
@@ -38,7 +39,7 @@ def prepare_kernels(*, quiet: bool = False) -> int:
     with ExitStack() as closing:
         notice = _Notice(closing, quiet=quiet)
         closing.enter_context(_LISTENING(COMPILING, notice))
-        for warm_up in (warm_up_model, warm_up_exploration, warm_up_allocation):
+        for warm_up in (warm_up_model, warm_up_exploration, warm_up_allocation, warm_up_arena):
             warm_up()
         notice.end()
     return len(notice.compiled)

@@ -52,14 +52,20 @@ def error_frame(state: BusState) -> can.Message:
     return can.Message(arbitration_id=identifier, data=data, is_error_frame=True, is_extended_id=False)
 
 
-def state_in(frame: can.Message) -> BusState | None:
-    """The state that an error frame tells of; None if it tells of something else."""
-    if frame.arbitration_id & _BUS_OFF:
+def state_in(identifier: int, data: bytes | bytearray) -> BusState | None:
+    """The state that an error frame tells of; None if it tells of something else.
+
+    Args:
+        identifier: the frame's, without flags.
+        data: its bytes.
+
+    """
+    if identifier & _BUS_OFF:
         return BusState.OFF
-    if frame.arbitration_id & _RESTARTED:
+    if identifier & _RESTARTED:
         return BusState.ACTIVE
-    if frame.arbitration_id & _CONTROLLER and len(frame.data) > 1:
-        if frame.data[1] & _PASSIVE:
+    if identifier & _CONTROLLER and len(data) > 1:
+        if data[1] & _PASSIVE:
             return BusState.PASSIVE
-        return BusState.WARNING if frame.data[1] & _WARNING else BusState.ACTIVE
+        return BusState.WARNING if data[1] & _WARNING else BusState.ACTIVE
     return None

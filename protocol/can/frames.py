@@ -7,6 +7,7 @@ the file; the bytes are then packed by its layout (the tests hold them against c
 import struct
 from functools import cache
 from importlib import resources
+from operator import mul, truediv
 from typing import Any
 
 import can
@@ -19,6 +20,7 @@ DBC_FILE = "robertino.dbc"
 _CRC8_POLYNOMIAL = 0x1D
 _CRC8_START = 0xFF
 _CRC8_XOR_OUT = 0xFF
+_BYTES = tuple(bytes((value,)) for value in range(256))
 
 
 class BadFrame(RobrainError):
@@ -27,6 +29,9 @@ class BadFrame(RobrainError):
 
 class FrameCodec:
     """Packs and unpacks one frame of the DBC file, with its counter and checksum.
+
+    `encode` and `decode` take and give the bytes and the signals by their order in the file; `pack` and `unpack` do the
+    same by name and for whole frames, which takes longer.
 
     Args:
         message: the frame, as cantools read it; its last two signals are `counter` and `checksum`, a byte each.
@@ -39,17 +44,56 @@ class FrameCodec:
     def __init__(self, message: Any) -> None:
         self.name: str = message.name
         self.arbitration_id: int = message.frame_id
+        signals = message.signals[:-1]
+        self.signals: tuple[str, ...] = tuple(signal.name for signal in signals[:-1])
+        """Names of the signals in their order, without `counter` and `checksum`."""
         self._length: int = message.length
         self._layout = _layout(message)
-        self._names = tuple(signal.name for signal in message.signals)
-        self._own = tuple((signal.name, signal.scale) for signal in message.signals[:-2])
-        self._scaled = tuple((signal.name, signal.scale) for signal in message.signals if signal.scale != 1)
+        """Of all bytes but the checksum."""
+        self._scales = tuple(signal.scale if signal.scale != 1 else 1 for signal in signals)
         # 0.3 µs for a frame; crccheck's own loop, against which the tests hold it, takes 5 µs.
-        self._crc_table = table = _crc8_table()
+        self.crc_table = table = _crc8_table()
+        """The next register of the checksum, for the register before XOR the next byte."""
         register = _CRC8_START
         for byte in self.arbitration_id.to_bytes(2, "big"):
             register = table[register ^ byte]
-        self._crc_start = register
+        self.crc_start = register
+        """Register of the checksum after the identifier; the checksum is the inverse of the last register."""
+
+    def encode(self, counter: int, *values: float) -> bytes:
+        """The frame's bytes with these values (physical units), in the order of `signals`; `counter` wraps at 256.
+
+        Raises:
+            TypeError: there are more or fewer values than signals.
+            OverflowError, ValueError: a value that its field cannot hold.
+
+        """
+        if len(values) != len(self.signals):
+            raise TypeError(f"{self.name}: expected {len(self.signals)} values, got {len(values)}")
+        try:
+            data = self._layout.pack(*map(round, map(truediv, values, self._scales)), counter & 0xFF)
+        except struct.error as error:
+            raise OverflowError(f"{self.name}: {values}: {error}") from error
+        register, table = self.crc_start, self.crc_table
+        for byte in data:
+            register = table[register ^ byte]
+        return data + _BYTES[register ^ _CRC8_XOR_OUT]
+
+    def decode(self, data: bytes | bytearray) -> tuple[float, ...]:
+        """The values (physical units) in the order of `signals`, then the counter.
+
+        Raises:
+            BadFrame: the length or the checksum is wrong.
+
+        """
+        if len(data) != self._length:
+            raise BadFrame(f"{self.name}: expected {self._length} bytes, got {len(data)}")
+        register, table = self.crc_start, self.crc_table
+        for byte in data[:-1]:
+            register = table[register ^ byte]
+        if data[-1] != register ^ _CRC8_XOR_OUT:
+            raise BadFrame(f"{self.name}: wrong checksum")
+        return tuple(map(mul, self._layout.unpack_from(data), self._scales))
 
     def pack(self, counter: int, **values: float) -> can.Message:
         """A frame with these signals (physical units); `counter` wraps at 256.
@@ -59,12 +103,7 @@ class FrameCodec:
             OverflowError, ValueError: a value that its field cannot hold.
 
         """
-        raw = [round(values[name] / scale) for name, scale in self._own]
-        try:
-            data = bytearray(self._layout.pack(*raw, counter & 0xFF, 0))
-        except struct.error as error:
-            raise OverflowError(f"{self.name}: {values}: {error}") from error
-        data[-1] = self._checksum(data)
+        data = self.encode(counter, *[values[name] for name in self.signals])
         return can.Message(arbitration_id=self.arbitration_id, data=data, is_extended_id=False)
 
     def unpack(self, frame: can.Message) -> dict[str, float]:
@@ -74,25 +113,12 @@ class FrameCodec:
             BadFrame: the length or the checksum is wrong.
 
         """
-        data = frame.data
-        if len(data) != self._length:
-            raise BadFrame(f"{self.name}: expected {self._length} bytes, got {len(data)}")
-        if data[-1] != self._checksum(data):
-            raise BadFrame(f"{self.name}: wrong checksum")
-        signals: dict[str, float] = dict(zip(self._names, self._layout.unpack(data), strict=True))
-        for name, scale in self._scaled:
-            signals[name] *= scale
-        return signals
-
-    def _checksum(self, data: bytearray) -> int:
-        register, table = self._crc_start, self._crc_table
-        for byte in data[:-1]:
-            register = table[register ^ byte]
-        return register ^ _CRC8_XOR_OUT
+        values = self.decode(frame.data)
+        return dict(zip((*self.signals, "counter", "checksum"), (*values, frame.data[-1]), strict=True))
 
 
 def _layout(message: Any) -> struct.Struct:
-    """The frame's bytes: a tenth of the time that cantools takes, for each of a hundred frames a second and robot."""
+    """Of the bytes before the checksum. A tenth of cantools' time, for each of a hundred frames a second and robot."""
     codes, next_bit = "<", 0
     for signal in message.signals:
         code = _CODES.get((signal.length, signal.is_signed))
@@ -102,7 +128,7 @@ def _layout(message: Any) -> struct.Struct:
         codes, next_bit = codes + code, next_bit + signal.length
     if next_bit != 8 * message.length:
         raise ValueError(f"{message.name}: expected signals for {message.length} bytes, got {next_bit / 8:g}")
-    return struct.Struct(codes)
+    return struct.Struct(codes[:-1])
 
 
 _CODES = {(8, False): "B", (8, True): "b", (16, False): "H", (16, True): "h"}

@@ -67,6 +67,13 @@ def is_fd(payload: bytes) -> bool:
     )
 
 
+def data_in(payload: bytes) -> bytes:
+    """The data in a payload that `unpack` decodes."""
+    if len(payload) == FD_BYTES:
+        return payload[_DATA : _DATA + payload[_LENGTH]]
+    return payload[HEADER_BYTES:]
+
+
 def unpack(payload: bytes, channel: str) -> can.Message:
     """Decode a payload: a CAN FD frame that passed `is_fd`, or a classic frame of at most `CLASSIC_BYTES`."""
     _, stamp_ns, identifier = HEADER.unpack_from(payload)

@@ -5,7 +5,7 @@ It is registered as an entry point, so `python -m can.viewer -i zenoh -c r1/can0
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from contextlib import suppress
 from itertools import count
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import can
 import zenoh
 
+from robrain.protocol.can.frame_port import Frame
 from robrain.protocol.can.payload import (
     CLASSIC_BYTES,
     CLASSIC_DATA_BYTES,
@@ -26,12 +27,15 @@ from robrain.protocol.can.payload import (
     NODE,
     REMOTE,
     STAMP,
+    data_in,
     is_fd,
     pack_fd,
     unpack,
 )
+from robrain.protocol.can.segment import Node, Segment
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.errors import BadName, WireError
+from robrain.protocol.wire.exchange import Exchange
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_session
@@ -99,6 +103,8 @@ class ZenohBus(can.BusABC):
 
     """
 
+    wakes = True
+
     def __init__(
         self,
         channel: Any,
@@ -139,8 +145,11 @@ class ZenohBus(can.BusABC):
         self._direct = direct
         self._on_outside = on_outside
         self._owner = threading.get_ident()
-        self._frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
+        self.frames: deque[bytes] = deque(maxlen=QUEUE_FRAMES)
+        self.pending: Sized = self.frames
+        self.on_frame: Callable[[], None] | None = None
         self._arrived = threading.Condition()
+        self._segment: Segment | None = None
         self._filter = _Filter([])
         self._apply_filters(can_filters)  # before the first frame can arrive
         self._own_session: zenoh.Session | None = None
@@ -154,6 +163,8 @@ class ZenohBus(can.BusABC):
         self._node_bytes = self._node.to_bytes(8, "little")
         congestion = zenoh.CongestionControl
         self._sending = threading.Lock()
+        self._segment = Segment.of(str(session.zid()), self._key) if direct else None
+        self._exchange = Exchange.of(session) if direct else None
         self._publisher = session.declare_publisher(
             self._key,
             encoding=CAN_FRAME,
@@ -162,13 +173,15 @@ class ZenohBus(can.BusABC):
             # queue. In a shared session that would make everybody else wait too, so frames are dropped.
             congestion_control=congestion.BLOCK if self._own_session is not None else congestion.DROP,
             express=True,
+            # Nodes of a lockstep run hear each other without Zenoh.
+            allowed_destination=zenoh.Locality.REMOTE if direct else zenoh.Locality.ANY,
         )
-        self._subscriber = session.declare_subscriber(
-            self._key, zenoh.handlers.Callback(self._take, indirect=not direct)
-        )
-        # Direct in live as well: the answer takes no time and needs no thread of its own.
+        # Direct in live as well: neither takes time nor needs a thread of its own.
+        self._subscriber = session.declare_subscriber(self._key, zenoh.handlers.Callback(self._take, indirect=False))
         self._queryable = session.declare_queryable(self._key, zenoh.handlers.Callback(self._answer, indirect=False))
-        if not direct:  # nodes of a lockstep run share a session and hear each other at once
+        if self._segment is not None:
+            self._segment.join(self)
+        else:
             self._meet()
         super().__init__(channel=channel, can_filters=can_filters)
 
@@ -198,9 +211,18 @@ class ZenohBus(can.BusABC):
             data = bytes(msg.dlc) if msg.is_remote_frame else msg.data
             payload = HEADER.pack(self._node, stamp_ns, identifier) + data
             if len(payload) > CLASSIC_BYTES:
-                raise can.CanOperationError(
-                    f"{self.channel_info}: a classic frame has at most {CLASSIC_DATA_BYTES} bytes, got {len(data)}"
-                )
+                raise self._too_long(data)
+        self._put(payload)
+
+    def send_data(self, identifier: int, data: bytes) -> None:
+        """As `send`, for a classic data frame with an identifier of 11 bits."""
+        stamp_ns = self._now_ns() if self._now_ns is not None else 0
+        payload = HEADER.pack(self._node, stamp_ns, identifier) + data
+        if len(payload) > CLASSIC_BYTES:
+            raise self._too_long(data)
+        self._put(payload)
+
+    def _put(self, payload: bytes) -> None:
         try:
             with self._sending:
                 if self._is_shutdown:
@@ -208,6 +230,9 @@ class ZenohBus(can.BusABC):
                 self._publisher.put(payload)
         except zenoh.ZError as error:
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
+        if self._segment is not None and self._exchange is not None:
+            self._segment.deliver(payload, self)
+            self._exchange.deliver(ARENA_CAN, self._key, payload)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame, or None if none arrives in time; 0 does not wait, for devices that poll many times a tick.
@@ -219,18 +244,29 @@ class ZenohBus(can.BusABC):
         if timeout != 0:
             return super().recv(timeout)
         try:
-            payload = self._frames.popleft()
+            payload = self.frames.popleft()
         except IndexError:
             return None
         return self._unpack(payload) if self._receives_own else unpack(payload, self._channel)
 
+    def take_frames(self) -> list[Frame]:
+        """Take all frames that have arrived, in order."""
+        frames, new = self.frames, tuple.__new__
+        taken: list[Frame] = []
+        for _ in range(len(frames)):
+            payload = frames.popleft()
+            _, stamp_ns, identifier = HEADER.unpack_from(payload)
+            data = payload[HEADER_BYTES:] if len(payload) <= CLASSIC_BYTES else data_in(payload)
+            taken.append(new(Frame, (identifier, data, stamp_ns)))  # as Frame(…), in a third of the time
+        return taken
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not self._frames:
+        if not self.frames:
             with self._arrived:
-                self._arrived.wait_for(lambda: self._frames or self._is_shutdown, timeout)
+                self._arrived.wait_for(lambda: self.frames or self._is_shutdown, timeout)
         # Frames are filtered on arrival: python-can's filter ends a recv(timeout=0) at the first frame it rejects.
         try:
-            return self._unpack(self._frames.popleft()), True
+            return self._unpack(self.frames.popleft()), True
         except IndexError:  # none arrived, or another thread took it
             if self._is_shutdown:
                 raise self._shut_down() from None
@@ -250,6 +286,8 @@ class ZenohBus(can.BusABC):
                 value |= EXTENDED if each["extended"] else 0
             chosen.append((value & mask, mask))
         self._filter = _Filter(chosen)  # in one go: frames may be arriving
+        if self._segment is not None:
+            self._segment.forget_filters()
 
     def shutdown(self) -> None:
         """Leave the bus; threads waiting in `recv` are woken."""
@@ -258,6 +296,8 @@ class ZenohBus(can.BusABC):
         self.stop_all_periodic_tasks()
         with self._sending:  # a publisher that is in use on another thread cannot be undeclared
             super().shutdown()
+        if self._segment is not None:
+            self._segment.leave(self)
         with self._arrived:
             self._arrived.notify_all()
         with suppress(zenoh.ZError):  # the session is already closed, which undeclared all three
@@ -292,21 +332,37 @@ class ZenohBus(can.BusABC):
             message.is_rx = False
         return message
 
+    def _too_long(self, data: bytes | bytearray) -> can.CanOperationError:
+        return can.CanOperationError(
+            f"{self.channel_info}: a classic frame has at most {CLASSIC_DATA_BYTES} bytes, got {len(data)}"
+        )
+
     def _shut_down(self) -> can.CanOperationError:
         return can.CanOperationError(f"{self.channel_info}: is shut down")
+
+    def wants(self, traveling: bytes, sender: Node) -> bool:
+        """Whether the filters take an identifier, as it travels, and the sender is another or is to be heard too."""
+        return self._filter[traveling] and (sender is not self or self._receives_own)
+
+    def accept(self, payload: bytes) -> None:
+        """Take a frame that `wants` lets through, in lockstep."""
+        if len(payload) > CLASSIC_BYTES and not self._fd:
+            self.refused += 1
+        else:
+            self._keep(payload)
 
     def _take(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
         if not HEADER_BYTES <= len(payload) <= CLASSIC_BYTES and not (self._fd and is_fd(payload)):
             self.refused += 1
             return
-        if payload[NODE] == self._node_bytes and not self._receives_own:
-            return
-        if not self._filter[payload[IDENTIFIER]]:
-            return
+        if self._filter[payload[IDENTIFIER]] and (payload[NODE] != self._node_bytes or self._receives_own):
+            self._keep(payload)
+
+    def _keep(self, payload: bytes) -> None:
         if payload[STAMP] == NO_STAMP and self._received_ns is not None:
             payload = payload[NODE] + self._received_ns().to_bytes(8, "little") + payload[STAMP.stop :]
-        frames = self._frames
+        frames = self.frames
         if len(frames) == QUEUE_FRAMES:
             self.dropped += 1
         frames.append(payload)
@@ -314,7 +370,9 @@ class ZenohBus(can.BusABC):
             with self._arrived:
                 self._arrived.notify_all()
         elif self._on_outside is not None and threading.get_ident() != self._owner:
-            self._on_outside(str(sample.key_expr), payload[HEADER_BYTES:])
+            self._on_outside(self._key, payload[HEADER_BYTES:])
+        if self.on_frame is not None:
+            self.on_frame()
 
     def _answer(self, query: zenoh.Query) -> None:
         """Tell another node, in its `_meet`, that this one is there."""

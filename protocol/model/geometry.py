@@ -11,8 +11,6 @@ import msgspec
 
 from robrain.protocol.model.ranges import Metres, Radians, Speed
 
-TURN_RAD = 2 * math.pi
-
 
 class Point2D(msgspec.Struct, frozen=True):
     """A point, metres, arena frame unless said otherwise."""
@@ -34,22 +32,19 @@ class Pose2D(msgspec.Struct, frozen=True):
 
     def compose(self, other: "Pose2D") -> "Pose2D":
         """T_a_b · T_b_c = T_a_c, with yaw wrapped to (−π, π]."""
-        yaw_rad = self.yaw_rad
-        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-        # `wrap_angle_rad` written out: poses are composed hundreds of times a second.
-        wrapped = math.fmod(yaw_rad + other.yaw_rad + math.pi, TURN_RAD)
-        if wrapped <= 0:
-            wrapped += TURN_RAD
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        yaw_rad = self.yaw_rad + other.yaw_rad
         return Pose2D(
             self.x_m + cos * other.x_m - sin * other.y_m,
             self.y_m + sin * other.x_m + cos * other.y_m,
-            wrapped - math.pi,
+            yaw_rad if -math.pi < yaw_rad <= math.pi else wrap_angle_rad(yaw_rad),
         )
 
     def inverse(self) -> "Pose2D":
         """T_a_b ⁻¹ = T_b_a."""
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return Pose2D(-cos * self.x_m - sin * self.y_m, sin * self.x_m - cos * self.y_m, wrap_angle_rad(-self.yaw_rad))
+        yaw_rad = -self.yaw_rad if -math.pi < -self.yaw_rad <= math.pi else wrap_angle_rad(-self.yaw_rad)
+        return Pose2D(-cos * self.x_m - sin * self.y_m, sin * self.x_m - cos * self.y_m, yaw_rad)
 
     def distance_m(self, other: "Pose2D | Point2D") -> float:
         """Euclidean distance of the two places."""
@@ -73,7 +68,9 @@ def wrap_angle_rad(angle_rad: float) -> float:
     >>> round(wrap_angle_rad(3 * math.pi / 2), 6)
     -1.570796
     """
-    wrapped = math.fmod(angle_rad + math.pi, TURN_RAD)
+    if -math.pi < angle_rad <= math.pi:
+        return angle_rad
+    wrapped = math.fmod(angle_rad + math.pi, 2 * math.pi)
     if wrapped <= 0:
-        wrapped += TURN_RAD
+        wrapped += 2 * math.pi
     return wrapped - math.pi

@@ -20,17 +20,12 @@ from robrain.protocol.model.localization.scan_match import (
 from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays
-from robrain.protocol.model.navigation.clearance_kernels import (
-    clearance_m,
-    contact_distance_m,
-    hold_off,
-    passage,
-    sector_distances_m,
-)
+from robrain.protocol.model.navigation.clearance_kernels import clearance_m
 from robrain.protocol.model.navigation.escape import escape_cells
 from robrain.protocol.model.navigation.frontier import find_frontiers
 from robrain.protocol.model.navigation.line_of_sight import standpoint
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
+from robrain.protocol.model.navigation.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
 from robrain.protocol.model.navigation.path_planning import (
     descend,
     distance_field,

@@ -1,6 +1,8 @@
 """Time, passed in: the wall's in live runs, the runner's in lockstep."""
 
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 NS_PER_S = 1_000_000_000
@@ -26,17 +28,15 @@ class VirtualClock:
     """The clock of the lockstep drive: stands still until it is moved."""
 
     def __init__(self, start_ns: int = 0) -> None:
-        self._now_ns = start_ns
-
-    def now_ns(self) -> int:
-        """Nanoseconds since the start of the run."""
-        return self._now_ns
+        self._now_ns = [start_ns]
+        self.now_ns: Callable[[], int] = partial(self._now_ns.__getitem__, 0)
+        """Nanoseconds since the start of the run; no Python function, as each robot asks hundreds of times a second."""
 
     def advance_to(self, now_ns: int) -> None:
         """Move on to `now_ns`; time never runs backwards (ValueError)."""
-        if now_ns < self._now_ns:
-            raise ValueError(f"time would run backwards: {now_ns} ns after {self._now_ns} ns")
-        self._now_ns = now_ns
+        if now_ns < self._now_ns[0]:
+            raise ValueError(f"time would run backwards: {now_ns} ns after {self._now_ns[0]} ns")
+        self._now_ns[0] = now_ns
 
 
 def to_seconds(duration_ns: int) -> float:

@@ -9,9 +9,8 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from enum import StrEnum
 from threading import get_ident
-from typing import Any, Generic, NamedTuple
+from typing import Any
 
 import msgspec
 import zenoh
@@ -25,15 +24,18 @@ from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.exchange import Exchange
 from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
+from robrain.protocol.wire.serving import Drive, Handler, OnOutside, Request, Serve
 from robrain.protocol.wire.topic import JSON, Delivery, Q, Query, R, Token, Topic
+
+__all__ = ["Drive", "Endpoint", "Handler", "OnOutside", "Request", "Serve"]
 
 logger = logging.getLogger(__name__)
 
-OnOutside = Callable[[str, bytes], None]
 PENDING_QUERIES = 256
 DECLARED_KEYS = 16384
 REPLIES = 64
@@ -46,37 +48,6 @@ STUCK_TIMEOUT_S = 2.0
 """How long `close` waits for handlers that are still running."""
 
 
-class Drive(StrEnum):
-    """Who moves time: the wall, or the lockstep runner."""
-
-    LIVE = "live"
-    LOCKSTEP = "lockstep"
-
-
-class Serve(StrEnum):
-    """Where queries are answered in the live drive."""
-
-    AT_ONCE = "at_once"
-    """On the thread that Zenoh gives the queryable; one after the other."""
-    POOL = "pool"
-    """On threads of its own, several at a time; `busy` when there are too many."""
-    IN_STEP = "in_step"
-    """When the component calls `serve()`."""
-
-
-class Request(NamedTuple, Generic[Q]):
-    """A query as its handler sees it."""
-
-    names: dict[str, str]
-    """Names in the key, and its team under `team`."""
-    asked: Q
-    """The request, decoded; bytes where the query has free JSON, None where nothing is said."""
-    by: str = ""
-    """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`."""
-
-
-Handler = Callable[[Request[Q]], R | bytes]
-"""Returns the reply (bytes go as they are), or raises CallError."""
 _Waiting = tuple[zenoh.Query, Query[Any, Any], str | None, Callable[[Request[Any]], Any]]
 
 
@@ -124,12 +95,13 @@ class Endpoint:
         self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
         self._owner = threading.get_ident()
         self._zid = session.zid()
+        self._exchange = Exchange.of(session) if drive is Drive.LOCKSTEP else None
         self._entities: list[Any] = []
         self._declared_keys: dict[str, zenoh.KeyExpr] = {}
         self._pending: deque[_Waiting] = deque()
         self._closing = False
         self._workers = workers
-        self._answering: list[Answering] = []
+        self._answering: Answering[tuple[Any, ...]] | None = None
 
     def publisher(self, topic: Topic[Any], **names: str) -> Publisher:
         """A publisher of one concrete key."""
@@ -141,7 +113,9 @@ class Endpoint:
             "express": topic.is_blocking,
         }
         declared: Any
-        if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
+        if self._exchange is not None:
+            declared = self.session.declare_publisher(key, **options, allowed_destination=zenoh.Locality.REMOTE)
+        elif topic.delivery is Delivery.LOSSLESS:
             declared = ext.declare_advanced_publisher(
                 self.session,
                 key,
@@ -153,7 +127,7 @@ class Endpoint:
         else:
             declared = self.session.declare_publisher(key, **options)
         self._entities.append(declared)
-        return Publisher(declared, topic, key, self.clock, self._entities.remove)
+        return Publisher(declared, topic, key, self.clock, self._entities.remove, self._exchange)
 
     def token(self, topic: Token, **names: str) -> None:
         """Say that this component is there, for as long as the endpoint is open."""
@@ -165,6 +139,8 @@ class Endpoint:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
         inbox.adopt(self._border)
         key = topic.selector(self.team, **names)
+        if self._exchange is not None:
+            self._entities.append(self._exchange.subscribe(key, topic, inbox))
         # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
         own_key = key if "*" not in key else None
         lockstep, owner = self.drive is Drive.LOCKSTEP, self._owner
@@ -179,9 +155,7 @@ class Endpoint:
             is_taken = inbox.append(topic, key, payload, outside=outside)
             if self.on_heard is not None:
                 self.on_heard()
-            if (
-                is_taken and outside and not topic.recorded
-            ):  # what is recorded, the recorder itself sees coming from outside
+            if is_taken and outside and not topic.recorded:  # of what is recorded, the recorder itself sees that
                 self.note_outside(key, payload)
 
         if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
@@ -196,7 +170,8 @@ class Endpoint:
                 )
             )
         else:
-            self._entities.append(self.session.declare_subscriber(key, self._callback(take)))
+            callback = self._callback(take, waits=inbox.acts_at_once or learns)
+            self._entities.append(self.session.declare_subscriber(key, callback))
 
     def _declare_key(self, key: str) -> None:
         """Have Zenoh remember the way of what arrives on a key.
@@ -214,7 +189,7 @@ class Endpoint:
         liveliness = self.session.liveliness()
         lockstep = self.drive is Drive.LOCKSTEP
         self._entities.append(
-            liveliness.declare_subscriber(selector, self._callback(presence.append), history=not lockstep)
+            liveliness.declare_subscriber(selector, self._callback(presence.append, waits=False), history=not lockstep)
         )
         if lockstep:  # a subscriber's history comes on a thread of Zenoh's even to a direct callback, some time later
             own = LockstepReplies(self._zid)
@@ -251,38 +226,38 @@ class Endpoint:
         own_key = topic.key(self.team, **names) if set(names) == set(topic.fields) else None
         selector = topic.selector(self.team, **names)
         if self.drive is Drive.LIVE and serve is Serve.POOL:
-            self._answer_on_threads(selector, topic, own_key, handler, at_once)
+            self._answer_on_threads(selector, at_once, topic, own_key, handler)
             return
 
         def take(query: zenoh.Query) -> None:
-            if not self._closing and (serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside()):
-                self._queue(query, topic, own_key, handler)
+            waits = serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside()
+            do = self._queue if waits and not self._closing else self._reply
+            do(query, topic, own_key, handler)
+
+        callback = self._callback(take, waits=serve is not Serve.IN_STEP)
+        self._entities.append(self.session.declare_queryable(selector, callback))
+
+    def _answer_on_threads(self, selector: str, at_once: Sequence[str], *of_query: Any) -> None:
+        if self._answering is None:
+            self._answering = Answering("answer", self._answer_one, self._refuse_one, self._workers)
+        answering = self._answering
+
+        def take(query: zenoh.Query) -> None:
+            if answering.waiting < PENDING_QUERIES:
+                answering.put((at_once, query, *of_query))
             else:
-                self._reply(query, topic, own_key, handler)
+                self._refuse(query, f"{PENDING_QUERIES} queries wait already")
 
-        self._entities.append(self.session.declare_queryable(selector, self._callback(take)))
+        self._entities.append(self.session.declare_queryable(selector, self._callback(take, waits=False)))
 
-    def _answer_on_threads(
-        self,
-        selector: str,
-        topic: Query[Any, Any],
-        own_key: str | None,
-        handler: Callable[[Request[Any]], Any],
-        at_once: Sequence[str],
-    ) -> None:
-        queryable: Any = self.session.declare_queryable(selector, zenoh.handlers.FifoChannel(PENDING_QUERIES))
+    def _answer_one(self, asked: tuple[Any, ...]) -> None:
+        self._reply(*asked[1:])
 
-        def answer(query: zenoh.Query) -> None:
-            self._reply(query, topic, own_key, handler)
-
-        def refuse(query: zenoh.Query) -> None:
-            if self._closing or str(query.key_expr).rpartition("/")[2] in at_once:
-                answer(query)
-            else:
-                self._refuse(query, f"{self._workers} calls are being answered already")
-
-        self._entities.append(queryable)
-        self._answering.append(Answering(f"answer-{topic.name}", queryable.handler.recv, answer, refuse, self._workers))
+    def _refuse_one(self, asked: tuple[Any, ...]) -> None:
+        if self._closing or str(asked[1].key_expr).rpartition("/")[2] in asked[0]:
+            self._reply(*asked[1:])
+        else:
+            self._refuse(asked[1], f"{self._workers} calls are being answered already")
 
     def serve(self) -> None:
         """Answer the queries that wait for this component's step."""
@@ -472,11 +447,11 @@ class Endpoint:
             self.session.undeclare(self._declared_keys.popitem()[1])
         while self._pending:
             self._reply(*self._pending.popleft())
-        for answering in self._answering:  # what waits there is answered `unloaded` as well
+        answering, self._answering = self._answering, None
+        if answering is not None:  # what waits there is answered `unloaded` as well
             stuck = answering.join(STUCK_TIMEOUT_S)
             if stuck:
                 logger.warning("answers that do not come back are left behind: %s", ", ".join(stuck))
-        self._answering.clear()
 
     @property
     def is_closed(self) -> bool:
@@ -491,8 +466,9 @@ class Endpoint:
         """In lockstep, whether what is being delivered comes from another process."""
         return self.drive is Drive.LOCKSTEP and threading.get_ident() != self._owner
 
-    def _callback(self, function: Callable[[Any], None]) -> "zenoh.handlers.Callback[Any]":
-        return zenoh.handlers.Callback(function, indirect=self.drive is Drive.LIVE)
+    def _callback(self, function: Callable[[Any], None], *, waits: bool = True) -> "zenoh.handlers.Callback[Any]":
+        """In live, a callback on a thread of its own if it may wait for anything, else on Zenoh's."""
+        return zenoh.handlers.Callback(function, indirect=waits and self.drive is Drive.LIVE)
 
 
 def _reply_error(query: zenoh.Query, error: CallError) -> None:

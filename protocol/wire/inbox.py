@@ -1,15 +1,18 @@
 """Bounded inboxes: where subscriptions put what arrives, until their component's next step."""
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import zenoh
 
 from robrain.protocol.wire.border.border import Border, Heard, Received
-from robrain.protocol.wire.topic import Delivery, Topic
 
 NOTHING = b"null"
 """An empty reply: JSON null."""
+
+Sample = tuple[Heard, str, bytes, list[Received]]
+"""Topic, key, payload, and what the payload decodes to, once somebody has read it: inboxes share samples."""
 
 
 class Inbox:
@@ -26,6 +29,9 @@ class Inbox:
             refusals of all its inboxes together.
     """
 
+    acts_at_once = False
+    """Whether `append` does more than append, so that it may wait: its subscription gets a thread of its own."""
+
     def __init__(self, capacity: int = 1024, *, every: bool = False, border: Border | None = None) -> None:
         self.capacity = capacity
         self.every = every
@@ -37,9 +43,13 @@ class Inbox:
         self.border = Border() if border is None else border
         self._has_own_border = border is not None
         self.received = 0
-        self._every: deque[tuple[Heard, str, bytes]] = deque(maxlen=capacity)
+        self.has_some = False
+        """Whether `drain` may have something to take out."""
+        self.on_arrival: Callable[[], None] | None = None
+        """Called after each sample that was taken, on the thread that brings it."""
+        self._every: deque[Sample] = deque(maxlen=capacity)
         self._expected: deque[tuple[Any, Heard, str]] = deque(maxlen=capacity)
-        self._latest: dict[str, tuple[Heard, str, bytes]] = {}
+        self._latest: dict[str, Sample] = {}
 
     def adopt(self, border: Border) -> None:
         """Use an endpoint's border, unless the inbox has its own."""
@@ -53,20 +63,28 @@ class Inbox:
             Whether it was: False if it is too large, or there is no room for it.
 
         """
-        self.received += 1
         self.outside += outside
+        return self.take((topic, key, payload, []))
+
+    def take(self, sample: Sample) -> bool:
+        """Take in a sample that other inboxes may hold as well; as `append`."""
+        topic, key, payload, _ = sample
+        self.received += 1
         if len(payload) > topic.payloads.max_bytes and not self.border.admits(topic, key, payload):
             self.refused += 1
             return False
-        if isinstance(topic, Topic) and topic.delivery is Delivery.LATEST and not self.every:
+        if topic.is_latest and not self.every:
             if len(self._latest) >= self.capacity and key not in self._latest:
                 self.dropped += 1
                 return False
-            self._latest[key] = (topic, key, payload)
-            return True
-        # The deque itself lets the oldest go: a popleft here could meet the owner's in `drain` on an empty deque.
-        self.dropped += len(self._every) == self.capacity
-        self._every.append((topic, key, payload))
+            self._latest[key] = sample
+        else:
+            # The deque itself lets the oldest go: a popleft here could meet the owner's in `drain` on an empty deque.
+            self.dropped += len(self._every) == self.capacity
+            self._every.append(sample)
+        self.has_some = True
+        if self.on_arrival is not None:
+            self.on_arrival()
         return True
 
     def __len__(self) -> int:
@@ -82,26 +100,40 @@ class Inbox:
 
         """
         self._expected.append((replies, topic, key))
+        self.has_some = True
 
     def drain(self) -> list[Received]:
         """Take everything out, decoded: first what counts singly, in order of arrival, then the latest ones."""
-        if not self._every and not self._latest and not self._expected:
+        if not self.has_some:
             return []
-        raw = self.drain_raw()
-        read = [received for sample in raw if (received := self.border.read(*sample)) is not None]
-        self.refused += len(raw) - len(read)
+        border = self.border
+        read: list[Received] = []
+        for topic, key, payload, shared in self._drain():
+            received = shared[0] if shared else border.read(topic, key, payload)
+            if received is None:
+                self.refused += 1
+                continue
+            if not shared:
+                shared.append(received)
+            read.append(received)
         return read
 
     def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
         """Take everything out as topic, key and payload, in the order of `drain`."""
+        return [sample[:3] for sample in self._drain()]
+
+    def _drain(self) -> list[Sample]:
+        self.has_some = False  # first: what arrives meanwhile sets it again
         if self._expected:
             self._take_replies()
-        if not self._every and not self._latest:
-            return []
-        raw = [self._every.popleft() for _ in range(len(self._every))]
-        if self._latest:
-            raw += [self._latest.pop(key) for key in sorted(self._latest)]
-        return raw
+        samples: list[Sample] = []
+        every, latest = self._every, self._latest
+        for _ in range(len(every)):
+            samples.append(every.popleft())
+        if latest:
+            for key in sorted(latest):
+                samples.append(latest.pop(key))
+        return samples
 
     def _take_replies(self) -> None:
         for _ in range(len(self._expected)):
@@ -113,4 +145,4 @@ class Inbox:
                         self.append(topic, key, payload)
             except zenoh.ZError:  # it is answered, or was not in time
                 continue
-            self._expected.append((replies, topic, key))
+            self.expect(replies, topic, key)

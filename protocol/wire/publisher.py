@@ -7,6 +7,7 @@ import msgspec
 import zenoh
 
 from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.exchange import Exchange
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.topic import Topic, Urgency
 
@@ -21,9 +22,18 @@ PRIORITY = {
 class Publisher:
     """Says one topic under one key. Made by `Endpoint.publisher`."""
 
-    def __init__(self, declared: Any, topic: Topic[Any], key: str, clock: Clock, forget: Callable[[Any], None]) -> None:
+    def __init__(
+        self,
+        declared: Any,
+        topic: Topic[Any],
+        key: str,
+        clock: Clock,
+        forget: Callable[[Any], None],
+        exchange: Exchange | None = None,
+    ) -> None:
         self.topic = topic
         self.key = key
+        self._exchange = exchange
         self._declared = declared
         self._clock = clock
         self._forget = forget
@@ -43,11 +53,13 @@ class Publisher:
         if len(encoded) > self.topic.payloads.max_bytes:
             raise ValueError(self.topic.payloads.too_large(len(encoded)))
         self._seq += 1
-        self._declared.put(encoded)
+        self.put_bytes(encoded)
 
     def put_bytes(self, payload: bytes) -> None:
         """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""
         self._declared.put(payload)
+        if self._exchange is not None:
+            self._exchange.deliver(self.topic, self.key, payload)
 
     def close(self) -> None:
         """Undeclare it before its endpoint closes; late joiners get nothing of it any more."""

@@ -188,6 +188,11 @@ class Topic(WireKey, Generic[M]):
         return replace(self, pattern=self.earlier, earlier="") if self.earlier else None
 
     @cached_property
+    def is_latest(self) -> bool:
+        """Whether a sample replaces the one before of its key."""
+        return self.delivery is Delivery.LATEST
+
+    @cached_property
     def is_stamped(self) -> bool:
         """Whether messages say when they were sent."""
         return STAMP in _fields_of(self.message)
@@ -236,6 +241,7 @@ class Query(WireKey, Generic[Q, R]):
         return Codec(self.reply, self.max_reply_bytes, f"reply of {self.name}")
 
     has_checked_stamp: ClassVar[bool] = False
+    is_latest: ClassVar[bool] = False
 
     @cached_property
     def named_twice(self) -> tuple[str, ...]:

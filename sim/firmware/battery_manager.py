@@ -6,6 +6,7 @@ from collections.abc import Callable
 import can
 import numpy as np
 
+from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import codec
 from robrain.sim.firmware.battery import Battery, GaugeSpec
 from robrain.sim.firmware.power_model import PowerModel
@@ -71,30 +72,34 @@ class BatteryManager:
         """What a charger gives now."""
         self.lie: Callable[[Reading], Reading] | None = None
         """A fault of the gauge: what it tells in place of what it reads."""
-        self._bus = bus
-        self._load = Load(power, mass_kg, rng)
+        self.load = Load(power, mass_kg, rng)
+        """What the robot has drawn since the last status."""
+        self._port = frame_port(bus)
         self._gauge = Gauge(battery.spec.gauge, rng)
         self._tick_s = tick_s
-        self._period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
+        self.period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
+        self._period_s = self.period_ticks * tick_s
         self._codec = codec("BatteryStatus")
         self._tick = 0
         self._sent = 0
 
     def report(self, speed_m_s: float, yaw_rate_rad_s: float) -> None:
         """Account for a tick of this motion; at 5 Hz, load the battery with its share and send the status."""
-        self._load.move(speed_m_s, yaw_rate_rad_s, self._tick_s)
+        self.load.move(speed_m_s, yaw_rate_rad_s, self._tick_s)
         self._tick += 1
-        if self._tick % self._period_ticks:
-            return
-        period_s = self._period_ticks * self._tick_s
-        self.battery.step(self._load.take_w(period_s), self.supply_w, period_s)
-        battery = self.battery
+        if self._tick % self.period_ticks == 0:
+            self.measure()
+
+    def measure(self) -> None:
+        """Load the battery with what was drawn in the period that ends now, and send the status."""
+        battery, period_s = self.battery, self._period_s
+        battery.step(self.load.take_w(period_s), self.supply_w, period_s)
         reading = self._gauge.read(battery.voltage_v, battery.current_a, battery.temperature_c)
         if self.lie is not None:
             reading = self.lie(reading)
         voltage_v, current_a, temperature_c = reading
-        self._bus.send(
-            self._codec.pack(self._sent, voltage_v=voltage_v, current_a=current_a, temperature_c=temperature_c)
+        self._port.send_data(
+            self._codec.arbitration_id, self._codec.encode(self._sent, voltage_v, current_a, temperature_c)
         )
         self._sent += 1
 
@@ -110,20 +115,36 @@ class Load:
     """
 
     def __init__(self, power: PowerModel, mass_kg: float, rng: np.random.Generator) -> None:
+        self.motion_j = 0.0
+        """Energy of its motion since `take_w`."""
         self._power = power
         self._mass_kg = mass_kg
         self._rng = rng
         self._bursting = False
         self._speed_m_s = 0.0
-        self._motion_j = 0.0
 
     def move(self, speed_m_s: float, yaw_rate_rad_s: float, duration_s: float) -> None:
         """Account for some time of this motion."""
         if speed_m_s or yaw_rate_rad_s:
-            self._motion_j += self._power.motion_w(speed_m_s, yaw_rate_rad_s, self._mass_kg) * duration_s
+            self.motion_j += self._power.motion_w(speed_m_s, yaw_rate_rad_s, self._mass_kg) * duration_s
         if speed_m_s > self._speed_m_s:
-            self._motion_j += self._power.acceleration_j(self._mass_kg, self._speed_m_s, speed_m_s)
+            self.motion_j += self._power.acceleration_j(self._mass_kg, self._speed_m_s, speed_m_s)
         self._speed_m_s = speed_m_s
+
+    def row(self) -> tuple[float, ...]:
+        """Its terms as a row of `LOAD`, for a robot whose motion is accounted for together with others'."""
+        power = self._power
+        return (
+            self._mass_kg,
+            power.payload_kg,
+            power.moving_w,
+            power.speed_w_per_m_s,
+            power.speed2_w_per_m2_s2,
+            power.yaw_w_per_rad_s,
+            power.drive_efficiency,
+            self._speed_m_s,
+            self.motion_j,
+        )
 
     def take_w(self, period_s: float) -> float:
         """Mean power of the period that ends now."""
@@ -132,8 +153,8 @@ class Load:
             mean_s = power.burst_s if self._bursting else power.between_bursts_s
             if self._rng.random() < 1.0 - math.exp(-period_s / mean_s):
                 self._bursting = not self._bursting
-        load_w = power.standing_w(bursting=self._bursting) + self._motion_j / period_s
-        self._motion_j = 0.0
+        load_w = power.standing_w(bursting=self._bursting) + self.motion_j / period_s
+        self.motion_j = 0.0
         return load_w
 
 

@@ -6,11 +6,13 @@ errors); on a shorted line it goes bus off. A frame is repeated at once until it
 controller less than a millisecond: here it happens with the first frame.
 """
 
+from collections.abc import Callable
 from enum import StrEnum
 
 import can
 
 from robrain.protocol.can.bus_state import BUS_OFF_ERRORS, PASSIVE_ERRORS, BusState, error_frame
+from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.wire.clock import Clock
 from robrain.sim.disturbance import DelayLine
 
@@ -49,7 +51,7 @@ class FrameStamps:
 
 
 class BusLine(can.BusABC):
-    """All nodes of one robot, seen from its on-board computer.
+    """All nodes of one robot, seen from its on-board computer; a `FramePort` as well as a bus of python-can.
 
     Args:
         bus: what carries the frames; shut down with the line.
@@ -58,6 +60,8 @@ class BusLine(can.BusABC):
 
     """
 
+    wakes = False
+
     def __init__(
         self, bus: can.BusABC, late: DelayLine[can.Message] | None = None, stamps: FrameStamps | None = None
     ) -> None:
@@ -65,6 +69,9 @@ class BusLine(can.BusABC):
         self.transmit_errors = 0
         self.channel_info = bus.channel_info
         self._bus = bus
+        self._port = frame_port(bus)
+        self.pending = self._port.pending
+        self.on_frame: Callable[[], None] | None = None
         self._late = late
         self._stamps = stamps
         super().__init__(channel=bus.channel_info)
@@ -91,6 +98,13 @@ class BusLine(can.BusABC):
         else:
             self.transmit_errors = PASSIVE_ERRORS if self.fault is LineFault.CUT else BUS_OFF_ERRORS
 
+    def send_data(self, identifier: int, data: bytes) -> None:
+        """As `send`, for a data frame with an identifier of 11 bits."""
+        if self.fault is LineFault.NONE and self._late is None and not self.transmit_errors:
+            self._port.send_data(identifier, data)
+        else:
+            self.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
     def deliver(self) -> None:
         """Pass on the late frames that have arrived by now; a broken line loses them."""
         for sent_ns, frame in self._late.arrivals() if self._late is not None else ():
@@ -108,6 +122,11 @@ class BusLine(can.BusABC):
         while frame is not None and self.fault is not LineFault.NONE:
             frame = self._bus.recv(0)
         return frame
+
+    def take_frames(self) -> list[Frame]:
+        """All frames that have arrived; what was sent while the line was broken is lost."""
+        frames = self._port.take_frames()
+        return frames if self.fault is LineFault.NONE else []
 
     def shutdown(self) -> None:
         """Leave the bus."""

@@ -4,21 +4,25 @@ It believes no frame whose length or checksum is wrong, counts those that are mi
 stops the wheels when commands cease.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 
 import can
+import numpy as np
 
 from robrain.protocol.can.bus_state import MOST_ERRORS, BusState, state_of
+from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER, WheelEncoders
 
 WATCHDOG_S = 0.2
 ENCODER_PERIOD_S = 0.02
 STATUS_PERIOD_S = 0.2
 STANDING = (0.0, 0.0, 0.0)
+NEVER = 1 << 62
+"""A tick that does not come."""
 
 
 class MotorState(IntEnum):
@@ -36,7 +40,9 @@ class MotorState(IntEnum):
 class MotorController:
     """Wheel commands and stops in, encoder counts and status out.
 
-    A tick is `receive()`, and after the motion `report()`.
+    A tick is `receive()`, and after the motion `report()`. Where many are moved on together, `receive()` is called only
+    if a frame has arrived, `has_failed` is set or `due_tick` is reached; in place of `report()`, `WheelEncoders` makes
+    the frames with the counts, and `tell()` sends the status.
 
     Args:
         bus: the robot's bus; other nodes of the same robot may send on it too.
@@ -56,90 +62,103 @@ class MotorController:
         """Without power the wheels stand; the controller's logic goes on."""
         self.has_failed = False
         """The power stage, while the cause of its failure lasts."""
+        self.due_tick = NEVER
+        """When the watchdog bites unless a command comes."""
+        self.has_news = True
+        """Whether what the status says has changed since the last one."""
         self._commands = SequenceWatch()
         self._transmit_errors = transmit_errors
         self._worst = BusState.ACTIVE
         """The worst state of the CAN controller since the last status."""
         self._wanted_rad_s = STANDING
-        self._bus = bus
-        self._ticks_per_rad = 1.0 / base.rad_per_tick
+        self._port = frame_port(bus)
+        self.ticks_per_rad = 1.0 / base.rad_per_tick
+        self.encoder_period_ticks = max(1, round(ENCODER_PERIOD_S / tick_s))
+        self.status_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
         self._watchdog_ticks = max(1, round(WATCHDOG_S / tick_s))
-        self._encoder_period_ticks = max(1, round(ENCODER_PERIOD_S / tick_s))
-        self._status_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
         self._command, self._stop = codec("WheelCommand"), codec("Stop")
-        self._encoders, self._status = codec("WheelEncoders"), codec("MotorStatus")
-        self._ticks_since_command = 0
-        self._tick = 0
-        self._encoders_sent = 0
+        self._status = codec("MotorStatus")
+        self._encoders = WheelEncoders(np.array([self.ticks_per_rad]))
+        self._received_tick = 0
+        self._reports = 0
         self._status_sent = 0
-        self._told: tuple[MotorState, int, int] | None = None
 
     @property
     def wheel_speeds_rad_s(self) -> tuple[float, float, float]:
         """What the wheels are to do now."""
         return self._wanted_rad_s if self.powered else STANDING
 
-    def receive(self) -> None:
-        """Take the frames that have arrived; then let the watchdog have its say."""
-        self._ticks_since_command += 1
+    def receive(self, tick: int | None = None) -> None:
+        """Take the frames that have arrived; then let the watchdog have its say.
+
+        Args:
+            tick: number of this tick; by default the one after that of the last call.
+
+        """
+        self._received_tick = tick = self._received_tick + 1 if tick is None else tick
+        before = self.state, self.rejected_frames, self._commands.lost
         if self.has_failed:
             self._stand(MotorState.ERROR)
-        while (frame := self._bus.recv(timeout=0)) is not None:
+        for frame in self._port.take_frames():
             try:
-                self._obey(frame)
+                self._obey(frame.identifier, frame.data)
             except BadFrame:
                 self.rejected_frames += 1
-        if self.state is MotorState.RUNNING and self._ticks_since_command >= self._watchdog_ticks:
+        if tick >= self.due_tick:
             self._stand(MotorState.WATCHDOG)
+        if before != (self.state, self.rejected_frames, self._commands.lost):
+            self.has_news = True
 
     def report(self, wheel_turns_rad: Sequence[float]) -> None:
         """Send what is due: encoder counts at 50 Hz, the status at 5 Hz and on change."""
-        if self._tick % self._encoder_period_ticks == 0:
-            first, second, third = [
-                math.floor(turns_rad * self._ticks_per_rad) & 0xFFFF for turns_rad in wheel_turns_rad
-            ]
-            self._bus.send(
-                self._encoders.pack(self._encoders_sent, wheel_1_ticks=first, wheel_2_ticks=second, wheel_3_ticks=third)
-            )
-            self._encoders_sent += 1
+        if self._reports % self.encoder_period_ticks == 0:
+            (data,) = self._encoders.frames(np.array([wheel_turns_rad]))
+            self._port.send_data(ENCODER_IDENTIFIER, data)
+        self.note_errors()
+        if self.has_news or self._reports % self.status_period_ticks == 0:
+            self.tell()
+        self._reports += 1
+
+    def note_errors(self) -> None:
+        """Look at the error counter; due in each tick in which it is not 0."""
         errors = self._transmit_errors()
         if errors:
             self._worst = max(self._worst, state_of(errors, 0))
-        status = self.state, self.rejected_frames, self._commands.lost
-        if status != self._told or self._tick % self._status_period_ticks == 0:
-            self._told = status
-            self._bus.send(
-                self._status.pack(
-                    self._status_sent,
-                    state=self.state,
-                    rejected_frames=self.rejected_frames & 0xFF,
-                    lost_commands=self._commands.lost & 0xFF,
-                    bus_state=self._worst,
-                    transmit_errors=min(errors, MOST_ERRORS),
-                    receive_errors=0,
-                )
-            )
-            self._status_sent += 1
-            if state_of(self._transmit_errors(), 0) is BusState.ACTIVE:
-                self._worst = BusState.ACTIVE
-        self._tick += 1
 
-    def _obey(self, frame: can.Message) -> None:
-        if frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame:
-            return
-        if frame.arbitration_id == self._command.arbitration_id:
-            signals = self._command.unpack(frame)
-            self._commands.note(int(signals["counter"]))
+    def tell(self) -> None:
+        """Send the status."""
+        self.has_news = False
+        errors = self._transmit_errors()
+        data = self._status.encode(
+            self._status_sent,
+            self.state,
+            self.rejected_frames & 0xFF,
+            self._commands.lost & 0xFF,
+            self._worst,
+            min(errors, MOST_ERRORS),
+            0,  # receive errors
+        )
+        self._port.send_data(self._status.arbitration_id, data)
+        self._status_sent += 1
+        errors = self._transmit_errors()
+        if not errors or state_of(errors, 0) is BusState.ACTIVE:
+            self._worst = BusState.ACTIVE
+
+    def _obey(self, identifier: int, data: bytes) -> None:
+        if identifier == self._command.arbitration_id:
+            first, second, third, counter = self._command.decode(data)
+            self._commands.note(int(counter))
             if self.state not in (MotorState.LATCHED, MotorState.ERROR):
-                self._wanted_rad_s = signals["wheel_1_rad_s"], signals["wheel_2_rad_s"], signals["wheel_3_rad_s"]
-                self._ticks_since_command = 0
+                self._wanted_rad_s = first, second, third
+                self.due_tick = self._received_tick + self._watchdog_ticks
                 self.state = MotorState.RUNNING
-        elif frame.arbitration_id == self._stop.arbitration_id:
-            signals = self._stop.unpack(frame)
-            self._commands.note(int(signals["counter"]))  # a host counts its commands and stops together
+        elif identifier == self._stop.arbitration_id:
+            latched, counter = self._stop.decode(data)
+            self._commands.note(int(counter))  # a host counts its commands and stops together
             if not self.has_failed:
-                self._stand(MotorState.LATCHED if signals["latched"] else MotorState.WATCHDOG)
+                self._stand(MotorState.LATCHED if latched else MotorState.WATCHDOG)
 
     def _stand(self, state: MotorState) -> None:
         self._wanted_rad_s = STANDING
+        self.due_tick = NEVER
         self.state = state

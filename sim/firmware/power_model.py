@@ -9,10 +9,8 @@ energy of speeding up. The values are chosen for a base of 4 kg, not measured on
 
 import msgspec
 
+from robrain.sim.firmware.load_kernel import acceleration_j, motion_w
 from robrain.sim.spec_checks import check_above_zero, check_not_negative
-
-_STANDING = 1e-3
-"""Below a millimetre (milliradian) a second nothing moves."""
 
 
 class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -53,14 +51,19 @@ class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def motion_w(self, speed_m_s: float, yaw_rate_rad_s: float, mass_kg: float) -> float:
         """Power of going on like this, beyond standing; both speeds may have either sign, the mass is the base's."""
-        speed_m_s, yaw_rate_rad_s = abs(speed_m_s), abs(yaw_rate_rad_s)
-        if speed_m_s < _STANDING and yaw_rate_rad_s < _STANDING:
-            return 0.0
-        rolling_w = self.speed_w_per_m_s * speed_m_s + self.yaw_w_per_rad_s * yaw_rate_rad_s
-        loaded = 1.0 + self.payload_kg / mass_kg
-        return self.moving_w + loaded * rolling_w + self.speed2_w_per_m2_s2 * speed_m_s * speed_m_s
+        power_w: float = motion_w(
+            speed_m_s,
+            yaw_rate_rad_s,
+            mass_kg,
+            self.payload_kg,
+            self.moving_w,
+            self.speed_w_per_m_s,
+            self.speed2_w_per_m2_s2,
+            self.yaw_w_per_rad_s,
+        )
+        return power_w
 
     def acceleration_j(self, mass_kg: float, before_m_s: float, after_m_s: float) -> float:
         """Energy of a change of speed of a base of this mass with its payload; braking costs and returns nothing."""
-        gained_j = 0.5 * (mass_kg + self.payload_kg) * (after_m_s * after_m_s - before_m_s * before_m_s)
-        return max(0.0, gained_j) / self.drive_efficiency
+        energy_j: float = acceleration_j(mass_kg, self.payload_kg, self.drive_efficiency, before_m_s, after_m_s)
+        return energy_j

@@ -13,10 +13,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.can.frames import FrameCodec, codec
+from robrain.protocol.can.frame_port import frame_port
+from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.mapping.ray_cast import cast_rays
+from robrain.protocol.model.mapping.ray_cast import cast_rays_of
 from robrain.protocol.model.navigation.range_ring import (
     NO_ECHO_M,
     RING_ANGLES_RAD,
@@ -87,7 +88,7 @@ class RangeSensors:
         phase: int = 0,
     ) -> None:
         self.spec = spec
-        self._bus = bus
+        self._port = frame_port(bus)
         self._radius_m = radius_m
         self._walls = walls
         self._geometry = geometry
@@ -96,44 +97,51 @@ class RangeSensors:
         cone_rad = np.linspace(-spec.cone_rad / 2, spec.cone_rad / 2, RAYS_A_CONE)
         self._rays_rad = (np.array(spec.angles_rad)[:, None] + cone_rad[None, :]).ravel()
         self._period_ticks = max(1, round(1.0 / (spec.rate_hz * tick_s)))
-        self._bump_period_ticks = max(1, round(BUMP_PERIOD_S / tick_s))
-        self._phase = phase % self._period_ticks
-        self._rings: list[tuple[FrameCodec, list[str]]] = []
-        self._silence: list[dict[str, float]] = []
-        for number, first in enumerate(range(0, sensors, SENSORS_A_FRAME), 1):
-            names = [f"range_{first + place + 1}_m" for place in range(SENSORS_A_FRAME)]
-            self._rings.append((codec(f"RangeRing{number}"), names[: sensors - first]))
-            self._silence.append(dict.fromkeys(names, NO_ECHO_M))
+        self.bump_period_ticks = max(1, round(BUMP_PERIOD_S / tick_s))
+        self.phase = phase % self._period_ticks
+        """Measurements and bump contacts are due in ticks that leave this when divided by the period of each."""
+        self.told = 0
+        """The contacts that were told last, a bit for each sector."""
+        self._rings = [codec(f"RangeRing{number}") for number in range(1, math.ceil(sensors / SENSORS_A_FRAME) + 1)]
+        self._silence = [NO_ECHO_M] * (len(self._rings) * SENSORS_A_FRAME - sensors)
+        """Fills the last frame."""
         self._draws: list[tuple[float, bool]] = []
         self._bumps = codec("Bumps")
         self._sent = [0] * (len(self._rings) + 1)
-        self._told = 0
 
     def measures_at(self, tick: int) -> bool:
         """Whether a measurement is due with this tick."""
-        return bool(self._rings) and tick % self._period_ticks == self._phase
+        return bool(self._rings) and tick % self._period_ticks == self.phase
 
     def measure(self, pose: Pose2D, robots: NDArray[np.float64]) -> None:
         """Measure and send, from `pose`; `robots` (K, 3) are the hulls of all robots, as for the lidar."""
-        self._send(self._measure(pose, robots))
+        ranges_m = self._measure(pose, robots) + self._silence
+        for index, frame in enumerate(self._rings):
+            first = index * SENSORS_A_FRAME
+            data = frame.encode(self._sent[index], *ranges_m[first : first + SENSORS_A_FRAME])
+            self._port.send_data(frame.arbitration_id, data)
+            self._sent[index] += 1
 
     def feel(self, tick: int, yaw_rad: float, contacts_rad: Sequence[float]) -> None:
-        """A tick in which the hull is touched from these directions of the arena frame."""
+        """A tick in which the hull is touched from these directions of the arena frame.
+
+        Ticks may be left out in which there is no contact, nor was at the last call, and no frame is due.
+        """
         contacts = 0
         for direction_rad in contacts_rad:
             contacts |= 1 << bump_sector(direction_rad - yaw_rad)
-        if contacts != self._told or tick % self._bump_period_ticks == self._phase:
+        if contacts != self.told or tick % self.bump_period_ticks == self.phase:
             if not self._rings:
                 return
-            self._told = contacts
-            self._bus.send(self._bumps.pack(self._sent[-1], contacts=contacts))
+            self.told = contacts
+            self._port.send_data(self._bumps.arbitration_id, self._bumps.encode(self._sent[-1], contacts))
             self._sent[-1] += 1
 
     def _measure(self, pose: Pose2D, robots: NDArray[np.float64]) -> list[float]:
         spec = self.spec
         # Rays start at the centre and lose the hull's radius: the cone's tip lies there.
         reach_m = spec.range_max_m + self._radius_m
-        ranges_m = cast_rays(self._walls, self._geometry, pose, self._rays_rad, reach_m, robots)
+        ranges_m = cast_rays_of(self._walls, self._geometry, pose, self._rays_rad, reach_m, robots)
         if len(self._draws) < len(spec.angles_rad):
             self._draw()
         rays_m, found_m = ranges_m.tolist(), []
@@ -149,10 +157,3 @@ class RangeSensors:
     def _draw(self) -> None:
         noise, drops = self._rng.standard_normal(DRAWS).tolist(), self._rng.random(DRAWS) < self.spec.dropout
         self._draws = list(zip(noise, drops.tolist(), strict=True))
-
-    def _send(self, ranges_m: list[float]) -> None:
-        for index, (frame, names) in enumerate(self._rings):
-            first = index * SENSORS_A_FRAME
-            values = self._silence[index] | dict(zip(names, ranges_m[first : first + SENSORS_A_FRAME], strict=True))
-            self._bus.send(frame.pack(self._sent[index], **values))
-            self._sent[index] += 1

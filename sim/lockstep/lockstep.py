@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import Provenance
@@ -106,6 +107,7 @@ class LockstepRun:
         disturbance = Disturbance(world.disturbance, world.seed)
         self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
         self.hosts = []
+        distributions = entry_point_places()
         for robot in world.robots:
             if self._should_stop():
                 raise KeyboardInterrupt
@@ -117,6 +119,8 @@ class LockstepRun:
                 Drive.LOCKSTEP,
                 seed=world.seed,
                 on_outside=self._note_outside,
+                has_one_thread=True,
+                distributions=distributions,
             )
             self._closers.append(host.close)
             host.start()
@@ -173,7 +177,8 @@ class LockstepRun:
         if self._ticks % TRUTH_TICKS == 0:
             self._watch()
         for endpoint in self._endpoints:
-            endpoint.serve()
+            if endpoint.has_waiting:
+                endpoint.serve()
         self._recorder.step()
 
     def close(self) -> RecordingSummary | None:

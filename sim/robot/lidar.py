@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
-from robrain.protocol.model.mapping.ray_cast import cast_rays
+from robrain.protocol.model.mapping.ray_cast import cast_rays_of
 from robrain.protocol.wire.messages.arena_messages import Scan
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
@@ -84,7 +84,7 @@ class Lidar:
             return self._last
         spec = self.spec
         if self._surfaces is None:
-            ranges_m = cast_rays(self._walls, self._geometry, pose, self._angles_rad, spec.range_max_m, robots)
+            ranges_m = cast_rays_of(self._walls, self._geometry, pose, self._angles_rad, spec.range_max_m, robots)
         else:
             ranges_m = self._surfaces.cast(pose, self._angles_rad, spec.range_max_m, robots)
         noisy_m = ranges_m + spec.noise_m * self._rng.standard_normal(spec.rays)

@@ -1,4 +1,4 @@
-"""The body of a simulated robot: a round base on three omni wheels, pushed and stopped by what it meets.
+"""The bodies of simulated robots: round bases on three omni wheels, pushed and stopped by what they meet.
 
 The wheels turn with the body's true motion, also when a wall holds it. Without errors and slip (`wheels`) the
 encoders thus tell the truth up to their resolution.
@@ -7,10 +7,14 @@ encoders thus tell the truth up to their resolution.
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import pymunk
+import pymunk.batch
+from pymunk.batch import BodyFields
 
-from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.sim.robot.wheels import Wheels
+from robrain.protocol.model.geometry import Pose2D
+from robrain.sim.robot.body_kernels import MOTION, STATE, WHEELS, drive, roll
+from robrain.sim.robot.wheels import DRAWS, Wheels
 
 ROBOT_COLLISION, WALL_COLLISION = 1, 2
 """Collision types of shapes in the arena's space."""
@@ -28,43 +32,41 @@ APART_S = 0.5
 """Two that touch again within this have not parted; a robot that rattles along a wall meets it once."""
 
 
-class RobotBody:
-    """One robot in the space of the arena.
+_RATES = BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
+_POSE_AND_RATES = BodyFields.POSITION | BodyFields.ANGLE | _RATES
 
-    A tick is `drive()`, then the step of the space, then `roll()`.
+
+class RobotBody:
+    """One robot in the space of the arena, as of the last tick; `RobotBodies` moves it.
 
     Args:
         space: where its body and shape are added.
         wheels: the three of them, as they truly are.
         start: pose in the arena frame.
         radius_m: of the round hull.
-        tick_s: how long a tick is.
 
     """
 
-    def __init__(self, space: pymunk.Space, wheels: Wheels, start: Pose2D, radius_m: float, tick_s: float) -> None:
+    def __init__(self, space: pymunk.Space, wheels: Wheels, start: Pose2D, radius_m: float) -> None:
         self.wheels = wheels
         self.radius_m = radius_m
         self.x_m, self.y_m, self.yaw_rad = start.x_m, start.y_m, start.yaw_rad
         """Pose in the arena frame; the yaw is not wrapped."""
         self.forward_m, self.left_m, self.turned_rad = 0.0, 0.0, 0.0
         """Displacement of the last tick in the body frame, at the yaw halfway."""
-        self.wheel_turns_rad = [0.0, 0.0, 0.0]
-        """How far each wheel has turned since the start."""
         self.contacts_rad: list[float] = []
         """Where something has touched the hull in the last tick: directions in the arena frame, from the centre."""
         self.distance_m = 0.0
         """Length of the way since the start."""
-        self._tick_s = tick_s
-        self._speed_change_m_s = ACCELERATION_MAX_M_S2 * tick_s
-        self._yaw_rate_change_rad_s = YAW_ACCELERATION_MAX_RAD_S2 * tick_s
-        self._body = pymunk.Body(MASS_KG, pymunk.moment_for_circle(MASS_KG, 0.0, radius_m))
-        self._body.position = start.x_m, start.y_m
-        self._body.angle = start.yaw_rad
-        self.shape = pymunk.Circle(self._body, radius_m)
+        self.was_carried = False
+        """Whether `carry_to` was called since the last tick."""
+        self.body = pymunk.Body(MASS_KG, pymunk.moment_for_circle(MASS_KG, 0.0, radius_m))
+        self.body.position = start.x_m, start.y_m
+        self.body.angle = start.yaw_rad
+        self.shape = pymunk.Circle(self.body, radius_m)
         self.shape.collision_type = ROBOT_COLLISION
         self.shape.friction = FRICTION
-        space.add(self._body, self.shape)
+        space.add(self.body, self.shape)
 
     @property
     def pose(self) -> Pose2D:
@@ -74,83 +76,154 @@ class RobotBody:
     @property
     def place_m(self) -> tuple[float, float]:
         """Where it is now, also in the middle of a step of the space; arena frame."""
-        x_m, y_m = self._body.position
+        x_m, y_m = self.body.position
         return x_m, y_m
-
-    def drive(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> None:
-        """Bring the body's velocity as near to that of these wheel speeds as the acceleration allows in a tick."""
-        self.contacts_rad.clear()
-        wanted = self.wheels.twist(wheel_1_rad_s, wheel_2_rad_s, wheel_3_rad_s)
-        body = self._body
-        yaw_rate_rad_s = body.angular_velocity
-        limit = self._yaw_rate_change_rad_s
-        yaw_rate_rad_s += max(-limit, min(limit, wanted.yaw_rad_s - yaw_rate_rad_s))
-
-        # Velocity is constant during a step while the yaw turns: halfway through it is where both agree.
-        halfway_rad = self.yaw_rad + 0.5 * yaw_rate_rad_s * self._tick_s
-        cos, sin = math.cos(halfway_rad), math.sin(halfway_rad)
-        x_m_s, y_m_s = body.velocity
-        change_x_m_s = cos * wanted.forward_m_s - sin * wanted.left_m_s - x_m_s
-        change_y_m_s = sin * wanted.forward_m_s + cos * wanted.left_m_s - y_m_s
-        change_m_s = math.hypot(change_x_m_s, change_y_m_s)
-        share = self._speed_change_m_s / change_m_s if change_m_s > self._speed_change_m_s else 1.0
-        body.velocity = x_m_s + share * change_x_m_s, y_m_s + share * change_y_m_s
-        body.angular_velocity = yaw_rate_rad_s
 
     def carry_to(self, pose: Pose2D) -> None:
         """Somebody picks the robot up and puts it down here, at rest: its wheels do not turn."""
         self.x_m, self.y_m, self.yaw_rad = pose.x_m, pose.y_m, pose.yaw_rad
-        self._body.position = pose.x_m, pose.y_m
-        self._body.angle = pose.yaw_rad
-        self._body.velocity = 0.0, 0.0
-        self._body.angular_velocity = 0.0
+        self.body.position = pose.x_m, pose.y_m
+        self.body.angle = pose.yaw_rad
+        self.body.velocity = 0.0, 0.0
+        self.body.angular_velocity = 0.0
+        self.was_carried = True
+
+
+class RobotBodies:
+    """All robots of a space, moved together; rows are in the order of `bodies`.
+
+    A tick is `drive()`, then the step of the space, then `roll()`.
+
+    Args:
+        space: has walls and these bodies; none must be added afterwards.
+        bodies: in the order in which they were added.
+        tick_s: how long a tick is.
+
+    Raises:
+        ValueError: the space has other bodies, or has them in another order.
+
+    """
+
+    def __init__(self, space: pymunk.Space, bodies: Sequence[RobotBody], tick_s: float) -> None:
+        self.bodies = bodies
+        self.wanted_rad_s = np.zeros((len(bodies), 3))
+        """(N, 3) speeds at which the motors hold the wheels."""
+        self.turns_rad = np.zeros((len(bodies), 3))
+        """(N, 3) how far each wheel has turned since the start."""
+        self.state = np.zeros(len(bodies), STATE)
+        """(N,) poses and displacements; see `STATE`."""
+        self.touched: list[RobotBody] = []
+        """Bodies with contacts in the last tick, once for each contact."""
+        self._space = space
+        self._tick_s = tick_s
+        self._speed_change_m_s = ACCELERATION_MAX_M_S2 * tick_s
+        self._yaw_rate_change_rad_s = YAW_ACCELERATION_MAX_RAD_S2 * tick_s
+        self._wheels = np.zeros(len(bodies), WHEELS)
+        for row, body in enumerate(bodies):
+            wheels = body.wheels
+            self._wheels[row] = (
+                wheels.true.wheel_radius_m,
+                wheels.true.wheel_distance_m,
+                wheels.way_per_turn,
+                wheels.lateral_slip,
+                wheels.slip_m2_per_m,
+                wheels.lateral_m2_per_m,
+            )
+            self.state[row] = (body.x_m, body.y_m, body.yaw_rad, 0.0, 0.0, 0.0, 0.0)
+        self._normals = np.zeros((len(bodies), 2 * DRAWS))
+        self._used = np.zeros(len(bodies), np.int64)
+        self._draw_normals(first=True)
+        rows = self._rows()
+        self._motion, self._velocities = np.zeros((rows, MOTION)), np.zeros((rows, 3))
+        self._told, self._telling = pymunk.batch.Buffer(), pymunk.batch.Buffer()
+        self._telling.set_float_buf(self._velocities)  # read where it is; what is told would not stay in such an array
+
+    def drive(self) -> None:
+        """Set the bodies' velocities, as near to those of their wheels as the acceleration allows in a tick."""
+        for body in self.touched:
+            body.contacts_rad.clear()
+        self.touched.clear()
+        for row, body in enumerate(self.bodies):
+            if body.was_carried:
+                body.was_carried = False
+                self.state[row]["x_m"], self.state[row]["y_m"] = body.x_m, body.y_m
+                self.state[row]["yaw_rad"] = body.yaw_rad
+                self._motion[row, 3:] = 0.0
+        drive(
+            self.state,
+            self._motion,
+            self._wheels,
+            self.wanted_rad_s,
+            self._velocities,
+            self._tick_s,
+            self._speed_change_m_s,
+            self._yaw_rate_change_rad_s,
+        )
+        pymunk.batch.set_space_bodies(self._space, _RATES, self._telling)
 
     def roll(self) -> None:
-        """Follow the body after the step of the space: pose, way and wheels."""
-        x_m, y_m = self._body.position
-        yaw_rad = self._body.angle
-        dx_m, dy_m = x_m - self.x_m, y_m - self.y_m
-        self.turned_rad = yaw_rad - self.yaw_rad
-        halfway_rad = self.yaw_rad + 0.5 * self.turned_rad
-        self.x_m, self.y_m, self.yaw_rad = x_m, y_m, yaw_rad
-        cos, sin = math.cos(halfway_rad), math.sin(halfway_rad)
-        self.forward_m = cos * dx_m + sin * dy_m
-        self.left_m = cos * dy_m - sin * dx_m
-        self.distance_m += math.hypot(dx_m, dy_m)
-        turns_rad = self.wheels.turns_rad(Twist2D(self.forward_m, self.left_m, self.turned_rad))
-        for wheel, turn_rad in enumerate(turns_rad):
-            self.wheel_turns_rad[wheel] += turn_rad
+        """Follow the bodies after the step of the space: pose, way and wheels."""
+        self._told.clear()
+        pymunk.batch.get_space_bodies(self._space, _POSE_AND_RATES, self._told)
+        self._motion = np.frombuffer(self._told.float_buf()).reshape(-1, MOTION)
+        if roll(self.state, self._motion, self._wheels, self.turns_rad, self._normals, self._used, DRAWS):
+            self._draw_normals()
+        for body, row in zip(self.bodies, self.state.tolist(), strict=True):
+            (
+                body.x_m,
+                body.y_m,
+                body.yaw_rad,
+                body.forward_m,
+                body.left_m,
+                body.turned_rad,
+                body.distance_m,
+            ) = row
+
+    def _draw_normals(self, *, first: bool = False) -> None:
+        for row, body in enumerate(self.bodies):
+            if body.wheels.is_random and (first or self._used[row] >= DRAWS):
+                normals = self._normals[row]
+                normals[:DRAWS] = body.wheels.draw_normals() if first else normals[DRAWS:]
+                normals[DRAWS:] = body.wheels.draw_normals()
+                self._used[row] = 0 if first else self._used[row] - DRAWS
+
+    def _rows(self) -> int:
+        """Bodies in the space: the robots', and after them that of the walls, which stands."""
+        found = pymunk.batch.Buffer()
+        pymunk.batch.get_space_bodies(self._space, BodyFields.BODY_ID, found)
+        ids = list(memoryview(found.int_buf()).cast("P"))
+        robots = [body.body.id for body in self.bodies]
+        if ids[: len(robots)] != robots or set(ids[len(robots) :]) - {self._space.static_body.id}:
+            raise ValueError("expected the space to have walls and these robots' bodies, in this order, and no others")
+        return len(ids)
 
 
 class CollisionCounter:
     """Counts for each robot how often it began to touch a wall or another robot.
 
     It also notes on the bodies where they are touched. All walls are one partner, thus sliding from one wall's shape to
-    the next is no new collision. `count[i]` is that of the i-th robot; `step()` is due once a tick.
+    the next is no new collision. `count[i]` is that of the i-th robot.
     """
 
-    def __init__(self, space: pymunk.Space, robots: Sequence[RobotBody], tick_s: float) -> None:
-        self.count = [0] * len(robots)
+    def __init__(self, space: pymunk.Space, robots: RobotBodies, tick_s: float) -> None:
+        self.count = [0] * len(robots.bodies)
+        self.tick = 0
+        """Its owner moves it on."""
         self._robots = robots
-        self._index: dict[pymunk.Shape, int] = {robot.shape: index for index, robot in enumerate(robots)}
+        self._index: dict[pymunk.Shape, int] = {robot.shape: index for index, robot in enumerate(robots.bodies)}
         self._touching: dict[tuple[int, int], int] = {}
         self._parted_tick: dict[tuple[int, int], int] = {}
         self._apart_ticks = round(APART_S / tick_s)
-        self._tick = 0
         for other in (ROBOT_COLLISION, WALL_COLLISION):
             space.on_collision(
                 ROBOT_COLLISION, other, begin=self._begin, separate=self._separate, post_solve=self._touch
             )
 
-    def step(self) -> None:
-        """Go on by a tick."""
-        self._tick += 1
-
     def _begin(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         pair = self._pair(arbiter)
         touching = self._touching.get(pair, 0)
         self._touching[pair] = touching + 1
-        if touching or self._tick - self._parted_tick.get(pair, -self._apart_ticks) < self._apart_ticks:
+        if touching or self.tick - self._parted_tick.get(pair, -self._apart_ticks) < self._apart_ticks:
             return
         for index in pair:
             if index != _WALL:
@@ -159,13 +232,14 @@ class CollisionCounter:
     def _separate(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         pair = self._pair(arbiter)
         self._touching[pair] -= 1
-        self._parted_tick[pair] = self._tick
+        self._parted_tick[pair] = self.tick
 
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         for shape in arbiter.shapes:
             index = self._index.get(shape, _WALL)
             if index != _WALL:
-                robot = self._robots[index]
+                robot = self._robots.bodies[index]
+                self._robots.touched.append(robot)
                 x_m, y_m = robot.place_m
                 for contact in arbiter.contact_point_set.points:
                     point = contact.point_a

@@ -1,12 +1,11 @@
 """One simulated robot: a body on wheels, the nodes on its CAN bus, a battery and a lidar."""
 
-import math
-
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
+from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -24,12 +23,15 @@ from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.robot.wheels import Wheels
 
 CAN_CHANNEL = "can0"
+STANDARD_MASK = 0x7FF
+OBEYED = ("WheelCommand", "Stop")
+"""Frames that the robot's nodes listen to."""
 
 
 class SimulatedRobot:
     """A body with its firmware and its lidar.
 
-    A tick is `act()`, the step of the space, then `report()`; `measure()` and `scan()` when they are due; `deliver()`.
+    `RobotTeam` moves it on together with others.
 
     Args:
         spec: what it is built of, and where it starts.
@@ -68,20 +70,20 @@ class SimulatedRobot:
         self._late_scans = disturbance.scans(index, endpoint.clock)
         self.is_late = late_frames is not None or self._late_scans is not None
         """Whether frames or scans can be late, so that `deliver` must be called."""
-        self.bus = BusLine(
-            ZenohBus(
-                f"{spec.name}/{CAN_CHANNEL}",
-                session=endpoint.session,
-                team=endpoint.team,
-                direct=endpoint.drive is Drive.LOCKSTEP,
-                now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
-                on_outside=endpoint.note_outside,
-            ),
-            late_frames,
-            stamps,
+        bus = ZenohBus(
+            f"{spec.name}/{CAN_CHANNEL}",
+            [{"can_id": codec(name).arbitration_id, "can_mask": STANDARD_MASK, "extended": False} for name in OBEYED],
+            session=endpoint.session,
+            team=endpoint.team,
+            direct=endpoint.drive is Drive.LOCKSTEP,
+            now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
+            on_outside=endpoint.note_outside,
         )
+        self.pending = bus.pending
+        """Empty if no frame waits to be received."""
+        self.bus = BusLine(bus, late_frames, stamps)
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
-        self.body = RobotBody(space, wheels, spec.start, spec.radius_m, tick_s)
+        self.body = RobotBody(space, wheels, spec.start, spec.radius_m)
         self.battery = Battery(spec.battery)
         self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
         self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
@@ -93,29 +95,15 @@ class SimulatedRobot:
             self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
         )
         self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
-        self._per_tick = 1.0 / tick_s
-
-    def act(self) -> None:
-        """Hear the bus, set the wheels."""
-        self.controller.receive()
         self.controller.powered = not self.battery.is_cut_off
-        self.body.drive(*self.controller.wheel_speeds_rad_s)
 
-    def report(self, tick: int) -> None:
-        """Follow the body's motion and tell it on the bus."""
-        body = self.body
-        body.roll()
-        self.controller.report(body.wheel_turns_rad)
-        self.ranges.feel(tick, body.yaw_rad, body.contacts_rad)
-        speed_m_s = math.hypot(body.forward_m, body.left_m) * self._per_tick
-        self.manager.report(speed_m_s, body.turned_rad * self._per_tick)
-
-    def measure(self, hulls: NDArray[np.float64]) -> None:
-        """Measure all ranges, and send them; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""
-        self.ranges.measure(self.body.pose, hulls)
+    def measure_battery(self) -> None:
+        """Load and measure the battery; when it cuts off, the motors are without power."""
+        self.manager.measure()
+        self.controller.powered = not self.battery.is_cut_off
 
     def scan(self, hulls: NDArray[np.float64]) -> None:
-        """Send a turn of the lidar; hulls as for `measure`."""
+        """Send a turn of the lidar; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""
         turn = self.lidar.scan(self.body.pose, hulls)
         if self._late_scans is None:
             self._scans.put(turn)

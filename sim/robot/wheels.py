@@ -7,13 +7,15 @@ omni wheels.
 """
 
 import math
+from collections import deque
 from typing import Self
 
 import msgspec
 import numpy as np
 
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
+from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.sim.robot.body_kernels import axial_m, body_twist, slip_variance_m2, wheel_turn_rad
 from robrain.sim.spec_checks import check_within
 
 DRAWS = 256
@@ -75,10 +77,15 @@ class Wheels:
         self.radius_share = radius_share
         self._spec = spec
         self._rng = rng
-        self._draws: list[float] = []
-        self._way_per_turn = tuple(share * (1.0 - spec.slip) for share in radius_share)
+        self._normals: deque[float] = deque()
+        self.way_per_turn = tuple(share * (1.0 - spec.slip) for share in radius_share)
         """Way of each wheel over that of an exact one."""
-        self._is_random = spec.slip_sigma_m_per_sqrt_m > 0 or spec.lateral_sigma_m_per_sqrt_m > 0
+        self.lateral_slip = spec.lateral_slip
+        self.slip_m2_per_m = spec.slip_sigma_m_per_sqrt_m**2
+        """Variance of the slip along the tread, per metre of it."""
+        self.lateral_m2_per_m = spec.lateral_sigma_m_per_sqrt_m**2
+        """The same, per metre along the axle."""
+        self.is_random = self.slip_m2_per_m > 0 or self.lateral_m2_per_m > 0
 
     @classmethod
     def draw(cls, nominal: OmniBase, spec: WheelSpec, rng: np.random.Generator) -> Self:
@@ -91,40 +98,31 @@ class Wheels:
 
     def twist(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> Twist2D:
         """The body's velocity at these speeds of the wheels."""
-        first, second, third = self._way_per_turn
-        return self.true.twist(first * wheel_1_rad_s, second * wheel_2_rad_s, third * wheel_3_rad_s)
+        turns = (wheel_1_rad_s, wheel_2_rad_s, wheel_3_rad_s)
+        return Twist2D(*body_twist(self.true.wheel_radius_m, self.true.wheel_distance_m, self.way_per_turn, turns))
 
     def turns_rad(self, displacement: Twist2D) -> tuple[float, float, float]:
         """How far the wheels turn while the body moves by this (m, m, rad), slip included."""
-        first, second, third = self.true.wheel_speeds_rad_s(displacement)
-        if self._spec.lateral_slip or self._is_random:
-            slips = self._slips_rad(displacement, (first, second, third))
-            first, second, third = first + slips[0], second + slips[1], third + slips[2]
-        one, other, last = self._way_per_turn
-        return first / one, second / other, third / last
+        forward_m, left_m, turned_rad = displacement.forward_m_s, displacement.left_m_s, displacement.yaw_rad_s
+        radius_m, turning_m = self.true.wheel_radius_m, self.true.wheel_distance_m * turned_rad
+        turns = []
+        for wheel, way_per_turn in enumerate(self.way_per_turn):
+            turn_rad = wheel_turn_rad(wheel, radius_m, turning_m, forward_m, left_m)
+            along_axle_m = axial_m(wheel, forward_m, left_m)
+            slip_m = self.lateral_slip * along_axle_m
+            variance_m2 = slip_variance_m2(self.slip_m2_per_m, self.lateral_m2_per_m, turn_rad, radius_m, along_axle_m)
+            if variance_m2 > 0:
+                slip_m += math.sqrt(variance_m2) * self._normal()
+            turns.append((turn_rad + slip_m / radius_m) / way_per_turn)
+        first, second, third = turns
+        return first, second, third
 
-    def _slips_rad(self, displacement: Twist2D, turns_rad: tuple[float, float, float]) -> list[float]:
-        spec, radius_m = self._spec, self.true.wheel_radius_m
-        forward_m, left_m = displacement.forward_m_s, displacement.left_m_s
-        slips = []
-        for wheel, turn_rad in enumerate(turns_rad):
-            axial_m = _AXLES[wheel][0] * forward_m + _AXLES[wheel][1] * left_m
-            slip_m = spec.lateral_slip * axial_m
-            if self._is_random:
-                variance_m2 = spec.slip_sigma_m_per_sqrt_m**2 * abs(
-                    turn_rad
-                ) * radius_m + spec.lateral_sigma_m_per_sqrt_m**2 * abs(
-                    axial_m
-                )  # a random walk: the variance grows with the way
-                if variance_m2 > 0:
-                    slip_m += math.sqrt(variance_m2) * self._normal()
-            slips.append(slip_m / radius_m)
-        return slips
+    def draw_normals(self) -> list[float]:
+        """The next `DRAWS` normal random numbers of the slip, in the order of their use."""
+        drawn: list[float] = self._rng.standard_normal(DRAWS)[::-1].tolist()
+        return drawn
 
     def _normal(self) -> float:
-        if not self._draws:
-            self._draws = self._rng.standard_normal(DRAWS).tolist()
-        return self._draws.pop()
-
-
-_AXLES = tuple((math.cos(angle), math.sin(angle)) for angle in WHEEL_ANGLES_RAD)
+        if not self._normals:
+            self._normals.extend(self.draw_normals())
+        return self._normals.popleft()

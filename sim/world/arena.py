@@ -27,6 +27,7 @@ from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.robot.camera import SeenMote
 from robrain.sim.robot.robot_body import COLLISION_SLOP_M, OVERLAP_LEFT_PER_TICK, WALL_COLLISION, CollisionCounter
 from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
+from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
 from robrain.sim.world.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
 from robrain.sim.world.chargers import Chargers, ChargerSpec
@@ -106,14 +107,11 @@ class Arena:
         except BaseException:
             self.close()  # the caller has no arena to close
             raise
-        self._late = [robot for robot in self._robots if robot.is_late]
-        self._bodies = [robot.body for robot in self._robots]
+        self._team = RobotTeam(self._robots, self._space, tick_s)
+        self._bodies = self._team.bodies.bodies
         self.chargers = Chargers(chargers, tick_s)
         self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
-        self._collisions = CollisionCounter(self._space, self._bodies, tick_s)
-        self._hulls = np.zeros((len(robots), 3))
-        """x, y, radius of each robot, arena frame; filled in when somebody scans."""
-        self._hulls[:, 2] = [robot.radius_m for robot in robots]
+        self._collisions = CollisionCounter(self._space, self._team.bodies, tick_s)
 
         field = Field.draw(network.field, plan, field_rng)
         self._motes = MoteField(motes, names, network, field, endpoint, motes_rng, tick_s)
@@ -177,17 +175,13 @@ class Arena:
     def step(self) -> None:
         """One tick: firmware hears its bus, bodies move, firmware and sensors speak."""
         self._faults.step(self.sim_time_s)
-        for robot in self._robots:
-            robot.act()
+        tick = self._ticks + 1
+        self._team.act(tick)
         self._space.step(self.tick_s)
-        self._collisions.step()
-        self._ticks += 1
+        self._ticks = self._collisions.tick = tick
         self._charge()
-        for robot in self._robots:
-            robot.report(self._ticks)
-        self._scan()
-        for robot in self._late:
-            robot.deliver()
+        self._team.report(tick)
+        self._team.sense(tick)
         self._motes.step(self._bodies)
         if self._ticks % self._clock_period_ticks == 0:
             self._clock_publisher.put(ArenaClock(sim_time_s=self.sim_time_s))
@@ -227,18 +221,6 @@ class Arena:
 
     def _named(self, robot: str) -> SimulatedRobot:
         return {each.name: each for each in self._robots}[robot]
-
-    def _scan(self) -> None:
-        tick = self._ticks
-        due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
-        ranging = [robot for robot in self._robots if robot.ranges.measures_at(tick)]
-        if not due and not ranging:
-            return
-        self._hulls[:, :2] = [(body.x_m, body.y_m) for body in self._bodies]
-        for robot in ranging:
-            robot.measure(self._hulls)
-        for robot in due:
-            robot.scan(self._hulls)
 
 
 def _check_names(names: Sequence[str], what: str) -> None:

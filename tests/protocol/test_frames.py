@@ -80,6 +80,44 @@ def test_the_bytes_and_the_values_are_those_that_cantools_makes(drawn):
     }
 
 
+@given(any_values())
+def test_bytes_and_values_in_their_order_are_those_of_whole_frames(drawn):
+    name, counter, values = drawn
+    frame = codec(name).pack(counter, **values)
+    data = codec(name).encode(counter, *[values[signal] for signal in codec(name).signals])
+    assert data == bytes(frame.data)
+    assert Crc8SaeJ1850.calc(frame.arbitration_id.to_bytes(2, "big") + data[:-1]) == data[-1]
+    decoded, unpacked = codec(name).decode(data), codec(name).unpack(frame)
+    assert decoded == codec(name).decode(frame.data) == tuple(unpacked.values())[:-1]
+    assert list(unpacked) == [*codec(name).signals, *OWN]
+    expected = database().get_message_by_name(name).decode(data, decode_choices=False)
+    assert decoded == (*[expected[signal] for signal in codec(name).signals], counter)
+
+
+@given(filled_frames(), st.data())
+def test_no_bytes_with_a_single_wrong_bit_are_decoded(drawn, data):
+    name, counter, values = drawn
+    sent = bytearray(codec(name).encode(counter, *values.values()))
+    bit = data.draw(st.integers(0, 8 * len(sent) - 1))
+    sent[bit // 8] ^= 1 << bit % 8
+    with pytest.raises(BadFrame, match=f"{name}: wrong checksum"):
+        codec(name).decode(bytes(sent))
+    with pytest.raises(BadFrame, match=f"{name}: expected {len(sent)} bytes, got {len(sent) - 1}"):
+        codec(name).decode(bytes(sent[:-1]))
+
+
+@pytest.mark.parametrize("values", [(1.0, 2.0), (1.0, 2.0, 3.0, 4.0)])
+def test_a_frame_is_encoded_of_all_its_values_and_no_more(values):
+    with pytest.raises(TypeError, match=f"WheelCommand: expected 3 values, got {len(values)}"):
+        codec("WheelCommand").encode(0, *values)
+
+
+@pytest.mark.parametrize("speed", [33.0, -33.0, 1e9, float("nan"), float("inf")])
+def test_a_speed_that_its_field_cannot_hold_is_not_encoded_as_another(speed):
+    with pytest.raises((OverflowError, ValueError)):
+        codec("WheelCommand").encode(0, 0.0, speed, 0.0)
+
+
 ODD = """
 BU_: A
 BO_ 1 Odd: 2 A

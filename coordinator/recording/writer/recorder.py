@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
     from robrain.coordinator.recording.writer.recording_file import ToldMessage
 from robrain.protocol.wire.border.border import Heard
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.inbox import Inbox, Sample
 
 logger = logging.getLogger(__name__)
 
@@ -340,10 +340,10 @@ class RecorderInbox(Inbox):
         self.dropped_by_topic: Counter[str] = Counter()
         self._bytes = 0
 
-    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> bool:
+    def take(self, sample: Sample) -> bool:
         """Take a message in, or count it as refused or dropped."""
+        topic, key, payload, _ = sample
         self.received += 1
-        self.outside += outside
         if len(payload) > topic.payloads.max_bytes and not self.border.admits(topic, key, payload):
             self.refused += 1
             return False
@@ -353,7 +353,8 @@ class RecorderInbox(Inbox):
             self.dropped_by_topic[topic.name] += 1
             return False
         self._bytes += size
-        self._every.append((topic, key, payload))
+        self._every.append(sample)
+        self.has_some = True
         return True
 
     def drain_raw(self) -> list[tuple[Heard, str, bytes]]:

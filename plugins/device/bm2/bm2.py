@@ -7,6 +7,7 @@ import msgspec
 
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
+from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.wire.clock import NS_PER_S
 
@@ -31,6 +32,7 @@ class Bm2(Device):
 
     def init(self) -> None:
         self._bus: can.BusABC | None = None
+        self._port: FramePort | None = None
         self._status = codec("BatteryStatus")
         self._latest: BatteryMeasurement | None = None
         self._rejected = 0
@@ -41,22 +43,23 @@ class Bm2(Device):
         ]
         wanted = self.parameters
         self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
+        self._port = frame_port(self._bus)
 
     def step(self) -> None:
-        if self._bus is None:
+        if self._port is None:
             return
-        while (frame := self._bus.recv(timeout=0)) is not None:
+        for frame in self._port.take_frames():
             try:
-                signals = self._status.unpack(frame)
+                voltage_v, current_a, temperature_c, _ = self._status.decode(frame.data)
             except BadFrame:
                 self._rejected += 1
                 continue
-            self._take(round(frame.timestamp * NS_PER_S), signals)
+            self._take(frame.stamp_ns, voltage_v, current_a, temperature_c)
 
     def deactivate(self) -> None:
         if self._bus is not None:
             self._bus.shutdown()
-            self._bus = None
+            self._bus = self._port = None
 
     @external
     @unlocked
@@ -69,8 +72,7 @@ class Bm2(Device):
         """Frames that were rejected: wrong length or checksum."""
         return self._rejected
 
-    def _take(self, stamp_ns: int, signals: dict[str, float]) -> None:
-        voltage_v, current_a = signals["voltage_v"], signals["current_a"]
+    def _take(self, stamp_ns: int, voltage_v: float, current_a: float, temperature_c: float) -> None:
         charge_c, energy_j, from_ns = 0.0, 0.0, stamp_ns
         before = self._latest
         if before is not None:
@@ -80,6 +82,4 @@ class Bm2(Device):
             charge_c = before.charge_c + current_a * counted_s
             energy_j = before.energy_j + voltage_v * current_a * counted_s
             from_ns = before.counted_from_ns
-        self._latest = BatteryMeasurement(
-            stamp_ns, voltage_v, current_a, signals["temperature_c"], charge_c, energy_j, from_ns
-        )
+        self._latest = BatteryMeasurement(stamp_ns, voltage_v, current_a, temperature_c, charge_c, energy_j, from_ns)

@@ -8,6 +8,7 @@ manifest's restart policy opens the bus again until it answers. The odometry goe
 import logging
 import math
 from collections import deque
+from collections.abc import Sized
 from typing import Any
 
 import can
@@ -20,7 +21,9 @@ from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, MocDeviceInterface
 from robrain.plugins.device.mocdevice.odometry import WheelOdometry
 from robrain.protocol.can.bus_state import BusState, state_in
-from robrain.protocol.can.frames import BadFrame, codec, known_identifiers
+from robrain.protocol.can.frame_port import Frame, FramePort, frame_port
+from robrain.protocol.can.frames import BadFrame, FrameCodec, codec, known_identifiers
+from robrain.protocol.can.payload import ERROR, ID_MASK
 from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.navigation.omni_drive import OmniBase
@@ -69,14 +72,18 @@ class MocDevice(Device):
             check_positive(self, "radius_m", "silent_s")
 
     interface = MocDeviceInterface
-    period_s = 0.02
+    period_s = 0.06  # and whenever somebody asks for the odometry
     parameters: Parameters
     condition = Event[Condition](outside=True)
 
     def init(self) -> None:
         self._bus: can.BusABC | None = None
+        self._port: FramePort | None = None
+        self._pending: Sized = ()
+        """Empty if there is nothing to catch up with."""
         self._command, self._stop = codec("WheelCommand"), codec("Stop")
         self._encoders, self._motor_status = codec("WheelEncoders"), codec("MotorStatus")
+        self._known = known_identifiers()
         self._own = (self._command.arbitration_id, self._stop.arbitration_id)
         self._counter = 0
         self._sent: deque[bytes] = deque(maxlen=ECHOES)
@@ -93,17 +100,19 @@ class MocDevice(Device):
             self.parameters.base, WHEEL_SPEED_MAX_RAD_S, board.T_odom_robot or Pose2D(0.0, 0.0, 0.0), board.wheel_ticks
         )
         self._frame_clock = FrameClock(self._stamped_at())
-        self._broken: BusFault | None = None
+        self._broken: MotionFault | None = None
         self._acknowledged_ns: int | None = None
         self._heard_ns: int | None = None
         self._since_ns = self.env.clock.now_ns()
         self._bus = self._open()
+        self._port = frame_port(self._bus)
+        self._pending = self._port.pending
 
     def step(self) -> None:
-        if self._bus is None:
+        if self._port is None:
             return
         try:
-            self._listen(self._bus)
+            self._catch_up()
             self._check()
         except MotionFault as fault:
             self.condition.notify(Condition(False, str(fault)))
@@ -113,7 +122,8 @@ class MocDevice(Device):
         if self._bus is not None:
             self.stop()
             self._bus.shutdown()
-            self._bus = None
+            self._bus = self._port = None
+            self._pending = ()
 
     def emergency_halt(self) -> None:
         self.stop()
@@ -126,40 +136,54 @@ class MocDevice(Device):
         if not all(map(math.isfinite, wanted)):
             raise ValueError(f"expected a finite velocity, got {twist}")
         share = WHEEL_SPEED_MAX_RAD_S / max(WHEEL_SPEED_MAX_RAD_S, *map(abs, wanted))
-        first, second, third = (share * speed_rad_s for speed_rad_s in wanted)
+        first, second, third = share * wanted[0], share * wanted[1], share * wanted[2]
         self._counter = (self._counter + 1) & 0xFF
-        self._send(self._command.pack(self._counter, wheel_1_rad_s=first, wheel_2_rad_s=second, wheel_3_rad_s=third))
+        self._send(self._command, self._command.encode(self._counter, first, second, third))
 
     @external
     def stop(self) -> None:
         """Stop the wheels at once."""
         self._counter = (self._counter + 1) & 0xFF
-        self._send(self._stop.pack(self._counter, latched=0))
+        self._send(self._stop, self._stop.encode(self._counter, 0))
 
     @external
     def is_fresh(self) -> bool:
         """Whether the wheel encoders send data."""
+        if self._pending:
+            self._catch_up()
         return self._heard_ns is not None and self.env.clock.now_ns() - self._heard_ns <= self._silent_ns
 
     def pose(self) -> Pose2D:
         """T_odom_robot from the wheel encoders."""
+        if self._pending:
+            self._catch_up()
         return self._odometry.pose
 
     def pose_if_fresh(self) -> tuple[Pose2D, bool]:
         """`pose` and `is_fresh` in one call, for who asks many times a second."""
-        return self._odometry.pose, self.is_fresh()
+        if self._pending:
+            self._catch_up()
+        heard_ns = self._heard_ns
+        is_fresh = heard_ns is not None and self.env.clock.now_ns() - heard_ns <= self._silent_ns
+        return self._odometry.pose, is_fresh
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last five seconds, between the encoder frames before and after it."""
+        if self._pending:
+            self._catch_up()
         return self._odometry.pose_at(stamp_ns - self._frame_clock.offset_ns)
 
     def odometry_until_ns(self) -> int:
         """Time of measurement of the newest wheel counts; 0 before the first."""
+        if self._pending:
+            self._catch_up()
         until_ns = self._odometry.until_ns
         return until_ns + self._frame_clock.offset_ns if until_ns is not None else 0
 
     def velocity(self) -> Twist2D:
         """Velocity in the body frame, from the encoders."""
+        if self._pending:
+            self._catch_up()
         return self._odometry.velocity
 
     def radius_m(self) -> float:
@@ -169,11 +193,15 @@ class MocDevice(Device):
     @external
     def counters(self) -> Counters:
         """Frames believed, rejected, foreign and lost, and error frames."""
+        if self._pending:
+            self._catch_up()
         return Counters(self._believed, self._rejected, self._foreign, self._sequence.lost, self._errors)
 
     @external
     def status(self) -> ControllerStatus | None:
         """Last status of the motor controller; null before the first."""
+        if self._pending:
+            self._catch_up()
         return self._status
 
     def _stamped_at(self) -> StampedAt:
@@ -186,38 +214,44 @@ class MocDevice(Device):
         wanted = self.parameters
         return self.env.open_can(wanted.interface, wanted.channel, **wanted.options)
 
-    def _send(self, frame: can.Message) -> None:
-        if self._bus is None:
+    def _send(self, codec: FrameCodec, data: bytes) -> None:
+        if self._port is None:
             return
-        self._sent.append(bytes(frame.data))
+        self._sent.append(data)
         try:
-            self._bus.send(frame)
+            self._port.send_data(codec.arbitration_id, data)
         except (can.CanError, OSError) as error:
             # The caller is not to blame, and may be a halt: the device's own step tells of it.
             self._broken = BusFault(self.env.plugin, f"the CAN bus takes no frames: {error}")
 
-    def _listen(self, bus: can.BusABC) -> None:
+    def _catch_up(self) -> None:
+        """Read what has arrived. What is wrong is told by the device's own step: a caller is not to blame."""
+        port = self._port
+        if port is None or self._broken is not None:
+            return
         try:
-            encoders, status = self._encoders.arbitration_id, self._motor_status.arbitration_id
-            while (frame := bus.recv(timeout=0)) is not None:
-                identifier = frame.arbitration_id
-                if identifier == encoders and _is_plain(frame):
-                    self._read_encoders(frame)
-                elif frame.is_error_frame:
-                    self._read_error(frame)
-                elif identifier == status and _is_plain(frame):
-                    self._read_status(frame)
-                elif not self._belongs(frame):
-                    self._foreign += 1
+            self._listen(port)
+        except MotionFault as fault:
+            self._broken = fault
+
+    def _listen(self, port: FramePort) -> None:
+        try:
+            frames = port.take_frames()
         except (can.CanError, OSError) as error:
             raise BusFault(self.env.plugin, f"the CAN bus cannot be read: {error}") from error
-
-    def _belongs(self, frame: can.Message) -> bool:
-        if not _is_plain(frame):
-            return False
-        if frame.arbitration_id in self._own:
-            return bytes(frame.data) in self._sent
-        return frame.arbitration_id in known_identifiers()
+        encoders, status = self._encoders.arbitration_id, self._motor_status.arbitration_id
+        for frame in frames:
+            identifier = frame.identifier
+            if identifier == encoders:
+                self._read_encoders(frame)
+            elif identifier & ERROR:
+                self._read_error(frame)
+            elif identifier == status:
+                self._read_status(frame.data)
+            elif identifier in self._own:
+                self._foreign += frame.data not in self._sent
+            elif identifier not in self._known:
+                self._foreign += 1
 
     def _check(self) -> None:
         if self._broken is not None:
@@ -235,23 +269,21 @@ class MocDevice(Device):
                 f"no encoder frame for {silent_ns / NS_PER_S:.2f} s: the CAN bus {where} is cut or its controller gone",
             )
 
-    def _read_error(self, frame: can.Message) -> None:
+    def _read_error(self, frame: Frame) -> None:
         self._errors += 1
-        state = state_in(frame)
+        state = state_in(frame.identifier & ID_MASK, frame.data)
         if state is BusState.OFF:
             raise BusFault(self.env.plugin, "the computer's CAN controller is bus off")
         if state is BusState.PASSIVE:
             logger.warning("%s: the CAN bus is error passive: does another node acknowledge frames?", self.env.robot)
 
-    def _read_status(self, frame: can.Message) -> None:
+    def _read_status(self, data: bytes) -> None:
         try:
-            signals = self._motor_status.unpack(frame)
+            signals = self._motor_status.decode(data)
         except BadFrame:
             self._rejected += 1
             return
-        self._status = status = ControllerStatus(
-            **{name: int(signals[name]) for name in ControllerStatus.__struct_fields__}
-        )
+        self._status = status = ControllerStatus(*map(int, signals[:-1]))
         if status.state != MOTOR_ERROR:
             return
         now_ns = self.env.clock.now_ns()
@@ -261,17 +293,16 @@ class MocDevice(Device):
         elif self._acknowledged_ns is None or now_ns - self._acknowledged_ns > ACKNOWLEDGE_NS:
             raise MotorFault(self.env.plugin, "the motor controller reports that its power stage has failed")
 
-    def _read_encoders(self, frame: can.Message) -> None:
+    def _read_encoders(self, frame: Frame) -> None:
         try:
-            signals = self._encoders.unpack(frame)
+            first, second, third, counter = map(int, self._encoders.decode(frame.data))
         except BadFrame:
             self._rejected += 1
             return
-        counter = int(signals["counter"])
         missing = self._sequence.note(counter)
-        ticks = (int(signals["wheel_1_ticks"]), int(signals["wheel_2_ticks"]), int(signals["wheel_3_ticks"]))
+        ticks = (first, second, third)
         now_ns = self.env.clock.now_ns()
-        measured_ns = self._frame_clock.note(counter, round(frame.timestamp * NS_PER_S), now_ns)
+        measured_ns = self._frame_clock.note(counter, frame.stamp_ns, now_ns)
         if self._odometry.take(ticks, measured_ns, missing):
             self._believed += 1
         else:
@@ -282,7 +313,3 @@ class MocDevice(Device):
         self._heard_ns = now_ns
         board = self.env.board
         board.T_odom_robot, board.wheel_ticks = self._odometry.pose, ticks
-
-
-def _is_plain(frame: can.Message) -> bool:
-    return not (frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame)

@@ -61,17 +61,25 @@ class WheelOdometry:
         self.velocity = STANDING
         if before is not None and ticks != before:
             # The shortest way round a 16-bit counter.
-            turned = [
-                (now - then + HALF_TURN) % ENCODER_MODULUS - HALF_TURN for now, then in zip(ticks, before, strict=True)
-            ]
+            first = (ticks[0] - before[0] + HALF_TURN) % ENCODER_MODULUS - HALF_TURN
+            second = (ticks[1] - before[1] + HALF_TURN) % ENCODER_MODULUS - HALF_TURN
+            third = (ticks[2] - before[2] + HALF_TURN) % ENCODER_MODULUS - HALF_TURN
             # After a silence nobody knows how many frames are missing; the watchdog stops the wheels within a second.
             frames = missing + 1 if since_ns is not None else 1.0 / ENCODER_PERIOD_S
-            if max(map(abs, turned)) > frames * self._ticks_per_frame:
+            if max(abs(first), abs(second), abs(third)) > frames * self._ticks_per_frame:
                 self.jumps += 1
                 has_jumped = True
             else:
-                elapsed_s = frames * ENCODER_PERIOD_S if since_ns is not None else None
-                self._move([count * self._rad_per_tick for count in turned], elapsed_s)
+                share = self._rad_per_tick
+                displacement = self._base.twist(first * share, second * share, third * share)
+                self.pose = moved(self.pose, displacement)
+                if since_ns is not None:  # by the controller's time, as frames may arrive in bursts
+                    elapsed_s = frames * ENCODER_PERIOD_S
+                    self.velocity = Twist2D(
+                        displacement.forward_m_s / elapsed_s,
+                        displacement.left_m_s / elapsed_s,
+                        displacement.yaw_rad_s / elapsed_s,
+                    )
         while self._history and self._history[-1][0] >= stamp_ns:
             self._history.pop()
         self._history.append((stamp_ns, self.pose))
@@ -96,17 +104,3 @@ class WheelOdometry:
             before.y_m + share * (after.y_m - before.y_m),
             wrap_angle_rad(before.yaw_rad + share * wrap_angle_rad(after.yaw_rad - before.yaw_rad)),
         )
-
-    def _move(self, turns_rad: list[float], elapsed_s: float | None) -> None:
-        """Go on by what the wheels have turned within this time; None if nobody knows for how long they did.
-
-        The time is the controller's, which counts its frames: on a busy computer they arrive in bursts.
-        """
-        displacement = self._base.twist(*turns_rad)
-        self.pose = moved(self.pose, displacement)
-        if elapsed_s is not None:
-            self.velocity = Twist2D(
-                displacement.forward_m_s / elapsed_s,
-                displacement.left_m_s / elapsed_s,
-                displacement.yaw_rad_s / elapsed_s,
-            )

@@ -18,6 +18,11 @@ from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, BadGreeting
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
+POLL_S = 0.05
+"""Period of the step with a line that does not tell of arrivals."""
+LOOK_S = 0.25
+"""With one that does."""
+
 
 class FloodGuard:
     """Lets so many packets through in each second, and knows whether there were more.
@@ -116,7 +121,7 @@ class MoteBase(Device):
                 raise ValueError(f"expected address from 0 to 65534, got {self.address}")
 
     interface = MoteBaseInterface
-    period_s = 0.05
+    period_s = POLL_S
     heard = Event[HeardPacket]()
     trouble = Event[Trouble](outside=True)
     parameters: Parameters
@@ -138,6 +143,7 @@ class MoteBase(Device):
             "serial": self._open_serial,
         }
         self._link = openers[self.parameters.interface]()
+        self.period_s = LOOK_S if self.parameters.interface == "zenoh" else POLL_S
         self._dropped_before = 0
 
     def step(self) -> None:
@@ -234,7 +240,7 @@ class MoteBase(Device):
             self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
 
     def _open_zenoh(self) -> Link:
-        return ZenohLink(self.env.wire, self.env.robot, self.parameters.inbox_packets)
+        return ZenohLink(self.env.wire, self.env.robot, self.parameters.inbox_packets, self.env.hurry)
 
     def _open_sf(self) -> Link:
         wanted = self.parameters

@@ -1,5 +1,7 @@
 """The simulator's base station: packets are samples on the wire, in both drives."""
 
+from collections.abc import Callable
+
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
@@ -12,11 +14,13 @@ class ZenohLink:
         wire: the plugin's own endpoint.
         robot: whose base station it is.
         capacity: packets that may wait for the next step.
+        wake: called when a packet has arrived.
 
     """
 
-    def __init__(self, wire: Endpoint, robot: str, capacity: int) -> None:
+    def __init__(self, wire: Endpoint, robot: str, capacity: int, wake: Callable[[], None] | None = None) -> None:
         self._inbox = Inbox(capacity)
+        self._inbox.on_arrival = wake
         self._publisher = wire.publisher(ARENA_RADIO_TX, robot=robot)
         wire.subscribe(self._inbox, ARENA_RADIO_RX, robot=robot)
 
@@ -27,7 +31,7 @@ class ZenohLink:
 
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets since the last step."""
-        return [packet for _, _, packet in self._inbox.drain_raw()] if len(self._inbox) else []
+        return [packet for _, _, packet in self._inbox.drain_raw()] if self._inbox.has_some else []
 
     def send(self, packet: bytes, now_ns: int) -> None:
         """Put a packet on the air."""

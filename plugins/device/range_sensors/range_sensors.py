@@ -13,7 +13,9 @@ from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
+from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
+from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE
 from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.navigation.range_ring import (
     RING_ANGLES_RAD,
@@ -24,6 +26,10 @@ from robrain.protocol.model.navigation.range_ring import (
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
+POLL_S = 0.04
+"""Period of the step where the bus does not tell of arrivals."""
+LOOK_S = 0.08
+"""Where it does: to see that the node is silent."""
 FRAMES_ID, FRAMES_MASK = 0x280, 0x7FC
 """The node's frames are 0x280 to 0x283."""
 
@@ -63,7 +69,7 @@ class RangeSensorsDevice(Device):
             check_positive(self, "range_max_m", "mounted_m", "silent_s")
 
     interface = RangeSensorsInterface
-    period_s = 0.04
+    period_s = POLL_S
     parameters: Parameters
     measured = Event[RangeRing]()
     bumped = Event[Bump](outside=True)
@@ -71,6 +77,7 @@ class RangeSensorsDevice(Device):
 
     def init(self) -> None:
         self._bus: can.BusABC | None = None
+        self._port: FramePort | None = None
         sensors = len(self.parameters.angles_rad)
         self._rings = {
             (frame := codec(f"RangeRing{number + 1}")).arbitration_id: (
@@ -90,15 +97,19 @@ class RangeSensorsDevice(Device):
 
     def activate(self) -> None:
         wanted = self.parameters
+        self._silent_ns = to_ns(wanted.silent_s)
         self._heard_ns: int | None = None
         filters: can.typechecking.CanFilters = [{"can_id": FRAMES_ID, "can_mask": FRAMES_MASK, "extended": False}]
         self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
+        self._port = frame_port(self._bus)
+        self._port.on_frame = self.env.hurry
+        self.period_s = LOOK_S if self._port.wakes else POLL_S
 
     def step(self) -> None:
-        if self._bus is None:
+        if self._port is None:
             return
         try:
-            self._listen(self._bus)
+            self._listen(self._port)
             self._check()
         except RangeSensorFault as fault:
             self.silent.notify(str(fault))
@@ -107,7 +118,7 @@ class RangeSensorsDevice(Device):
     def deactivate(self) -> None:
         if self._bus is not None:
             self._bus.shutdown()
-            self._bus = None
+            self._bus = self._port = None
 
     @external
     def latest(self) -> RangeRing | None:
@@ -124,39 +135,41 @@ class RangeSensorsDevice(Device):
         """The node's frames: accepted, rejected (length or checksum) and lost (gaps in their counters)."""
         return RangeCounters(self._believed, self._rejected, sum(watch.lost for watch in self._sequences.values()))
 
-    def _listen(self, bus: can.BusABC) -> None:
+    def _listen(self, port: FramePort) -> None:
         try:
-            while (frame := bus.recv(timeout=0)) is not None:
-                if frame.is_remote_frame or frame.is_error_frame:
-                    continue
-                ring = self._rings.get(frame.arbitration_id)
-                if ring is not None:
-                    self._read_ring(frame, *ring)
-                elif frame.arbitration_id == self._bumps.arbitration_id:
-                    self._read_bumps(frame)
+            frames = port.take_frames()
         except (can.CanError, OSError) as error:
             raise RangeSensorFault(self.env.plugin, f"the CAN bus cannot be read: {error}") from error
+        for frame in frames:
+            if frame.identifier & (REMOTE | ERROR):
+                continue
+            identifier = frame.identifier & ID_MASK
+            ring = self._rings.get(identifier)
+            if ring is not None:
+                self._read_ring(identifier, frame.data, *ring)
+            elif identifier == self._bumps.arbitration_id:
+                self._read_bumps(frame.data)
 
     def _check(self) -> None:
         if self._heard_ns is None:
             return
         silent_ns = self.env.clock.now_ns() - self._heard_ns
-        if silent_ns > to_ns(self.parameters.silent_s):
+        if silent_ns > self._silent_ns:
             raise RangeSensorFault(
                 self.env.plugin,
                 f"the range sensors have been silent for {silent_ns / NS_PER_S:.1f} s: "
                 "their node or the CAN bus is gone",
             )
 
-    def _read_ring(self, frame: can.Message, ring: FrameCodec, first: int, count: int) -> None:
-        signals = self._believe(frame, ring)
-        if signals is None:
+    def _read_ring(self, identifier: int, data: bytes, ring: FrameCodec, first: int, count: int) -> None:
+        values = self._believe(identifier, data, ring)
+        if values is None:
             return
         range_max_m = self.parameters.range_max_m
-        for sensor in range(first, first + count):
-            range_m = signals[f"range_{sensor + 1}_m"]
-            self._ranges_m[sensor] = range_m if range_m < range_max_m else range_max_m
-        if frame.arbitration_id == self._last_id:
+        for place in range(count):
+            range_m = values[place]
+            self._ranges_m[first + place] = range_m if range_m < range_max_m else range_max_m
+        if identifier == self._last_id:
             self._latest = RangeRing(
                 self.env.clock.now_ns(),
                 self.parameters.angles_rad,
@@ -166,22 +179,22 @@ class RangeSensorsDevice(Device):
             )
             self.measured.notify(self._latest)
 
-    def _read_bumps(self, frame: can.Message) -> None:
-        signals = self._believe(frame, self._bumps)
-        if signals is None:
+    def _read_bumps(self, data: bytes) -> None:
+        values = self._believe(self._bumps.arbitration_id, data, self._bumps)
+        if values is None:
             return
-        pressed_rad = tuple(bump_directions_rad(int(signals["contacts"])))
+        pressed_rad = tuple(bump_directions_rad(int(values[0])))
         if pressed_rad != self._pressed_rad:
             self._pressed_rad = pressed_rad
             self.bumped.notify(Bump(self.env.clock.now_ns(), pressed_rad))
 
-    def _believe(self, frame: can.Message, ring: FrameCodec) -> dict[str, float] | None:
+    def _believe(self, identifier: int, data: bytes, frame: FrameCodec) -> tuple[float, ...] | None:
         try:
-            signals = ring.unpack(frame)
+            values = frame.decode(data)
         except BadFrame:
             self._rejected += 1
             return None
         self._believed += 1
         self._heard_ns = self.env.clock.now_ns()
-        self._sequences[frame.arbitration_id].note(int(signals["counter"]))
-        return signals
+        self._sequences[identifier].note(int(values[-1]))
+        return values

@@ -7,7 +7,9 @@ The robot stands whenever it does not know what is ahead or where it goes: witho
 without word from its wheels; and after a bump it does not press on.
 """
 
+import itertools
 import math
+from operator import attrgetter
 from typing import Annotated
 
 import msgspec
@@ -44,6 +46,7 @@ SLOW_M_S = 0.05
 SPARE_M = 0.04
 """So much of the stop distance may be used up before it brakes hard."""
 POINTS_MAX = 100_000
+_X_Y = attrgetter("x_m", "y_m")
 NO_ODOMETRY = "no data from the wheel encoders"
 IN_THE_WAY = "an obstacle has blocked the path"
 TOO_NARROW = "the path has been too narrow"
@@ -131,7 +134,7 @@ class Driver(Unit):
 
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
         """Drive along these points to the last one, at most this fast; `is_narrow` lets it squeeze where needed."""
-        _check_range("follow", *(number for point in path for number in (point.x_m, point.y_m)))
+        _check_range("follow", *itertools.chain.from_iterable(map(_X_Y, path)))
         if self._action is not None:
             self._action.cancel("another path was given")
         way = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
@@ -147,7 +150,7 @@ class Driver(Unit):
         """Drive along these points, frame odom, to the last one; returns the action's id."""
         if not points:
             raise CallError(ErrorCode.BAD_ARGUMENTS, "drive_path: expected at least one point, got none")
-        _check_range("drive_path", *(number for point in points for number in (point.x_m, point.y_m)))
+        _check_range("drive_path", *itertools.chain.from_iterable(map(_X_Y, points)))
         return self._start_path("drive_path", Path(points, ARRIVED_M))
 
     @external
@@ -480,7 +483,7 @@ class Driver(Unit):
 
 def _check_range(function: str, *numbers: float) -> None:
     """Check numbers from other plugins, too: only external calls are checked by their types."""
-    if not all(-METRES_MAX <= number <= METRES_MAX for number in numbers):
-        wrong = [number for number in numbers if not -METRES_MAX <= number <= METRES_MAX]
-        text = f"{function}: expected finite numbers of at most {METRES_MAX:g}, got {wrong[0]}"
-        raise CallError(ErrorCode.BAD_ARGUMENTS, text)
+    for number in numbers:
+        if not -METRES_MAX <= number <= METRES_MAX:
+            text = f"{function}: expected finite numbers of at most {METRES_MAX:g}, got {number}"
+            raise CallError(ErrorCode.BAD_ARGUMENTS, text)

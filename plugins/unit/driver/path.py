@@ -67,8 +67,9 @@ class Path:
 
     def pass_points(self, pose: Pose2D) -> None:
         """Drop the corners that have been reached."""
-        while len(self._points) > 1 and pose.distance_m(self._points[0]) < self._corner_m:
-            self._points.pop(0)
+        points, x_m, y_m = self._points, pose.x_m, pose.y_m
+        while len(points) > 1 and math.hypot(x_m - points[0].x_m, y_m - points[0].y_m) < self._corner_m:
+            points.pop(0)
 
     def is_at_goal(self, pose: Pose2D) -> bool:
         """Whether the goal's place has been reached."""
@@ -82,9 +83,12 @@ class Path:
 
     def way_left_m(self, pose: Pose2D) -> float:
         """Length of the rest of the way."""
-        return pose.distance_m(self._points[0]) + sum(
-            math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(self._points)
-        )
+        before = self._points[0]
+        left_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
+        for point in self._points:
+            left_m += math.hypot(point.x_m - before.x_m, point.y_m - before.y_m)
+            before = point
+        return left_m
 
     def along_rad(self, pose: Pose2D) -> float:
         """Direction of the next `TANGENT_M` of path beyond its target; towards the target if that is the last point."""
@@ -122,7 +126,8 @@ class Path:
         At a corner the velocity changes by 2·v·sin(θ/2). With the acceleration a this takes v·sin(θ/2)/a before the
         corner and as long after, thus a blend that begins d before it allows v² = a·d / sin(θ/2).
         """
-        left_m = pose.distance_m(self._points[0]) - ahead_m
+        first = self._points[0]
+        left_m = math.hypot(pose.x_m - first.x_m, pose.y_m - first.y_m) - ahead_m
         fastest_m_s = math.inf
         before: Point2D | Pose2D = pose
         for corner, after in itertools.pairwise(self._points):

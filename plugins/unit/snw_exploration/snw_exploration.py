@@ -259,7 +259,7 @@ class SNwExploration(Unit):
             self._links_out.put(message)
 
     def _hear_team(self) -> None:
-        if not len(self._inbox):
+        if not self._inbox.has_some:
             return
         for received in self._inbox.drain():
             message = received.message

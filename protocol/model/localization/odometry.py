@@ -2,7 +2,7 @@
 
 import math
 
-from robrain.protocol.model.geometry import TURN_RAD, Pose2D, Twist2D, wrap_angle_rad
+from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 
 
 def moved(pose: Pose2D, displacement: Twist2D) -> Pose2D:
@@ -18,11 +18,12 @@ def moved(pose: Pose2D, displacement: Twist2D) -> Pose2D:
         sine, cosine = math.sin(turn) / turn, 2 * math.sin(turn / 2) ** 2 / turn
     dx, dy = sine * forward - cosine * left, cosine * forward + sine * left
     cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-    # `wrap_angle_rad` written out: odometry moves each robot fifty times a second.
-    wrapped = math.fmod(pose.yaw_rad + turn + math.pi, TURN_RAD)
-    if wrapped <= 0:
-        wrapped += TURN_RAD
-    return Pose2D(pose.x_m + cos * dx - sin * dy, pose.y_m + sin * dx + cos * dy, wrapped - math.pi)
+    yaw_rad = pose.yaw_rad + turn
+    return Pose2D(
+        pose.x_m + cos * dx - sin * dy,
+        pose.y_m + sin * dx + cos * dy,
+        yaw_rad if -math.pi < yaw_rad <= math.pi else wrap_angle_rad(yaw_rad),
+    )
 
 
 def chord(before: Pose2D, after: Pose2D) -> Twist2D:

@@ -49,20 +49,40 @@ def cast_rays(
         raise ValueError(f"expected a finite sensor pose, got {sensor}")
     if not (range_max_m > 0 and math.isfinite(range_max_m)):
         raise ValueError(f"expected a finite range_max_m > 0, got {range_max_m}")
-    return _cast_rays(
+    return cast_rays_of(
         # One type for each argument, whatever was passed: the kernel is compiled once for every combination.
-        kernel_array(occupied, occupied.dtype).view(np.uint8),
+        kernel_array(occupied, occupied.dtype),
+        geometry,
+        sensor,
+        kernel_array(angles_rad, FLOAT64),
+        range_max_m,
+        kernel_array(circles, FLOAT64),
+    )
+
+
+def cast_rays_of(
+    occupied: NDArray[np.bool_] | NDArray[np.uint8],
+    geometry: GridGeometry,
+    sensor: Pose2D,
+    angles_rad: Floats,
+    range_max_m: float,
+    circles: Floats,
+) -> Floats:
+    """As `cast_rays`, without its checks, for a sensor that asks many times: all arrays are `kernel_array`s."""
+    ranges_m: Floats = _cast_rays(
+        occupied.view(np.uint8),
         float(geometry.resolution_m),
         float(geometry.origin_x_m),
         float(geometry.origin_y_m),
         float(sensor.x_m),
         float(sensor.y_m),
         float(sensor.yaw_rad),
-        kernel_array(angles_rad, FLOAT64),
+        angles_rad,
         float(range_max_m),
-        kernel_array(circles, FLOAT64),
+        circles,
         None,
     )
+    return ranges_m
 
 
 def cast_rays_on_surfaces(

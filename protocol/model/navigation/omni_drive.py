@@ -36,9 +36,9 @@ class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         radius, distance = self.wheel_radius_m, self.wheel_distance_m
         vx, vy, turning = twist.forward_m_s, twist.left_m_s, distance * twist.yaw_rad_s
         return (
-            (_TANGENTS[0][0] * vx + _TANGENTS[0][1] * vy + turning) / radius,
-            (_TANGENTS[1][0] * vx + _TANGENTS[1][1] * vy + turning) / radius,
-            (_TANGENTS[2][0] * vx + _TANGENTS[2][1] * vy + turning) / radius,
+            (TANGENTS[0][0] * vx + TANGENTS[0][1] * vy + turning) / radius,
+            (TANGENTS[1][0] * vx + TANGENTS[1][1] * vy + turning) / radius,
+            (TANGENTS[2][0] * vx + TANGENTS[2][1] * vy + turning) / radius,
         )
 
     def twist(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> Twist2D:
@@ -47,10 +47,11 @@ class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         v1, v2, v3 = radius * wheel_1_rad_s, radius * wheel_2_rad_s, radius * wheel_3_rad_s
         # The three tangents add up to zero and are orthogonal to each other's sum: the inverse is 2/3 the transpose.
         return Twist2D(
-            (2 / 3) * (_TANGENTS[0][0] * v1 + _TANGENTS[1][0] * v2 + _TANGENTS[2][0] * v3),
-            (2 / 3) * (_TANGENTS[0][1] * v1 + _TANGENTS[1][1] * v2 + _TANGENTS[2][1] * v3),
+            (2 / 3) * (TANGENTS[0][0] * v1 + TANGENTS[1][0] * v2 + TANGENTS[2][0] * v3),
+            (2 / 3) * (TANGENTS[0][1] * v1 + TANGENTS[1][1] * v2 + TANGENTS[2][1] * v3),
             (v1 + v2 + v3) / (3 * self.wheel_distance_m),
         )
 
 
-_TANGENTS = tuple((-math.sin(angle), math.cos(angle)) for angle in WHEEL_ANGLES_RAD)
+TANGENTS = tuple((-math.sin(angle), math.cos(angle)) for angle in WHEEL_ANGLES_RAD)
+"""Unit vectors along which the wheels drive, robot's frame."""

@@ -30,6 +30,10 @@ class Received(NamedTuple):
     """Decoded; bytes where there is no type."""
 
 
+new_received = tuple.__new__
+"""Makes a `Received` as its class does, in a third of the time."""
+
+
 class Border:
     """Decodes and checks payloads.
 
@@ -82,7 +86,7 @@ class Border:
             and self._is_from_future(topic, key, message)
         ):
             return None
-        return Received(topic, key, names, message)
+        return new_received(Received, (topic, key, names, message))
 
     def _note_names(self, topic: Heard, key: str) -> dict[str, str] | None:
         names = topic.parse(key)

@@ -55,6 +55,9 @@ class BareDevice:
         """The bus opened last."""
         return self.buses[-1]
 
+    def hurry(self) -> None:
+        """The test steps the device itself."""
+
     def open_can(self, interface: str, channel: str, **options: Any) -> BareBus:
         self.opened.append((interface, channel, options))
         self.buses.append(BareBus())

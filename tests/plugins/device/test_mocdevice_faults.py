@@ -188,7 +188,7 @@ def test_a_controller_that_has_never_spoken_is_no_fault(stage):
 
 
 @pytest.mark.parametrize("error", [can.CanOperationError("network is down"), OSError(100, "network is down")])
-@pytest.mark.parametrize("which", ["send", "recv"])
+@pytest.mark.parametrize("which", ["send_data", "take_frames"])
 def test_a_bus_that_fails_in_use_is_the_fault_of_the_device_not_of_its_caller(robot, monkeypatch, which, error):
     def fail(*_args, **_kwargs):
         raise error

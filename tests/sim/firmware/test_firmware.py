@@ -152,3 +152,17 @@ def test_encoders_wrap_at_65536_in_both_directions(desk):
     desk.tick()
     counts = desk.heard("WheelEncoders")[0]
     assert [counts[f"wheel_{wheel}_ticks"] for wheel in (1, 2, 3)] == [0, 65535, 10]
+
+
+def test_the_watchdog_bites_at_its_tick_when_the_ticks_between_are_left_out(desk):
+    desk.command()
+    desk.controller.receive(7)
+    assert desk.controller.due_tick == 17
+    assert desk.controller.state is MotorState.RUNNING
+    desk.controller.receive(16)
+    assert desk.controller.state is MotorState.RUNNING
+    desk.controller.tell()
+    assert not desk.controller.has_news
+    desk.controller.receive(17)
+    assert desk.controller.state is MotorState.WATCHDOG
+    assert desk.controller.has_news

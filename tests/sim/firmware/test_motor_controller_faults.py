@@ -120,9 +120,9 @@ def test_a_shorted_line_puts_every_controller_off_the_bus_and_tells_the_host(des
     desk.line.break_down(LineFault.SHORTED)
     desk.tick(3)
     assert state_of(desk.line.transmit_errors, 0) is BusState.OFF
-    assert [state_in(frame) for frame in desk.heard()] == [BusState.OFF]
+    assert [state_in(frame.arbitration_id, frame.data) for frame in desk.heard()] == [BusState.OFF]
     desk.line.break_down(LineFault.NONE)
     (restarted,) = desk.heard()
-    assert state_in(restarted) is BusState.ACTIVE
+    assert state_in(restarted.arbitration_id, restarted.data) is BusState.ACTIVE
     desk.tick(10)
     assert desk.statuses()[-1]["transmit_errors"] == 0

@@ -18,13 +18,13 @@ SECONDS = 5.0
 LONG_S, SHORT_S = 0.7, 0.002
 PAUSED = {
     TaskDesk: "offer",
-    ManagedPlugin: "run_step",
+    ManagedPlugin: "step_in_turn",
     Coordinator: "step",
-    Inbox: "append",  # each subscription's callback
+    Inbox: "take",  # each subscription's callback
     Endpoint: "_reply",  # each handler of a query
 }
 """Functions that pause at random, each with the share of calls that pause."""
-SHARES = {"offer": 1.0, "run_step": 0.02, "step": 0.2, "append": 0.02, "_reply": 0.5}
+SHARES = {"offer": 1.0, "step_in_turn": 0.02, "step": 0.2, "take": 0.02, "_reply": 0.5}
 
 
 def digest() -> str:

@@ -1,0 +1,99 @@
+"""Delivery within one process: what a lockstep run's components put reaches the others without a way through Zenoh.
+
+Zenoh carries the same puts to other processes, and brings theirs. A message that several inboxes hold is decoded once.
+"""
+
+from threading import get_ident
+from typing import Any, ClassVar
+from weakref import WeakValueDictionary
+
+import zenoh
+
+from robrain.protocol.wire.border.border import Heard
+from robrain.protocol.wire.inbox import Inbox
+
+ROUTES_MAX = 65536
+"""Keys whose subscriptions are remembered."""
+
+
+class Subscription:
+    """One inbox that takes what is put under the keys of a selector.
+
+    Args:
+        exchange: where it is registered.
+        selector: the key expression.
+        topic: what a sample is taken for.
+        inbox: takes the samples.
+
+    """
+
+    def __init__(self, exchange: "Exchange", selector: str, topic: Heard, inbox: Inbox) -> None:
+        self.topic = topic
+        self.inbox = inbox
+        self._exchange = exchange
+        self._keys = zenoh.KeyExpr(selector)
+
+    def takes(self, key: zenoh.KeyExpr) -> bool:
+        """Whether the selector holds a key."""
+        return self._keys.intersects(key)
+
+    def undeclare(self) -> None:
+        """End it."""
+        self._exchange.remove(self)
+
+
+class Exchange:
+    """The subscriptions of one session of a lockstep run, and what of theirs each key reaches."""
+
+    _of_session: ClassVar["WeakValueDictionary[str, Exchange]"] = WeakValueDictionary()
+
+    def __init__(self) -> None:
+        self._owner = get_ident()
+        self._subscriptions: list[Subscription] = []
+        self._routes: dict[str, list[Subscription]] = {}
+
+    @classmethod
+    def of(cls, session: zenoh.Session) -> "Exchange":
+        """The one exchange of a session; it goes with the last endpoint that uses it."""
+        name = str(session.zid())
+        found = cls._of_session.get(name)
+        if found is None:
+            found = cls._of_session[name] = cls()
+        return found
+
+    def subscribe(self, selector: str, topic: Heard, inbox: Inbox) -> Subscription:
+        """Have an inbox take what is put under the keys of `selector` from now on."""
+        subscription = Subscription(self, selector, topic, inbox)
+        self._subscriptions.append(subscription)
+        self._routes.clear()
+        return subscription
+
+    def remove(self, subscription: Subscription) -> None:
+        """End a subscription."""
+        self._subscriptions.remove(subscription)
+        self._routes.clear()
+
+    def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
+        """Hand a sample to all inboxes that take its key; all of them share what one of them decodes."""
+        route = self._routes.get(key)
+        if route is None:
+            route = self._route(key)
+        if not route:
+            return
+        sample: Any = (topic, key, payload, [])
+        if get_ident() == self._owner:
+            for subscription in route:
+                if subscription.topic is topic:
+                    subscription.inbox.take(sample)
+                else:
+                    subscription.inbox.append(subscription.topic, key, payload)
+        else:  # a thread of its own, such as a plugin's server: the run is not repeatable
+            for subscription in route:
+                subscription.inbox.append(subscription.topic, key, payload, outside=True)
+
+    def _route(self, key: str) -> list[Subscription]:
+        if len(self._routes) >= ROUTES_MAX:
+            self._routes.clear()
+        concrete = zenoh.KeyExpr(key)
+        route = self._routes[key] = [each for each in self._subscriptions if each.takes(concrete)]
+        return route

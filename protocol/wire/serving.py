@@ -1,0 +1,42 @@
+"""How a component is driven and asked: who moves time, where queries are answered, what a handler gets."""
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Generic, NamedTuple
+
+from robrain.protocol.wire.topic import Q, R
+
+OnOutside = Callable[[str, bytes], None]
+
+
+class Drive(StrEnum):
+    """Who moves time: the wall, or the lockstep runner."""
+
+    LIVE = "live"
+    LOCKSTEP = "lockstep"
+
+
+class Serve(StrEnum):
+    """Where queries are answered in the live drive."""
+
+    AT_ONCE = "at_once"
+    """On the thread that Zenoh gives the queryable; one after the other."""
+    POOL = "pool"
+    """On threads of its own, several at a time; `busy` when there are too many."""
+    IN_STEP = "in_step"
+    """When the component calls `serve()`."""
+
+
+class Request(NamedTuple, Generic[Q]):
+    """A query as its handler sees it."""
+
+    names: dict[str, str]
+    """Names in the key, and its team under `team`."""
+    asked: Q
+    """The request, decoded; bytes where the query has free JSON, None where nothing is said."""
+    by: str = ""
+    """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`."""
+
+
+Handler = Callable[[Request[Q]], R | bytes]
+"""Returns the reply (bytes go as they are), or raises CallError."""

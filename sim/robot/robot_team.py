@@ -1,0 +1,83 @@
+"""All robots of an arena, moved on together: arrays for what every robot does in every tick, calls for what is due."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pymunk
+
+from robrain.sim.firmware.load_kernel import LOAD, add_motion
+from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER, WheelEncoders
+from robrain.sim.robot.robot_body import RobotBodies
+from robrain.sim.robot.simulated_robot import SimulatedRobot
+
+
+class RobotTeam:
+    """The robots' ticks: `act()`, the step of the space, `report()`, `sense()`.
+
+    Args:
+        robots: in the order in which they were added to the space.
+        space: where their bodies move.
+        tick_s: how long a tick is.
+
+    """
+
+    def __init__(self, robots: Sequence[SimulatedRobot], space: pymunk.Space, tick_s: float) -> None:
+        self.bodies = RobotBodies(space, [robot.body for robot in robots], tick_s)
+        self._robots = robots
+        self._tick_s = tick_s
+        self._loads = np.zeros(len(robots), LOAD)
+        for row, robot in enumerate(robots):
+            self._loads[row] = robot.manager.load.row()
+        self._encoders = WheelEncoders(np.array([robot.controller.ticks_per_rad for robot in robots]))
+        self._hulls = np.zeros((len(robots), 3))
+        """x, y, radius of each robot, arena frame; filled in when somebody scans."""
+        self._hulls[:, 2] = [robot.body.radius_m for robot in robots]
+        self._late = [robot for robot in robots if robot.is_late]
+
+    def act(self, tick: int) -> None:
+        """Hear the buses, set the wheels."""
+        wanted_rad_s = self.bodies.wanted_rad_s
+        for row, robot in enumerate(self._robots):
+            controller = robot.controller
+            if robot.pending or tick >= controller.due_tick or controller.has_failed:
+                controller.receive(tick)
+                wanted_rad_s[row] = controller.wheel_speeds_rad_s
+        self.bodies.drive()
+
+    def report(self, tick: int) -> None:
+        """Follow the bodies' motion and tell it on the buses."""
+        bodies = self.bodies
+        bodies.roll()
+        add_motion(self._loads, bodies.state, self._tick_s)
+        before = tick - 1  # the first tick is 1, and everything but the battery's status is due in it
+        robots = self._robots
+        if robots and before % robots[0].controller.encoder_period_ticks == 0:
+            for robot, data in zip(robots, self._encoders.frames(bodies.turns_rad), strict=True):
+                robot.bus.send_data(ENCODER_IDENTIFIER, data)
+        for row, robot in enumerate(robots):
+            controller, ranges = robot.controller, robot.ranges
+            if robot.bus.transmit_errors:
+                controller.note_errors()
+            if controller.has_news or before % controller.status_period_ticks == 0:
+                controller.tell()
+            contacts_rad = robot.body.contacts_rad
+            if contacts_rad or ranges.told or tick % ranges.bump_period_ticks == ranges.phase:
+                ranges.feel(tick, robot.body.yaw_rad, contacts_rad)
+            if tick % robot.manager.period_ticks == 0:
+                robot.manager.load.motion_j = float(self._loads[row]["motion_j"])
+                self._loads[row]["motion_j"] = 0.0
+                robot.measure_battery()
+                bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s
+
+    def sense(self, tick: int) -> None:
+        """Measure the ranges and scan with the lidars that are due; then pass on what was late."""
+        due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
+        ranging = [robot for robot in self._robots if robot.ranges.measures_at(tick)]
+        if due or ranging:
+            self._hulls[:, 0], self._hulls[:, 1] = self.bodies.state["x_m"], self.bodies.state["y_m"]
+            for robot in ranging:
+                robot.ranges.measure(robot.body.pose, self._hulls)
+            for robot in due:
+                robot.scan(self._hulls)
+        for robot in self._late:
+            robot.deliver()
