@@ -5,8 +5,8 @@ robots; and withdraws tasks from robots that should not do them.
 """
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
@@ -67,7 +67,7 @@ class TaskLifecycle:
         self.backoff = self._backoff = Backoff()
         self.reasons = TaskExplanation(book, roster, capabilities, self._backoff)
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
-        self._complained_ns: int | None = None
+        self._written = _AsFarAsWritten()
         self._settled_version = -1
 
     # -- hearing --------------------------------------------------------------------------------------------
@@ -77,7 +77,7 @@ class TaskLifecycle:
         try:
             record = self._book.note_status(robot, status)
         except JournalUnwritable as error:
-            self._note_unwritten(error, now_ns)
+            self._written.note(error, now_ns)
             return None
         if record is not None and status.state is TaskState.FAILED:
             self._backoff.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
@@ -297,15 +297,27 @@ class TaskLifecycle:
 
     # -- the journal ----------------------------------------------------------------------------------------
 
-    @contextmanager
-    def as_far_as_written(self, now_ns: int) -> Iterator[None]:
+    def as_far_as_written(self, now_ns: int) -> AbstractContextManager[None]:
         """Suppress journal errors: a change that cannot be written is not made, and is tried again later."""
-        try:
-            yield
-        except JournalUnwritable as error:
-            self._note_unwritten(error, now_ns)
+        self._written.now_ns = now_ns
+        return self._written
 
-    def _note_unwritten(self, error: JournalUnwritable, now_ns: int) -> None:
+
+class _AsFarAsWritten(AbstractContextManager[None]):
+    """Suppresses journal errors, and logs them now and then."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        self._complained_ns: int | None = None
+
+    def __exit__(self, kind: object, error: BaseException | None, _traceback: object) -> bool:
+        if not isinstance(error, JournalUnwritable):
+            return False
+        self.note(error, self.now_ns)
+        return True
+
+    def note(self, error: JournalUnwritable, now_ns: int) -> None:
+        """A change could not be written."""
         if self._complained_ns is None or now_ns - self._complained_ns > COMPLAIN_AGAIN_NS:
             self._complained_ns = now_ns
             logger.error("%s; no task changes until it can be", error)

@@ -230,7 +230,7 @@ class Leg:
     ) -> None:
         self.is_escape = is_escape
         self.is_narrow = is_narrow
-        self.way = Way(np.array([(pose.x_m, pose.y_m), *((point.x_m, point.y_m) for point in path)]))
+        self.way = Way(np.array([(pose.x_m, pose.y_m), *[(point.x_m, point.y_m) for point in path]]))
         self.end = path[-1]
         self._outlet = outlet
         self._released_m = -1.0

@@ -42,7 +42,6 @@ from robrain.protocol.model.navigation.right_of_way import (
     pass_on,
     release,
     sample_way,
-    sample_ways,
 )
 from robrain.protocol.model.numeric.elementary_functions import arctan2, exp, log, log10
 from robrain.protocol.model.numeric.small_linear_algebra import (
@@ -113,7 +112,7 @@ def _warm_up_giving_way(geometry: GridGeometry) -> None:
     mate = Track(positions, 0.6, positions.shape[0] - 1, 0.1, goes_first=True)
     release(positions, 0.6, [mate], Margins())
     meet(positions, mate, 0.1)
-    pass_on(sample_ways(positions, [len(positions)]), [0], positions[:1])
+    pass_on([positions], [0], positions[:1])
     Way(positions).ahead(0.35, 0.35, 1.0)
     any_within([mate], Point2D(0.0, 0.0), 1.0)
     escape_cells(navigation.traversable, geometry, (3, 3), 0.6, [mate], 0.1)

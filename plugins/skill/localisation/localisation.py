@@ -341,9 +341,10 @@ class Localisation(Skill):
         self._take_fix()
         self._centre()
         localiser, board = self._localiser, self.env.board
+        told, maps = localiser.estimate(), self.parameters.scan_matching
         # Until something has corrected it, the frame stays what it was, to the last bit.
         if self._signals or self._matches or self._is_corrected:
-            self._T_arena_odom = localiser.pose.compose(self._odometry.inverse())
+            self._T_arena_odom = told.pose.compose(self._odometry.inverse())
         board.T_arena_odom = self._T_arena_odom
         T_local_odom = self._T_arena_odom
         if self._T_arena_local != IDENTITY:
@@ -351,14 +352,14 @@ class Localisation(Skill):
         board.local_pose = LocalPose(
             T_local_odom,
             self._trajectory,
-            localiser.drift,
+            told.drift,
             self._until_ns,
             localiser.fits,
-            localiser.local_sigma_m,
-            localiser.lost if self.parameters.scan_matching else "",
-            tuple(self._checked) if self.parameters.scan_matching else None,
+            told.local_sigma_m,
+            localiser.lost if maps else "",
+            tuple(self._checked) if maps else None,
         )
-        board.pose_covariance = localiser.covariances
+        board.pose_covariance = told.covariances
         board.lost = localiser.lost
         if localiser.lost != self._lost:
             is_lost, self._lost = bool(localiser.lost), localiser.lost

@@ -13,12 +13,13 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.right_of_way import (
+    LONGEST_M,
     MATE_AHEAD_M,
     STEP_M,
     Track,
     any_within,
     pass_on,
-    sample_ways,
+    sample_way,
 )
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.ranges import check_positive
@@ -111,21 +112,23 @@ def hear_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> No
 def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
     """Take paths of mates, at most one of each."""
     _pass_on([known for known, _ in told])
-    points = [(point.x_m, point.y_m) for _, path in told for point in path.points]
-    counts = [count for _, path in told if (count := len(path.points))]
-    ways = iter(sample_ways(np.array(points), counts) if points else ())
     for known, path in told:
         known.spoke_ns = now_ns
         has_way_left = known.teammate is not None and known.way is not None and len(known.way) - known.passed > AT_END
         if known.held_at_m is not None or not has_way_left:
             known.moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
-        known.way, known.bound = (next(ways), path.points[-1]) if path.points else (None, None)
+        known.way, known.bound = (path.derived(_positions), path.points[-1]) if path.points else (None, None)
         known.passed = 0
         if path.claim != known.claim:
             known.claim, known.rank = path.claim, path.claim.rank(known.name)
         known.speed_m_s = path.speed_m_s if path.speed_m_s > 0 else known.default_speed_m_s
         known.held_at_m = path.held_at_m
         known.mate = None
+
+
+def _positions(path: PlannedPath) -> Floats:
+    """(N, 2) positions along a path that is not empty."""
+    return sample_way(np.array([(point.x_m, point.y_m) for point in path.points]), LONGEST_M)
 
 
 def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:

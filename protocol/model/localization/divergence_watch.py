@@ -56,7 +56,8 @@ class DivergenceWatch:
         self._nis.append(min(nis, self._gate))
         if len(self._nis) < self.spec.window:
             return ""
-        refused = sum(each >= self._gate for each in self._nis)
+        gate = self._gate
+        refused = len([each for each in self._nis if each >= gate])
         if refused > self.spec.refused_max * self.spec.window:
             return f"{refused} of the last {self.spec.window} signals of motes contradict the estimated pose"
         if self.mean_nis > self.spec.nis_max:

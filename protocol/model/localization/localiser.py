@@ -1,6 +1,7 @@
 """Keeping a robot found: the pose filter, the watch over it, and the way back when it has diverged."""
 
 import math
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -89,6 +90,15 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the robot maps by itself. A lost one that does goes on in a frame of its own."""
     lost_sigma_m: float = 5.0
     """Added to the place's uncertainty when the estimate of a robot that does not map has diverged."""
+
+
+class Estimate(msgspec.Struct, frozen=True):
+    """What a `Localiser` knows; each is its property of the same name."""
+
+    pose: Pose2D
+    covariances: tuple[float, ...]
+    drift: Drift
+    local_sigma_m: float
 
 
 class Localiser:
@@ -257,7 +267,22 @@ class Localiser:
     @property
     def drift(self) -> Drift:
         """Variances of the robot's pose relative to where its own map began: position (m² per axis) and yaw (rad²)."""
-        covariances, spec = self.filter.covariances, self.spec
+        return self._drift(self.filter.covariances)
+
+    def estimate(self) -> Estimate:
+        """All that there is to tell, computed at once."""
+        own = self.filter.covariances
+        xx, xy, xt, yx, yy, yt, tx, ty, tt = own
+        x, y, yaw = self._of_map
+        return Estimate(
+            self.pose,
+            (xx + x, xy, xt, yx, yy + y, yt, tx, ty, tt + yaw),
+            self._drift(own),
+            math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)),
+        )
+
+    def _drift(self, covariances: Sequence[float]) -> Drift:
+        spec = self.spec
         beyond_m2 = max(0.5 * (covariances[0] + covariances[4]) - spec.floor_m**2, 0.0)
         beyond_rad2 = max(covariances[8] - spec.floor_rad**2, 0.0)
         m2, rad2 = self._map_drift

@@ -42,16 +42,40 @@ def escape_cells(
     window = np.ascontiguousarray(traversable[low_row : row + reach + 1, low_column : column + reach + 1])
     closes_s = np.where(window, np.inf, 0.0)
     origin = (geometry.origin_x_m, geometry.origin_y_m)
-    for track in tracks:
-        cells = (track.positions - origin) / geometry.resolution_m - (low_column + 0.5, low_row + 0.5)
-        reach_cells = (track.keep_m + apart_m) / geometry.resolution_m
-        if track.goes_first:
-            _close(closes_s, cells, STEP_M / track.speed_m_s, HEAD_START_S, reach_cells)
-        # Who is nearer already only has to get away.
-        away_cells = math.hypot(cells[0, 0] - (column - low_column), cells[0, 1] - (row - low_row))
-        _close(closes_s, cells[:1], 1.0, 0.0, min(reach_cells, away_cells))
+    if tracks:
+        positions = [track.positions for track in tracks]
+        _close_all(
+            closes_s,
+            (np.concatenate(positions) - origin) / geometry.resolution_m - (low_column + 0.5, low_row + 0.5),
+            np.array([len(each) for each in positions]),
+            np.array([STEP_M / track.speed_m_s if track.goes_first else 0.0 for track in tracks]),
+            np.array([(track.keep_m + apart_m) / geometry.resolution_m for track in tracks]),
+            row - low_row,
+            column - low_column,
+        )
     found = _escape(window, closes_s, row - low_row, column - low_column, geometry.resolution_m / speed_m_s)
     return found + np.array([low_row, low_column], np.int32) if found.shape[0] else None
+
+
+@njit(cache=True, nogil=True)
+def _close_all(
+    closes_s: Floats,
+    cells: Floats,
+    counts: NDArray[np.int64],
+    steps_s: Floats,
+    reaches_cells: Floats,
+    row: int,
+    column: int,
+) -> None:
+    """Close what each track closes to a robot at (row, column); `steps_s` of a track that does not go first is 0."""
+    end = 0
+    for track in range(counts.shape[0]):
+        begin, end = end, end + counts[track]
+        if steps_s[track] > 0.0:
+            _close(closes_s, cells[begin:end], steps_s[track], HEAD_START_S, reaches_cells[track])
+        # Who is nearer already only has to get away.
+        away_cells = math.hypot(cells[begin, 0] - column, cells[begin, 1] - row)
+        _close(closes_s, cells[begin : begin + 1], 1.0, 0.0, min(reaches_cells[track], away_cells))
 
 
 @njit(cache=True, nogil=True)

@@ -175,7 +175,10 @@ class NavigationGrid:
         mask = kernel_array(self.traversable if traversable is None else traversable, BOOL)
         rounded = round_corners(cells, mask)
         _centre(rounded, self._classes == OCCUPIED, mask, CENTRED_M / self.geometry.resolution_m)
-        return [self._point(float(row), float(column)) for row, column in rounded[1:]]
+        geometry = self.geometry
+        ys_m = geometry.origin_y_m + (rounded[1:, 0] + 0.5) * geometry.resolution_m
+        xs_m = geometry.origin_x_m + (rounded[1:, 1] + 0.5) * geometry.resolution_m
+        return [Point2D(x_m, y_m) for x_m, y_m in zip(xs_m.tolist(), ys_m.tolist(), strict=True)]
 
     def clear_positions(self, classes: NDArray[np.int8], positions: Floats) -> int:
         """How many of positions (N, 2), metres, arena frame, come before the first that is not traversable.
@@ -187,22 +190,18 @@ class NavigationGrid:
         needed_cells = self.needed_m / geometry.resolution_m
         return int(_count_clear(classes, cells, needed_cells, self.unknown_cost is not None))
 
-    def _point(self, row: float, column: float) -> Point2D:
-        geometry = self.geometry
-        return Point2D(
-            geometry.origin_x_m + (column + 0.5) * geometry.resolution_m,
-            geometry.origin_y_m + (row + 0.5) * geometry.resolution_m,
-        )
-
     def _with_zones(self, zones: Sequence[Zone]) -> NDArray[np.float32]:
         if not zones:
             return self.cost
         geometry = self.geometry
         inside = np.zeros(geometry.shape, np.bool_)
-        for zone in zones:
-            cells = (zone.positions - (geometry.origin_x_m, geometry.origin_y_m)) / geometry.resolution_m - 0.5
-            _sweep(inside, cells, zone.radius_m / geometry.resolution_m)
-        return np.where(inside, self.cost + np.float32(DEAR), self.cost)
+        positions = [zone.positions for zone in zones]
+        cells = (np.concatenate(positions) - (geometry.origin_x_m, geometry.origin_y_m)) / geometry.resolution_m - 0.5
+        reach_cells = np.array([zone.radius_m for zone in zones]) / geometry.resolution_m
+        _sweep(inside, cells, np.array([len(each) for each in positions]), reach_cells)
+        cost = self.cost.copy()
+        cost[inside] += np.float32(DEAR)
+        return cost
 
     def ways_m(
         self,
@@ -267,15 +266,18 @@ class NavigationGrid:
 
 
 @njit(cache=True, nogil=True)
-def _sweep(inside: NDArray[np.bool_], cells: Floats, reach_cells: float) -> None:
-    """Mark what is within reach of positions (N, 2; x, y in cells)."""
+def _sweep(inside: NDArray[np.bool_], cells: Floats, counts: NDArray[np.int64], reaches_cells: Floats) -> None:
+    """Mark what is within reach of positions (N, 2; x, y in cells); the first `counts[0]` have the first reach."""
     height, width = inside.shape
-    for k in range(cells.shape[0]):
-        x, y = cells[k, 0], cells[k, 1]
-        for row in range(max(0, math.ceil(y - reach_cells)), min(height, math.floor(y + reach_cells) + 1)):
-            half = math.sqrt(max(0.0, reach_cells**2 - (row - y) ** 2))
-            for column in range(max(0, math.ceil(x - half)), min(width, math.floor(x + half) + 1)):
-                inside[row, column] = True
+    end = 0
+    for zone in range(counts.shape[0]):
+        reach_cells, begin, end = reaches_cells[zone], end, end + counts[zone]
+        for k in range(begin, end):
+            x, y = cells[k, 0], cells[k, 1]
+            for row in range(max(0, math.ceil(y - reach_cells)), min(height, math.floor(y + reach_cells) + 1)):
+                half = math.sqrt(max(0.0, reach_cells**2 - (row - y) ** 2))
+                for column in range(max(0, math.ceil(x - half)), min(width, math.floor(x + half) + 1)):
+                    inside[row, column] = True
 
 
 @njit(cache=True, nogil=True)

@@ -80,17 +80,6 @@ def sample_way(points: Floats, limit_m: float) -> Floats:
     return _sample(kernel_array(points, FLOAT64), STEP_M, float(limit_m))
 
 
-def sample_ways(points: Floats, counts: Sequence[int]) -> list[Floats]:
-    """As `sample_way`, of several polylines up to `LONGEST_M`, which lie one behind the other in `points` (N, 2).
-
-    `counts` are their numbers of points, at least 1.
-    """
-    begins = np.array([0, *itertools.accumulate(counts)])
-    ends = np.empty(len(counts), np.int64)
-    samples = _sample_all(kernel_array(points, FLOAT64), begins, STEP_M, LONGEST_M, ends)
-    return [samples[first:end] for first, end in itertools.pairwise([0, *ends.tolist()])]
-
-
 def pass_on(ways: Sequence[Floats], passed: Sequence[int], places: Floats) -> list[int]:
     """How far robots at `places` (N, 2) have come along their ways, each (M, 2): the position that each has passed.
 
@@ -268,22 +257,6 @@ def _stride_m(positions: Floats, first: int, last: int) -> float:
 def _sample(points: Floats, step_m: float, limit_m: float) -> Floats:
     samples = np.empty((_samples_max(points, step_m, limit_m), 2))
     return samples[: _fill(samples, points, step_m, limit_m)].copy()
-
-
-@njit(cache=True, nogil=True)
-def _sample_all(
-    points: Floats, begins: NDArray[np.int64], step_m: float, limit_m: float, ends: NDArray[np.int64]
-) -> Floats:
-    """The samples of all polylines, one behind the other; sets the end of each."""
-    most = 0
-    for n in range(ends.shape[0]):
-        most += _samples_max(points[begins[n] : begins[n + 1]], step_m, limit_m)
-    samples = np.empty((most, 2))
-    end = 0
-    for n in range(ends.shape[0]):
-        end += _fill(samples[end:], points[begins[n] : begins[n + 1]], step_m, limit_m)
-        ends[n] = end
-    return samples
 
 
 @njit(cache=True, nogil=True)

@@ -8,7 +8,7 @@ from msgspec import Meta
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import METRES_MAX, Count, Metres, Name, Quantity
-from robrain.protocol.wire.messages.message import Message
+from robrain.protocol.wire.messages.message import Message, SharedMessage
 
 Resolution = Annotated[float, Meta(ge=1e-4, le=METRES_MAX)]
 Cells = Annotated[int, Meta(ge=0, le=1 << 24)]
@@ -16,7 +16,7 @@ CellIndex = Annotated[int, Meta(ge=-(1 << 16), le=1 << 16)]
 Milliseconds = Annotated[int, Meta(ge=0, lt=1 << 31)]
 
 
-class MapPatch(Message, frozen=True, kw_only=True):
+class MapPatch(SharedMessage, frozen=True, kw_only=True):
     """Cells of a submap whose class this robot's sensing has changed since its last patch, or the pose of a submap.
 
     Each patch carries the geometry of the team's grid. The cells fill the box given by `row`, `column`, `rows` and

@@ -246,7 +246,7 @@ def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8
         raise ValueError(
             f"{patch.robot}: expected a patch at most {OUTSIDE_MAX} cells outside the grid, got one at {at}"
         )
-    cells = _cells_of(patch)
+    cells = patch.derived(_cells_of)
     if not patch.tiles_ms:
         return cells, patch.observed_ms
     rows, columns = -(-patch.rows // TILE_CELLS), -(-patch.columns // TILE_CELLS)

@@ -4,7 +4,8 @@ Unknown fields are ignored and new fields have defaults, so that older and newer
 run's clock) and `seq` are filled in by the publisher that sends the message.
 """
 
-from typing import Annotated, Any
+from collections.abc import Callable
+from typing import Annotated, Any, Self, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -14,6 +15,8 @@ from robrain.protocol.model.ranges import (
     Quantity,
     Stamp,
 )
+
+T = TypeVar("T")
 
 Result = Annotated[dict[str, Any], Meta(max_length=64)]
 COVARIANCE_LENGTHS = (0, 9)
@@ -28,3 +31,18 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
 
     stamp_ns: Stamp = 0
     seq: Count = 0
+
+
+class SharedMessage(Message, frozen=True, dict=True):
+    """A message that keeps what was computed from it: components of one process that share it compute that once."""
+
+    def derived(self, compute: Callable[[Self], T]) -> T:
+        """Return `compute(self)`, computed by the first who asks.
+
+        `compute` is a named function of the message alone, and nobody changes its result. What raises is not kept.
+        """
+        kept: dict[str, T] = self.__dict__
+        name = f"{compute.__module__}.{compute.__qualname__}"
+        if name not in kept:
+            kept[name] = compute(self)
+        return kept[name]

@@ -27,7 +27,7 @@ from robrain.protocol.model.ranges import (
 )
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.refusals import Refused
-from robrain.protocol.wire.messages.message import COVARIANCE_LENGTHS, Covariance, Message, Result
+from robrain.protocol.wire.messages.message import COVARIANCE_LENGTHS, Covariance, Message, Result, SharedMessage
 from robrain.protocol.wire.reasons import OfferRefusal
 
 
@@ -134,7 +134,7 @@ class RobotState(Message, frozen=True, kw_only=True):
         return self.halted and not self.not_halted
 
 
-class PlannedPath(Message, frozen=True, kw_only=True):
+class PlannedPath(SharedMessage, frozen=True, kw_only=True):
     """The path a robot means to follow, arena frame, from where it is; empty when it stands."""
 
     robot: Name

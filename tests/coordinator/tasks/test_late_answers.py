@@ -37,6 +37,10 @@ class Mail:
         self.withdrawn: list[tuple[str, TaskWithdrawal]] = []
         self.arrived: list[Answered] = []
 
+    @property
+    def is_waiting(self) -> bool:
+        return bool(self.asked or self.withdrawn or self.arrived)
+
     def offer(self, record: TaskRecord, after: str) -> None:
         self.asked.append((record, after))
 

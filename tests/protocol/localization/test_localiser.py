@@ -57,6 +57,18 @@ def test_motes_keep_a_robot_found_and_their_covariance_tells_how_well():
     assert walk.error_m < 3 * walk.localiser.sigma_m < 3.0
 
 
+@pytest.mark.parametrize("parts", [1, 4])
+def test_an_estimate_is_all_the_properties_of_that_name(parts: int) -> None:
+    localiser = Localiser(Pose2D(10.0, 6.0, 1.0), 0.5, 0.02 if parts == 1 else 1.0, LocaliserSpec())
+    for _ in range(10):
+        localiser.move(Twist2D(0.05, 0.01, 0.012))
+        localiser.hear(RssiSample("m", Point2D(14.0, 9.0), -60.0))
+    assert (len(localiser.filter) > 1) == (parts > 1)
+    told = localiser.estimate()
+    assert (told.pose, told.covariances, told.drift) == (localiser.pose, localiser.covariances, localiser.drift)
+    assert told.local_sigma_m == localiser.local_sigma_m
+
+
 def test_a_robot_that_is_carried_off_says_so_and_finds_itself_again():
     walk = Walk()
     walk.go(40.0)

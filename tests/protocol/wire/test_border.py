@@ -189,8 +189,9 @@ def test_a_record_that_cannot_be_handled_is_set_aside_and_the_others_are_handled
     assert (one.topic, one.key, one.code, one.why) == ("task", "bad", "failed", "OverflowError: too large")
 
 
-def test_of_a_batch_only_the_message_that_raises_is_set_aside() -> None:
-    found, handled = Refusals(VirtualClock()), set()
+@pytest.mark.sets_aside
+def test_of_a_batch_only_the_message_that_raises_is_set_aside(clock) -> None:
+    found, handled = Refusals(clock), set()
     names = ("a", "bad", "b")
     received = [Received(HALT, f"t/{name}", {}, name) for name in names]
 
