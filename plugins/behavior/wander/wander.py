@@ -3,6 +3,7 @@
 import math
 
 import msgspec
+import numpy as np
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, external
@@ -129,5 +130,6 @@ class WanderBehavior(Behavior):
 
 def _room_m(scan: LaserScan, turn_rad: float) -> float:
     """Range of the nearest thing about a direction of the robot's frame."""
-    ranges_m = scan.ranges_m[abs((scan.angles_rad - turn_rad + math.pi) % math.tau - math.pi) < BESIDE_RAD]
+    aside_rad = np.abs((scan.angles_rad - turn_rad + math.pi) % math.tau - math.pi)
+    ranges_m = scan.ranges_m[aside_rad < BESIDE_RAD]
     return float(ranges_m.min(initial=scan.range_max_m))

@@ -5,13 +5,14 @@ several robots can share one.
 """
 
 import math
-from typing import Any
 
 import msgspec
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.numeric.kernel_array import BOOL, kernel_array
 
 MIN_CELLS = 4
 """Fewer frontier cells that touch are none: a gap between two beams, or the slit between two boards."""
@@ -75,17 +76,45 @@ def unknown_beyond(classes: NDArray[np.int8], row: int, column: int, reach: int)
     return int(np.count_nonzero((labels == here) & (box == UNKNOWN))) if here else 0
 
 
-def touching(cells: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[Any], int]:
+def touching(cells: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[np.int32], int]:
     """The number of the group of each cell (H, W), 0 where it is False, and how many groups of cells touch.
+
+    Groups are numbered by their first cells, row by row, as scipy's `ndimage.label` does, which takes 13 MB of a robot.
 
     Args:
         cells: (H, W).
         corners: whether cells touch that have only a corner in common.
 
     """
-    from scipy import ndimage  # 13 MB, which a robot that is sent to its frontiers does without
+    labels: NDArray[np.int32]
+    labels, groups = _touching(kernel_array(cells, BOOL), corners)
+    return labels, groups
 
-    labels, groups = ndimage.label(cells, structure=np.ones((3, 3), np.int8) if corners else None)
+
+@njit(cache=True, nogil=True)
+def _touching(cells: NDArray[np.bool_], corners: bool) -> tuple[NDArray[np.int32], int]:
+    height, width = cells.shape
+    labels = np.zeros((height, width), np.int32)
+    waiting = np.empty((height * width, 2), np.int32)
+    groups = 0
+    for first_row in range(height):
+        for first_column in range(width):
+            if not cells[first_row, first_column] or labels[first_row, first_column]:
+                continue
+            groups += 1
+            labels[first_row, first_column] = groups
+            waiting[0] = first_row, first_column
+            count = 1
+            while count:
+                count -= 1
+                middle_row, middle_column = waiting[count]
+                for row in range(max(middle_row - 1, 0), min(middle_row + 2, height)):
+                    for column in range(max(middle_column - 1, 0), min(middle_column + 2, width)):
+                        is_corner = row != middle_row and column != middle_column
+                        if cells[row, column] and not labels[row, column] and (corners or not is_corner):
+                            labels[row, column] = groups
+                            waiting[count] = row, column
+                            count += 1
     return labels, groups
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from robrain.plugins.device.range_sensors.interface import RangeRing
 from robrain.plugins.device.scan.interface import LaserScan
+from robrain.plugins.unit import lookout
 from robrain.plugins.unit.lookout import (
     FROZEN_M,
     FROZEN_RAD,
@@ -18,6 +19,7 @@ from robrain.plugins.unit.lookout import (
     scan_points_m,
 )
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.navigation import obstacles
 
 SEEN_FROM = Pose2D(1.0, 2.0, math.pi / 2)
 BLIND, FROZEN = "there has been no fresh scan", "the lidar has been frozen"
@@ -148,3 +150,15 @@ def test_frozen_lidar_is_told_as_long_as_it_sends_the_same(near):
         assert (told, near.is_frozen) == ((FROZEN, True) if second else ("", False))
     assert near.update(scan(3.0, stamp_ns=2 * 10**9), None, 2 * 10**9) == FROZEN
     assert near.update(scan(2.5, stamp_ns=3 * 10**9), None, 3 * 10**9) == ""
+
+
+def test_a_robot_without_arrays_sees_the_same_points(monkeypatch):
+    seen, heard = scan(1.0, 2.0, 6.0, 5.999), ring(0.3, 2.0, 1.999)
+    with_arrays = scan_points_m(seen, SEEN_FROM).tolist(), ring_points_m(heard, None, SEEN_FROM).tolist()
+    both = np.concatenate([np.array(each) for each in with_arrays], axis=1).tolist()
+    monkeypatch.setattr(lookout, "has_arrays", lambda: False)
+    monkeypatch.setattr(obstacles, "has_arrays", lambda: False)
+    without = scan_points_m(seen, SEEN_FROM), ring_points_m(heard, None, SEEN_FROM)
+    assert [list(map(list, each)) for each in without] == list(with_arrays)
+    assert list(map(list, obstacles.joined(*without))) == both
+    assert obstacles.joined(without[0], np.array(with_arrays[1])).tolist() == both  # navigation was loaded meanwhile

@@ -3,9 +3,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy import ndimage
 
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.model.navigation.frontier import Frontier, find_frontiers, frontier_mask, unknown_beyond
+from robrain.protocol.model.navigation.frontier import (
+    Frontier,
+    find_frontiers,
+    frontier_mask,
+    touching,
+    unknown_beyond,
+)
 
 
 def room(height: int = 20, width: int = 60) -> np.ndarray:
@@ -99,3 +106,11 @@ def test_unknown_floor_behind_a_wall_is_not_beyond_a_frontier() -> None:
 
 def test_in_a_wall_there_is_no_frontier() -> None:
     assert unknown_beyond(np.full((9, 9), OCCUPIED), 4, 4, 3) == 0
+
+
+@given(arrays(np.bool_, st.tuples(st.integers(0, 12), st.integers(0, 12))), st.booleans())
+def test_groups_of_cells_that_touch_are_numbered_as_scipy_numbers_them(cells: np.ndarray, corners: bool) -> None:
+    labels, groups = touching(cells, corners=corners)
+    expected, count = ndimage.label(cells, structure=np.ones((3, 3)) if corners else None)
+    assert groups == count
+    assert np.array_equal(labels, expected)

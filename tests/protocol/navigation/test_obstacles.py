@@ -168,3 +168,24 @@ def test_wall_beside_the_robot_counts_to_a_little_behind_its_centre() -> None:
     for behind_m, left_m in ((0.14, 0.25), (0.16, math.inf)):
         points_m = np.array([[-behind_m, -0.05, 0.05], [0.25, 0.25, 0.25]])
         assert passage(points_m, 0.0, 0.0, 0.0, 0.2).left_m == pytest.approx(left_m)
+
+
+def lists(points_m: np.ndarray) -> tuple[list[float], list[float]]:
+    """The points as a robot without arrays has them."""
+    x_m, y_m = points_m.tolist()
+    return x_m, y_m
+
+
+@given(POINTS, COORDINATES, COORDINATES, st.floats(-4, 4), st.floats(0.05, 1.0))
+def test_a_robot_without_arrays_finds_the_same_room(points_m, x_m, y_m, heading_rad, reach_m):
+    plain = lists(points_m)
+    for function in (contact_distance_m, passage):
+        assert function(plain, x_m, y_m, heading_rad, reach_m) == function(points_m, x_m, y_m, heading_rad, reach_m)
+    sectors = sector_distances_m(points_m, x_m, y_m, heading_rad, 12)
+    assert sector_distances_m(plain, x_m, y_m, heading_rad, 12) == pytest.approx(sectors, rel=1e-12)
+
+
+@given(POINTS, COORDINATES, COORDINATES, st.floats(-1, 1), st.floats(-1, 1))
+def test_a_robot_without_arrays_holds_off_as_one_with_arrays_does(points_m, x_m, y_m, x_m_s, y_m_s):
+    rest = (x_m, y_m, x_m_s, y_m_s, 0.2, 0.02, 2.0)
+    assert hold_off(lists(points_m), *rest) == pytest.approx(hold_off(points_m, *rest), rel=1e-9, abs=1e-9)

@@ -295,6 +295,7 @@ EXAMPLES = [
         level="unit",
         state="active",
         why="",
+        needs="robrain[navigation]",
         where="driver/driver.py:12 in step",
         detail="Traceback (most recent call last):\nZeroDivisionError",
         visibility=["explore", "command"],
