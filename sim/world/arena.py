@@ -25,7 +25,13 @@ from robrain.sim.motes.field import Field
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.robot.camera import SeenMote
-from robrain.sim.robot.robot_body import COLLISION_SLOP_M, OVERLAP_LEFT_PER_TICK, WALL_COLLISION, CollisionCounter
+from robrain.sim.robot.robot_body import (
+    COLLISION_SLOP_M,
+    OVERLAP_LEFT_PER_TICK,
+    WALL_COLLISION,
+    CollisionCounter,
+    RobotBody,
+)
 from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
@@ -150,6 +156,11 @@ class Arena:
     def collisions(self) -> int:
         """Sum of all robots' collisions; two that meet count one each."""
         return sum(self._collisions.count)
+
+    @property
+    def bodies(self) -> Sequence[RobotBody]:
+        """The robots' bodies, in their order, as of the last tick."""
+        return self._bodies
 
     @property
     def truth(self) -> ArenaTruth:
