@@ -2,17 +2,18 @@
 
 from collections import deque
 from collections.abc import Callable
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.localization.rssi_ranging import RssiSample
-from robrain.protocol.model.mapping.local_map import ArenaFix, LocalMap, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.wire.messages.robot_messages import BatteryState
+
+if TYPE_CHECKING:  # a robot that does not navigate has no arrays
+    from robrain.protocol.model.mapping.local_map import ArenaFix, LocalMap, LocalPose
+    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+    from robrain.protocol.model.numeric.kernel_array import Floats
 
 
 class Board:
@@ -52,7 +53,7 @@ class Board:
         """The robot's own recent map, against which scans are matched; mapper writes it."""
         self.local_pose: LocalPose | None = None
         """Pose of the odometry frame in the frame of that map; localisation writes it."""
-        self.mate_places: Floats = np.empty((0, 3))
+        self.mate_places: Floats | None = None
         """(K, 3) published places and radii of other robots: x, y, radius in metres, arena frame; mapper writes it."""
         self.map_of_others: OccupancyGrid | None = None
         """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""

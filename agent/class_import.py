@@ -7,9 +7,10 @@ from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
-from robrain.agent.errors import ManifestError
+from robrain.agent.errors import ManifestError, PackageMissing
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
+from robrain.protocol.extras import missing_package
 
 SOURCE_MARK = "__robrain_source__"
 """In a module: the bytes that it was read from, so that a later load sees whether they were edited."""
@@ -29,7 +30,8 @@ def import_class(manifest: Manifest, *, fresh: bool = False) -> type[Plugin]:
         fresh: execute the module again, after an edit; if that fails the old module stays.
 
     Raises:
-        ManifestError: it cannot be imported, or is no plugin.
+        PackageMissing: it needs an extra that is not installed.
+        ManifestError: it cannot be imported for another reason, or is no plugin.
 
     """
     name, file = manifest.module_name, module_file(manifest)
@@ -38,6 +40,9 @@ def import_class(manifest: Manifest, *, fresh: bool = False) -> type[Plugin]:
     except SystemExit as error:
         raise ManifestError(manifest.path, "[plugin] class", f"cannot import {name}: it calls exit()") from error
     except Exception as error:  # foreign code may raise anything while it is imported
+        missing = missing_package(error) if isinstance(error, ImportError) else None
+        if missing is not None and missing.extra:
+            raise PackageMissing(manifest.path, name, missing) from error
         raise ManifestError(manifest.path, "[plugin] class", f"cannot import {name}: {error}") from error
     class_name = manifest.class_path.partition(":")[2]
     found = getattr(module, class_name, None)

@@ -2,10 +2,8 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, TypeVar
-
-import can
-import numpy as np
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
@@ -15,6 +13,10 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 from robrain.protocol.wire.topic import Q, Query, R
+
+if TYPE_CHECKING:  # imported when a plugin asks for them
+    import can
+    import numpy as np
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +66,7 @@ class Environment:
         plugin: PluginRequests,
         robot: str,
         wire: Endpoint,
-        rng: np.random.Generator,
+        seeds: tuple[int, ...],
         board: Board,
         tasks: TaskDesk,
         *,
@@ -75,7 +77,8 @@ class Environment:
         self.robot = robot
         self.wire = wire
         """The robot's place on the wire; closed when the plugin goes."""
-        self.rng = rng
+        self.seeds = seeds
+        """Of the plugin's own generator."""
         self.board = board
         """What the robot tells of itself; see RobotState."""
         self.tasks = tasks
@@ -100,6 +103,13 @@ class Environment:
     def abandon(self) -> None:
         """Nothing that the instance does has a consequence any more. Not for plugins."""
         self.gone.append(True)
+
+    @cached_property
+    def rng(self) -> "np.random.Generator":
+        """The plugin's own random numbers, the same in each run of a seed. They need robrain[navigation]."""
+        import numpy as np
+
+        return np.random.default_rng(self.seeds)
 
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """A handle on another plugin, which must be of a lower level and named in `requires`.
@@ -152,6 +162,11 @@ class Environment:
         self._of_init = len(self._at_end)
         self._events.open(events)
 
+    @property
+    def ends_actions(self) -> bool:
+        """Whether `end_actions` has something to call. Not for plugins."""
+        return bool(self._at_end)
+
     def end_actions(self, why: str) -> None:
         """Call the functions registered by `at_end`. Not for plugins."""
         for function in self._at_end:
@@ -173,13 +188,15 @@ class Environment:
         self.abandon()
         self.wire.close()
 
-    def open_can(self, interface: str, channel: str, **options: Any) -> can.BusABC:
+    def open_can(self, interface: str, channel: str, **options: Any) -> "can.BusABC":
         """Open a python-can bus; `interface = "zenoh"` is the simulator's.
 
         Raises:
             HardwareAbsent: it cannot be opened, or the interface does not know an option.
 
         """
+        import can
+
         if interface == "zenoh":
             options |= {
                 "session": self.wire.session,

@@ -3,6 +3,7 @@
 RobrainError
 ├── PluginError               carries `.plugin`
 │   ├── ManifestError         a manifest or robot file is wrong: names file and key
+│   │   └── PackageMissing    it needs an extra that is not installed; carries `.needed`
 │   ├── PluginMissing         no plugin of that name
 │   ├── RequirementFaulted    what it requires does not run; carries `.required`
 │   ├── AccessDenied          the caller may not use that plugin
@@ -19,6 +20,7 @@ RobrainError
 
 from pathlib import Path
 
+from robrain.protocol.extras import MissingPackage
 from robrain.protocol.wire.errors import ErrorCode, RobrainError
 
 ForeignError = Exception | SystemExit
@@ -53,6 +55,17 @@ class ManifestError(PluginError):
     def for_outside(self) -> "ManifestError":
         """The same error for callers outside, without the full path of the file."""
         return ManifestError(Path(short_path(self.path)), self.key, self.expected)
+
+
+class PackageMissing(ManifestError):
+    """The class of a manifest imports a package of an extra that is not installed; carries the extra as `.needed`."""
+
+    code = ErrorCode.INACTIVE
+
+    def __init__(self, path: Path, module: str, missing: MissingPackage) -> None:
+        what = f"cannot import {module} without {missing.package}: pip install '{missing.needed}'"
+        super().__init__(path, "[plugin] class", what)
+        self.needed = missing.needed
 
 
 class PluginMissing(PluginError):

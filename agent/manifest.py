@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,13 +14,15 @@ from robrain.agent.transform import TransformTable
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import BadName, BadToml
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.toml_text import read_toml
+from robrain.protocol.wire.toml_text import parse_toml, read_toml_text
 
 ANYBODY = "*"
 COMMAND = "command"
 """The name that opens a plugin to the outside."""
 _PLUGIN_TABLE = re.compile(rb"^\s*\[\s*plugin\s*\]", re.MULTILINE)
 _LOOKED_AT_BYTES = 65536
+TEXTS_KEPT = 512
+"""Manifests whose parsed text is remembered."""
 
 
 class PluginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_path": "class"}):
@@ -94,9 +97,19 @@ def read_manifest(path: Path) -> Manifest:
     except BadName as error:
         raise ManifestError(path, "file name", str(error)) from error
     try:
-        raw = read_toml(path)
+        text = read_toml_text(path)
     except FileNotFoundError as error:
         raise ManifestError(path, "file", "cannot be read: no such file") from error
+    except BadToml as error:
+        raise ManifestError(path, "file", str(error)) from error
+    return _manifest(name, path, text)
+
+
+@lru_cache(maxsize=TEXTS_KEPT)
+def _manifest(name: str, path: Path, text: str) -> Manifest:
+    """By its text, so that the robots of one process read a file anew and parse it once; nobody changes a manifest."""
+    try:
+        raw = parse_toml(text)
     except BadToml as error:
         raise ManifestError(path, "file", str(error)) from error
     try:
@@ -125,7 +138,7 @@ def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
     found = []
     for path in sorted(_toml_files(place, most_files)):
         try:
-            if "plugin" in read_toml(path):
+            if _has_plugin_table(read_toml_text(path)):
                 found.append(path)
         except FileNotFoundError:
             continue  # deleted meanwhile, or a dangling link
@@ -133,6 +146,11 @@ def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
             if _looks_like_one(path):
                 found.append(path)
     return found
+
+
+@lru_cache(maxsize=TEXTS_KEPT)
+def _has_plugin_table(text: str) -> bool:
+    return "plugin" in parse_toml(text)
 
 
 def _toml_files(place: Path, most_files: int | None) -> Iterator[Path]:

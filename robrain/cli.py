@@ -12,9 +12,11 @@ import msgspec
 import typer
 
 from robrain.deploy.bench.commands import bench_app
-from robrain.deploy.commands.extras import missing_package
+from robrain.deploy.commands.extras import missing_extra
 from robrain.deploy.commands.plugin_commands import plugin_app
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
+from robrain.deploy.processes.agent_words import agent_words
+from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
@@ -214,9 +216,7 @@ def agent(
     team: Annotated[str | None, typer.Option(help="Name of the team; default: the one in the file.")] = None,
 ) -> None:
     """Run the agent of one robot: it hosts the robot's plugins."""
-    from robrain.deploy.processes.agent_process import agent_command
-
-    agent_command(robot, connect, team)
+    _run_agent(robot, connect, team)
 
 
 @app.command()
@@ -384,8 +384,13 @@ def wire(
 def main() -> None:
     """Entry point: prints an error as one sentence, with exit status 2."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    limit_native_threads()
+    words = agent_words(sys.argv[1:])
     with _said_in_words():
-        app()
+        if words is None:
+            app()
+        else:
+            _run_agent(*words)
 
 
 def _scenario_words(
@@ -396,6 +401,12 @@ def _scenario_words(
         if value is not None:
             words += [option, str(value)]
     return words
+
+
+def _run_agent(robot: Path, connect: str | None, team: str | None) -> None:
+    from robrain.deploy.processes.agent_process import agent_command
+
+    agent_command(robot, connect, team)
 
 
 def _finish(result: "RunResult", *, as_json: bool) -> None:
@@ -420,7 +431,7 @@ def _said_in_words() -> Iterator[None]:
             sys.stderr.write("".join(f"  {safe_text(line)}\n" for line in error.detail.splitlines()))
         sys.exit(EXIT_BAD_INPUT)
     except ModuleNotFoundError as error:
-        missing = missing_package(error)
+        missing = missing_extra(error, sys.argv[1:])
         if missing is None:
             raise
         sys.stderr.write(f"robrain: {missing}\n")

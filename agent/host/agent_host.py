@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import numpy as np
 import zenoh
 
 from robrain.agent.board import Board
@@ -28,6 +27,7 @@ from robrain.agent.host.robot_file import RobotFile, folder_of
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
+from robrain.agent.lifecycle.plugin_info import plugin_info
 from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
@@ -64,6 +64,8 @@ T = TypeVar("T")
 STATE_PERIOD_NS = to_ns(1 / 10)
 WOKEN_PASSES = 2
 """A task that follows another at once: its behavior is told in the first, the driver in the second."""
+IDLE_S = 1.0
+"""A thread that has started plugins ends when there has been nothing to start for so long."""
 START_POOL_TIMEOUT_S = 1.0
 """How long the end waits for plugins that are being started."""
 
@@ -80,6 +82,7 @@ class AgentHost:
         seed: of the run; each plugin draws from its own generator, made from seed, robot and plugin.
         on_outside: told of queries from other processes, in lockstep.
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
+        distributions: `entry_point_places()`, where several robots share a process; None looks for them.
 
     """
 
@@ -94,6 +97,7 @@ class AgentHost:
         seed: int = 0,
         on_outside: OnOutside | None = None,
         has_one_thread: bool = False,
+        distributions: list[tuple[Path, str]] | None = None,
     ) -> None:
         self.name = robot_file.robot.name
         self.drive = drive
@@ -122,7 +126,7 @@ class AgentHost:
         self._told_facts = self.desk.facts
         self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
         self.door = TextCommandDoor(self._registry)
-        self._distributions = entry_point_places()
+        self._distributions = entry_point_places() if distributions is None else distributions
         self._came_with: dict[Path, str] = {}
         """The distribution of each manifest that was asked for; empty for those of robrain and of the robot."""
         own = [folder_of(base, place) for place in robot_file.robot.places]
@@ -150,7 +154,7 @@ class AgentHost:
         """
         if self.drive is Drive.LIVE:
             self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self._registry.halted)
-            self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S)
+            self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S)
         found = self.manager.discover(self._places, self._load)
         for name in self._parameters:
             if name not in found:
@@ -161,7 +165,7 @@ class AgentHost:
         self.halting.started()
         wire, robot = self._wire, self.name
         wire.subscribe(self._inbox, COORDINATOR_STATE)
-        wire.answer(ROBOT_PLUGINS, self._tell_plugins, robot=robot)
+        wire.answer(ROBOT_PLUGINS, self._tell_plugins, serve=Serve.POOL, at_once=("plugins",), robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
         wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.POOL, at_once=AT_ONCE, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
@@ -172,7 +176,7 @@ class AgentHost:
     def step(self) -> None:
         """What the host itself does, and in lockstep the steps of all plugins that are due."""
         now_ns = self.clock.now_ns()
-        if self._schedule is not None and self.halting.arrivals.has_some:
+        if self.halting.has_heard:
             self.halting.hear()
         if self._inbox.has_some and self._inbox.drain():
             self.desk.coordinator_heard_ns = now_ns
@@ -259,7 +263,7 @@ class AgentHost:
     def info(self, plugin: ManagedPlugin) -> PluginInfo:
         """A plugin as the host reports it."""
         distribution = self._distribution_of(plugin.manifest.path)
-        return msgspec.structs.replace(plugin.info(), distribution=distribution)
+        return msgspec.structs.replace(plugin_info(plugin), distribution=distribution)
 
     def _distribution_of(self, manifest: Path) -> str:
         known = self._came_with.get(manifest)
@@ -301,12 +305,10 @@ class AgentHost:
 
     def _make_environment(self, plugin: PluginRequests) -> Environment:
         names = (zlib.crc32(self.name.encode()), zlib.crc32(plugin.name.encode()))
-        rng = np.random.default_rng([self._seed, *names])
         door = self.door if plugin.name == COMMAND else None
         connect = self._connect
-        return Environment(
-            plugin, self.name, self._open_wire(), rng, self.board, self.desk, outside=door, connect=connect
-        )
+        wire, seeds = self._open_wire(), (self._seed, *names)
+        return Environment(plugin, self.name, wire, seeds, self.board, self.desk, outside=door, connect=connect)
 
 
 def stock_place() -> Path:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 from robrain.agent.errors import PluginError, PluginMissing
 from robrain.agent.host.text_command import Question, parse_command
+from robrain.agent.lifecycle.plugin_info import plugin_info
 from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.manifest import COMMAND
 from robrain.agent.transform import Transform
@@ -26,7 +27,7 @@ class TextCommandDoor:
 
     def plugins(self) -> list[PluginInfo]:
         """The plugins that are open to the outside."""
-        own = [plugin.info() for plugin in self._registry.plugins.values()]
+        own = [plugin_info(plugin) for plugin in self._registry.plugins.values()]
         return visible_to_command([*own, *self._registry.foreign_infos()])
 
     def call_text(self, text: str, *, by: str = "") -> str:

@@ -31,8 +31,8 @@ logger = logging.getLogger(__name__)
 
 LIMIT_S = 0.1
 """How long the plugins of one level may take to halt before the next level's turn comes."""
-THREADS = 8
-"""Threads that stand by to halt plugins side by side; more are started if they are needed."""
+THREADS = 4
+"""At most so many threads stand by to halt plugins of a level side by side; more are started when these are stuck."""
 ASK_TIMEOUT_S = 1.0
 LOG_SOURCE = "halt"
 
@@ -49,12 +49,12 @@ class HaltDesk:
 
     def __init__(self, manager: PluginManager, wire: Endpoint, tell_state: Callable[[], None]) -> None:
         live = wire.drive is Drive.LIVE
-        self.arrivals = Inbox()
-        """What is heard of halts."""
+        self._arrivals, self._summaries = Inbox(), Inbox()
         if live:
             # At once, on the thread of the subscription: to hand over to another one would cost several ms in a process
             # that is kept busy, as that thread must first be given a processor, and then Python's own lock.
-            self.arrivals.on_arrival = self.hear
+            self._arrivals.on_arrival = self.hear
+            self._arrivals.acts_at_once = True
         self._manager = manager
         self._robot = manager.robot
         self._wire = wire
@@ -72,8 +72,8 @@ class HaltDesk:
 
     def listen(self) -> None:
         """Hear of halts from now on; of one that is in force, by asking the coordinator if there is one."""
-        self._wire.subscribe(self.arrivals, HALT)
-        self._wire.subscribe(self.arrivals, COORDINATOR_STATE)
+        self._wire.subscribe(self._arrivals, HALT)
+        self._wire.subscribe(self._summaries, COORDINATOR_STATE)
         try:
             status = self._wire.ask(COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S)
         except (CallError, NobodyThere) as error:
@@ -83,22 +83,35 @@ class HaltDesk:
 
     def started(self) -> None:
         """The plugins have been started, and nothing has called them yet: see to what was heard meanwhile."""
-        if self._pool is not None:
-            self._pool.stand_by(THREADS)
+        self.stand_by()
         with self._acting:
             self._is_started = True
             self.hear()
             if self._latch.is_held and not self._manager.halted:
                 self._halt_plugins()
 
+    def stand_by(self) -> None:
+        """Have a thread for each plugin of a level that stops something by itself; called when plugins have come."""
+        if self._pool is not None:
+            self._pool.stand_by(min(THREADS, self._manager.most_to_halt()))
+
+    @property
+    def has_heard(self) -> bool:
+        """Whether `hear` has something to do."""
+        return self._arrivals.has_some or self._summaries.has_some
+
     def hear(self) -> None:
-        """Halt or resume as the team was told to, in the order of arrival; in lockstep the host's step does this."""
-        if not self.arrivals.has_some:
+        """Halt or resume as the team was told to, in the order of arrival.
+
+        The host's step does this. In live a halt itself does not wait for it, only the coordinator's summary does.
+        """
+        if not self.has_heard:
             return
         with self._acting:
             if self._is_closed:
                 return
-            self._guard.messages(self.arrivals.drain(), self._take)
+            self._guard.messages(self._arrivals.drain(), self._take)
+            self._guard.messages(self._summaries.drain(), self._take)
 
     def _take(self, received: Received) -> None:
         message = received.message

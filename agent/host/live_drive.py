@@ -1,96 +1,197 @@
-"""The live drive of one robot: a thread for each plugin, and the host's own loop.
+"""The live drive of one robot: a few threads for all its plugins, and the host's own loop.
 
 Emergency halts are heard on a thread that is neither; see `robrain.agent.host.halt_desk`.
 """
 
+import math
 import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 
 HOST_PERIOD_S = 0.02
+SPARE = 2
+"""Threads that wait for a turn, at most; more than one, so that a short rush starts no threads."""
 JOIN_TIMEOUT_S = 2.0
 SWITCH_INTERVAL_S = 0.0002
 """How long a thread that is busy in Python may keep the others waiting: a halt passes through several of them."""
 
 
-class PluginThread:
-    """Calls one plugin's step every `period_s`, and delivers its notifications as they come."""
+class Member:
+    """What the threads know of one plugin.
+
+    Args:
+        plugin: the plugin, in the generation that it has now.
+
+    """
 
     def __init__(self, plugin: ManagedPlugin) -> None:
-        self._plugin = plugin
-        self._stopping = False
-        self._wake = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"plugin-{plugin.name}", daemon=True)
+        self.plugin = plugin
+        self.due_s = 0.0
+        """When its next turn is due, by the wall; infinite for a passive plugin."""
+        self.is_wanted = True
+        """Whether its turn is due at once: something waits for it."""
+        self.is_busy = False
+        """Whether a thread is in it."""
+        self.has_gone = False
+        self._step_due_s = 0.0
+        self._was_passive = True
 
-    def start(self) -> None:
-        """Begin."""
-        self._plugin.mailbox.wake = self._wake.set
-        self._thread.start()
+    def is_due(self, now_s: float) -> bool:
+        """Whether its turn has come."""
+        return self.is_wanted or self.due_s <= now_s
 
-    def ask_to_stop(self) -> None:
-        """End after the step that is running."""
-        self._stopping = True
-        self._wake.set()
-
-    def stop(self) -> None:
-        """End, and wait for it; a step that hangs is abandoned (the thread is a daemon)."""
-        self.ask_to_stop()
-        self._thread.join(JOIN_TIMEOUT_S)
-        self._plugin.mailbox.wake = None
-
-    def _run(self) -> None:
-        due_s = time.monotonic()
-        was_passive = False
-        while not self._stopping:
-            period_s = self._plugin.period_s
+    def turn(self) -> None:
+        """Deliver what waits for the plugin, then its own step if that is due."""
+        plugin = self.plugin
+        mailbox = plugin.mailbox
+        if mailbox and not self.has_gone:
+            plugin.deliver()
+        period_s = plugin.period_s
+        now_s = time.monotonic()
+        if self._was_passive or mailbox.is_hurried:  # or was not there: no step was missed
+            mailbox.is_hurried = False
+            self._step_due_s = now_s
+        self._was_passive = period_s is None
+        if period_s is not None and now_s >= self._step_due_s and not self.has_gone:
+            plugin.run_step()
+            self._step_due_s += period_s
             now_s = time.monotonic()
-            if was_passive or self._plugin.mailbox.is_hurried:  # or was not there: no step was missed
-                self._plugin.mailbox.is_hurried = False
-                due_s = now_s
-            was_passive = period_s is None
-            if period_s is not None and now_s >= due_s:
-                self._plugin.run_step()
-                due_s += period_s
-                now_s = time.monotonic()
-                if now_s > due_s:  # the step took longer than its period: what was missed is not made up for
-                    self._plugin.overruns += 1
-                    due_s = now_s
-            self._wake.wait(None if period_s is None else max(due_s - now_s, 0.0))
-            self._wake.clear()
-            if self._plugin.mailbox and not self._stopping:
-                self._plugin.deliver()
+            if now_s > self._step_due_s:  # the step took longer than its period: what was missed is not made up for
+                plugin.overruns += 1
+                self._step_due_s = now_s
+        self.due_s = math.inf if period_s is None else self._step_due_s
 
 
 class PluginThreads:
-    """A thread for each plugin that is loaded; follows what is loaded and unloaded while the robot runs."""
+    """Gives all plugins their turns, on as few threads as are busy at a time and one or two that wait.
+
+    No plugin waits for another: a thread that is about to enter a plugin sees to it that one more waits for whatever is
+    due next. One that is stuck in a plugin is thereby replaced. There are at most as many threads as plugins that are
+    in a turn, those included that hang and were abandoned, and `SPARE` more.
+
+    Args:
+        host: its plugins are followed as they are loaded and unloaded while the robot runs.
+
+    """
 
     def __init__(self, host: AgentHost) -> None:
         self._host = host
-        self._threads: dict[tuple[str, int, int], PluginThread] = {}
+        self._members: dict[tuple[str, int, int], Member] = {}
+        self._changed = threading.Condition()
+        self._threads: set[threading.Thread] = set()
+        self._waiting = self._begun = 0
+        self._watches: list[float] = []
+        """When those that wait wake by themselves; the others sleep until they are told."""
+        self._stopping = False
 
     def follow(self) -> None:
-        """Start threads for plugins that are new, end those of plugins that have gone."""
-        wanted = {
-            (plugin.name, id(plugin), plugin.generation): plugin for plugin in self._host.manager.plugins.values()
-        }
-        for key in [key for key in self._threads if key not in wanted]:
-            self._threads.pop(key).ask_to_stop()
-        for key, plugin in wanted.items():
-            if key not in self._threads:
-                thread = self._threads[key] = PluginThread(plugin)
-                thread.start()
+        """Take in plugins that are new, let go those that have gone."""
+        plugins = self._host.manager.plugins.values()
+        wanted = {(plugin.name, id(plugin), plugin.generation): plugin for plugin in plugins}
+        if wanted.keys() == self._members.keys():
+            return
+        with self._changed:
+            for key in [key for key in self._members if key not in wanted]:
+                self._members.pop(key).has_gone = True
+            for key, plugin in wanted.items():
+                if key not in self._members:
+                    member = self._members[key] = Member(plugin)
+                    plugin.mailbox.wake = partial(self._want, member)
+            if self._waiting:
+                self._changed.notify_all()
+            else:
+                self._begin()
 
     def stop(self) -> None:
-        """End all."""
-        for thread in self._threads.values():
-            thread.ask_to_stop()
-        for thread in self._threads.values():
-            thread.stop()
-        self._threads.clear()
+        """End all, and wait for them; a step that hangs is abandoned (the thread is a daemon)."""
+        with self._changed:
+            self._stopping = True
+            for member in self._members.values():
+                member.has_gone = True
+                member.plugin.mailbox.wake = None
+            self._members.clear()
+            self._changed.notify_all()
+            threads = list(self._threads)
+        deadline_s = time.monotonic() + JOIN_TIMEOUT_S
+        for thread in threads:
+            thread.join(max(deadline_s - time.monotonic(), 0.0))
+
+    def _want(self, member: Member) -> None:
+        if member.is_wanted:
+            return  # whoever comes to it next sees to this as well
+        with self._changed:
+            member.is_wanted = True
+            if not member.is_busy:
+                self._changed.notify()
+
+    def _begin(self) -> None:
+        self._begun += 1
+        thread = threading.Thread(target=self._run, name=f"plugin-thread-{self._begun}", daemon=True)
+        self._threads.add(thread)
+        thread.start()
+
+    def _run(self) -> None:
+        thread = threading.current_thread()
+        own_name = thread.name
+        while (member := self._take()) is not None:
+            thread.name = f"plugin-{member.plugin.name}"
+            member.turn()
+            thread.name = own_name
+            member.is_busy = False
+            if member.has_gone:
+                break  # it may have hung in there, and has been replaced
+        self._threads.discard(thread)
+
+    def _take(self) -> Member | None:
+        """Wait for a plugin whose turn is due; None if this thread is to end."""
+        with self._changed:
+            if self._waiting >= SPARE:
+                self._changed.notify()  # the plugin that this thread was in may be the next one
+                return None
+            self._waiting += 1
+            member = self._next()
+            while not self._stopping and (member is None or not member.is_due(time.monotonic())):
+                self._wait(math.inf if member is None else member.due_s)
+                member = self._next()
+            self._waiting -= 1
+            if self._stopping or member is None:
+                return None
+            member.is_wanted, member.is_busy = False, True
+            following = self._next()
+            if not self._waiting:
+                self._begin()
+            elif following is not None and (following.is_wanted or following.due_s < self._watched_s()):
+                self._changed.notify()
+            return member
+
+    def _wait(self, until_s: float) -> None:
+        """Wait for a change; also for a time, unless another thread wakes by then."""
+        if self._watched_s() <= until_s:
+            self._changed.wait()
+            return
+        self._watches.append(until_s)
+        self._changed.wait(max(until_s - time.monotonic(), 0.0))
+        self._watches.remove(until_s)
+
+    def _watched_s(self) -> float:
+        return min(self._watches, default=math.inf)
+
+    def _next(self) -> Member | None:
+        """The plugin whose turn is due first, among those in which nobody is."""
+        first, first_s = None, math.inf
+        for member in self._members.values():
+            if member.is_busy:
+                continue
+            if member.is_wanted:
+                return member
+            if member.due_s < first_s:
+                first, first_s = member, member.due_s
+        return first
 
 
 def run_agent(host: AgentHost, should_stop: Callable[[], bool], on_ready: Callable[[], None]) -> None:

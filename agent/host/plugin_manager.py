@@ -245,13 +245,22 @@ class PluginManager:
         failed: dict[str, BaseException] = {}
         for level in Level:
             calls = {plugin.name: plugin.halt for plugin in plugins if plugin.level is level}
-            failed |= pool.run(calls) if pool is not None else run_in_turn(calls)
+            # Foreign code may hang. Where a plugin has none there is nothing to wait for, and no thread is needed.
+            own = {plugin.name for plugin in plugins if plugin.halts_itself} if pool is not None else set()
+            failed |= run_in_turn({name: call for name, call in calls.items() if name not in own})
+            if pool is not None:
+                failed |= pool.run({name: call for name, call in calls.items() if name in own})
         if pool is not None:
             for plugin in busy:
                 pool.begin(partial(_halt_again, plugin))
         for name, error in failed.items():
             logger.error("%s: plugin %s failed while it was halted: %s", self.robot, name, error, exc_info=error)
         return list(failed)
+
+    def most_to_halt(self) -> int:
+        """How many plugins of one level stop something by themselves in an emergency halt, at the most."""
+        levels = [plugin.level for plugin in self.plugins.values() if plugin.halts_itself]
+        return max(map(levels.count, Level))
 
     def resume(self) -> None:
         """End an emergency halt."""

@@ -2,7 +2,6 @@
 
 import faulthandler
 import fcntl
-import json
 import logging
 import os
 import resource
@@ -14,8 +13,6 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from robrain.agent.class_import import import_class
 from robrain.agent.errors import PluginError
@@ -91,9 +88,7 @@ class Child:
         manifest = Manifest(begin.plugin, Path(begin.manifest), begin.class_path, {}, TagTable())
         plugin_class = import_class(manifest)
         self._contract = contract_of(plugin_class)
-        rng = np.random.default_rng()
-        rng.bit_generator.state = json.loads(begin.random_state)
-        self._env = ChildEnvironment(begin, self._parent, rng, self._turn)
+        self._env = ChildEnvironment(begin, self._parent, self._turn)
         self._env.belongs_to(plugin_class.__module__)
         parameters = decoder(plugin_class.Parameters).decode(begin.parameters)
         self._plugin = plugin_class(self._env, parameters)

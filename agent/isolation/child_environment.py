@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import msgspec
-import numpy as np
 import zenoh
 
 from robrain.agent.board import Board
@@ -115,12 +114,12 @@ class ChildEnvironment(Environment):
     `wire` opens a session of its own when it is first used. What an isolated plugin cannot have raises PluginError.
     """
 
-    def __init__(self, begin: Begin, parent: Parent, rng: np.random.Generator, turn: threading.RLock) -> None:
+    def __init__(self, begin: Begin, parent: Parent, turn: threading.RLock) -> None:
         # Not the base's own: it passes requests on to the host, which lies with the parent, and wants a wire, which is
         # opened when it is used.
         self.plugin = begin.plugin
         self.robot = begin.robot
-        self.rng = rng
+        self.seeds = begin.seeds
         self.board = RemoteBoard(parent)
         self.connect = begin.connect
         self._at_end: list[Callable[[str], None]] = []

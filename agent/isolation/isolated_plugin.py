@@ -10,7 +10,6 @@ imported.
 
 import functools
 import inspect
-import json
 import logging
 import subprocess
 import sys
@@ -169,7 +168,7 @@ class IsolatedPlugin(Plugin):
             manifest=str(self._manifest.path),
             class_path=self._manifest.class_path,
             parameters=encode(self.parameters),
-            random_state=json.dumps(env.rng.bit_generator.state),
+            seeds=env.seeds,
             connect=env.connect,
             import_path=sys.path,
             memory_mb=self._limits.memory_mb,

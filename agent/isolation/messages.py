@@ -20,8 +20,8 @@ class Begin(Message, frozen=True):
     """Path of the manifest."""
     class_path: str
     parameters: bytes
-    random_state: str
-    """State of the generator, in JSON: its integers are longer than MessagePack's."""
+    seeds: tuple[int, ...]
+    """Of the plugin's generator."""
     connect: list[str]
     import_path: list[str]
     memory_mb: int

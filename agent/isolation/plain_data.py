@@ -1,11 +1,11 @@
 """Plain data: what can pass between two processes. All that msgspec knows, numpy's arrays, and exceptions."""
 
 import builtins
+import sys
 import traceback
 from typing import Any, get_origin
 
 import msgspec
-import numpy as np
 
 from robrain.agent import errors as agent_errors
 from robrain.agent.errors import PluginError
@@ -67,10 +67,12 @@ def _exception_class(name: str) -> type[Exception] | None:
 
 
 def _to_plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
-        return _Array(value.dtype.str, value.shape, value.tobytes())
-    if isinstance(value, np.generic):
-        return value.item()
+    np = _numpy()
+    if np is not None:
+        if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+            return _Array(value.dtype.str, value.shape, value.tobytes())
+        if isinstance(value, np.generic):
+            return value.item()
     raise TypeError(
         f"{type(value).__name__} is not plain data: what passes between a plugin in a process of its own and the "
         "others must be numbers, text, lists, dicts, structs, dataclasses or numpy arrays"
@@ -78,13 +80,19 @@ def _to_plain(value: Any) -> Any:
 
 
 def _from_plain(kind: Any, plain: Any) -> Any:
-    wanted = get_origin(kind) or kind
-    if wanted is np.ndarray:
-        array = msgspec.convert(plain, _Array)
-        return np.frombuffer(array.data, dtype=array.dtype).reshape(array.shape).copy()  # the copy may be written to
-    if issubclass(wanted, np.generic):
-        return wanted(plain)
+    wanted, np = get_origin(kind) or kind, _numpy()
+    if np is not None:
+        if wanted is np.ndarray:
+            array = msgspec.convert(plain, _Array)
+            return np.frombuffer(array.data, dtype=array.dtype).reshape(array.shape).copy()  # it may be written to
+        if issubclass(wanted, np.generic):
+            return wanted(plain)
     raise TypeError(f"{wanted.__name__} is not plain data")
+
+
+def _numpy() -> Any:
+    """NumPy if anything has imported it, and with that an array could be; else None."""
+    return sys.modules.get("numpy")
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_to_plain)

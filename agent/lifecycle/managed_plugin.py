@@ -6,11 +6,8 @@ Instances come and go: a restart or a reload makes a new one, handles on the plu
 
 import logging
 import threading
-import zlib
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
-
-import msgspec
 
 from robrain.agent.access.callee import Caller, check_outside, check_use
 from robrain.agent.access.exclusive_use import ExclusiveUse
@@ -23,6 +20,7 @@ from robrain.agent.errors import (
     FOREIGN_ERRORS,
     AccessDenied,
     ForeignError,
+    PackageMissing,
     PluginCrashed,
     PluginError,
     PluginHung,
@@ -39,11 +37,9 @@ from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import raised
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
-from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Serve
 from robrain.protocol.wire.messages.host_messages import Lease
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo, TaskKind
 from robrain.protocol.wire.topic import Query
 
 logger = logging.getLogger(__name__)
@@ -70,6 +66,8 @@ class ManagedPlugin:
         self.state = PluginState.DISCOVERED
         self.why = ""
         """The reason of the state, in words."""
+        self.needs = ""
+        """The extra that it needs and that is not installed."""
         self.lacks = ""
         """The plugin that it requires and for want of which it does not run; empty if it is not for that."""
         self.raised = raised(None)
@@ -132,6 +130,15 @@ class ManagedPlugin:
         return self.instance.plugin.period_s if self.instance is not None else None
 
     @property
+    def halts_itself(self) -> bool:
+        """Whether code of the plugin's own runs in an emergency halt, which may hang."""
+        instance = self.instance
+        if instance is None:
+            return False
+        own = getattr(instance.plugin.emergency_halt, "__func__", None)
+        return own is not Plugin.emergency_halt or instance.environment.ends_actions
+
+    @property
     def mailbox(self) -> Mailbox:
         """Where notifications wait for the plugin."""
         return self.holdings.mailbox
@@ -162,33 +169,10 @@ class ManagedPlugin:
         """The events of the instance, by name; none if there is no instance."""
         return self.instance.events() if self.instance is not None else {}
 
-    def info(self) -> PluginInfo:
-        """The plugin as `robot/ROBOT/plugins` lists it."""
-        code = self._code
-        return PluginInfo(
-            name=self.name,
-            level=code.plugin_class.level.name.lower() if code is not None else "",
-            state=self.state.value,
-            why=cut(self.why),
-            where=cut(self.raised.where),
-            detail=self.raised.detail,
-            visibility=self.manifest.tag.visibility,
-            requires=self.manifest.tag.requires,
-            holder=self.exclusive.by,
-            period_s=self.period_s,
-            overruns=self.overruns,
-            restarts=self.restarts,
-            doc=(code.plugin_class.__doc__ or "").strip().partition("\n")[0] if code is not None else "",
-            functions=[info for each in code.functions.values() for info in each.infos] if code is not None else [],
-            task_kind=self._announced_kind(),
-        )
-
-    def _announced_kind(self) -> TaskKind | None:
-        if self._code is None or self._code.task_kind is None:
-            return None
-        parameters = {**self.manifest.parameters, **self._context.parameters_of(self.name)}
-        settings = zlib.crc32(msgspec.json.encode(parameters, order="deterministic"))
-        return msgspec.structs.replace(self._code.task_kind, settings=settings)
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Its manifest's parameters, overridden by the robot's file."""
+        return {**self.manifest.parameters, **self._context.parameters_of(self.name)}
 
     def apply(self, trigger: Trigger, why: str = "", error: BaseException | None = None, *, lacks: str = "") -> None:
         """Change the state as the table of transitions says, and do what the table says; the only way to do either.
@@ -221,11 +205,12 @@ class ManagedPlugin:
         self.apply(trigger, why, error, lacks=lacks)
 
     def _follow(self, trigger: Trigger, why: str, error: BaseException | None, lacks: str) -> None:
-        where = raised(error)
+        needs = error.needed if isinstance(error, PackageMissing) else ""
+        where = raised(None if needs else error)
         with self._deciding:
             to, steps = transition(self.name, self.state, trigger)
             if to is not self.state or (steps and why):
-                self.state, self.why, self.raised, self.lacks = to, why, where, lacks
+                self.state, self.why, self.raised, self.lacks, self.needs = to, why, where, lacks, needs
             self._note_callable()
         instance, failure = self.instance, None
         for step in steps:

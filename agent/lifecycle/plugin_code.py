@@ -17,6 +17,9 @@ from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.messages.plugin_messages import TaskKind
 from robrain.protocol.wire.schema.struct_schema import parameters_schema
 
+_CODE = "_robrain_plugin_code"
+"""Attribute of a plugin's class that keeps its `PluginCode`: all robots of a process share it."""
+
 
 class PluginCode(msgspec.Struct, frozen=True):
     """A plugin's class, and what it opens to the outside."""
@@ -51,6 +54,9 @@ def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -
             why = f"cannot import {manifest.module_name}: a process for it {failure}"
             raise ManifestError(manifest.path, "[plugin] class", why)
     found = import_class(manifest, fresh=fresh)
+    known = vars(found).get(_CODE)
+    if isinstance(known, PluginCode) and not isolated:
+        return known
     try:
         if isolated:
             found = isolated_class(found, manifest)
@@ -63,7 +69,9 @@ def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -
         task_kind = _task_kind(found)
     except Exception as error:  # the type of the parameters is foreign code, as above
         raise ManifestError(manifest.path, "[plugin] class", f"the task kind of {found.__name__}: {error}") from error
-    return PluginCode(found, functions, _event_names(found), task_kind)
+    code = PluginCode(found, functions, _event_names(found), task_kind)
+    setattr(found, _CODE, code)
+    return code
 
 
 def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[str, Any]) -> msgspec.Struct:

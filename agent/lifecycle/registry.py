@@ -93,6 +93,13 @@ class Registry:
                 users.append(plugin)
         return users[::-1]
 
+    def needs_of(self, name: str) -> str:
+        """The extra for want of which a plugin is left out, or one that it requires; empty if that is not why."""
+        plugin = self.plugins.get(name)
+        while plugin is not None and plugin.lacks:
+            plugin = self.plugins.get(plugin.lacks)
+        return plugin.needs if plugin is not None else ""
+
     def has(self, name: str) -> bool:
         """Whether there is a plugin of that name, in the robot's process or in one of its own."""
         return name in self.plugins or self.is_foreign(name)

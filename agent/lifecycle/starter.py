@@ -8,6 +8,7 @@ from robrain.agent.errors import (
     FOREIGN_ERRORS,
     HardwareAbsent,
     ManifestError,
+    PackageMissing,
     PluginError,
     PluginHung,
     PluginMissing,
@@ -140,10 +141,18 @@ class Starter:
             plugin.fault(error)
 
     def _leave_out(self, plugin: ManagedPlugin, error: PluginError) -> None:
+        if isinstance(error, PackageMissing):
+            plugin.apply(Trigger.LEAVE_OUT, f"needs {error.needed}", error)
+            logger.info("%s: plugin %s is left out: %s", self._registry.robot, plugin.name, error)
+            return
         outside = error.for_outside() if isinstance(error, ManifestError) else error
         lacks = error.required if isinstance(error, RequirementFaulted) else ""
         plugin.apply(Trigger.LEAVE_OUT, str(outside), error, lacks=lacks)
-        log_error(logger, f"{self._registry.robot}: plugin {plugin.name} is left out", error)
+        what = f"{self._registry.robot}: plugin {plugin.name} is left out"
+        if lacks and self._registry.needs_of(lacks):
+            logger.info("%s: %s", what, error)
+        else:
+            log_error(logger, what, error)
 
     def _in_time(self, plugin: ManagedPlugin, do: Callable[[], object], give_up: GiveUp | None) -> None:
         """Do something with a plugin that may hang; in live, if it takes longer than its `start_s`, it is given up."""

@@ -13,6 +13,9 @@ from robrain.agent.errors import FOREIGN_ERRORS
 
 Call = Callable[[], object]
 
+STALL_S = 0.002
+"""If none of several calls has come back for so long, those that still wait get threads of their own."""
+
 
 class NotBack(TimeoutError):
     """A call has not come back in time; it goes on by itself."""
@@ -24,26 +27,24 @@ class WorkerPool:
     Args:
         name: of the threads.
         limit_s: how long a call is waited for, unless told otherwise; one that takes longer goes on by itself.
+        idle_s: a thread that has had nothing to do for so long ends; None keeps all.
 
     """
 
-    def __init__(self, name: str, limit_s: float) -> None:
+    def __init__(self, name: str, limit_s: float, *, idle_s: float | None = None) -> None:
         self._name = name
+        self._idle_s = idle_s
         self._limit_s = limit_s
         self._jobs: SimpleQueue[Call | None] = SimpleQueue()
         self._counting = threading.Lock()
-        self._free = 0
+        self._free = self._begun = 0
+        """Threads without a call; below 0, calls without a thread."""
         self._threads: list[threading.Thread] = []
 
     def stand_by(self, count: int) -> None:
         """Have at least so many threads that are free."""
         with self._counting:
-            missing = count - self._free
-            self._free = max(count, self._free)
-        for _ in range(missing):
-            thread = threading.Thread(target=self._work, name=f"{self._name}-{len(self._threads) + 1}", daemon=True)
-            self._threads.append(thread)
-            thread.start()
+            self._start(count - self._free)
 
     def run(self, calls: Mapping[str, Call], limit_s: float | None = None) -> dict[str, BaseException]:
         """Make calls side by side, and wait for them as long as the limit says.
@@ -54,16 +55,22 @@ class WorkerPool:
         """
         limit_s = self._limit_s if limit_s is None else limit_s
         ended: SimpleQueue[tuple[str, BaseException | None]] = SimpleQueue()
-        for name, call in calls.items():
-            self.begin(partial(_report, ended, name, call))
         failed: dict[str, BaseException] = {}
-        running = dict.fromkeys(calls)
+        running: dict[str, None] = {}
+        for name, call in calls.items():
+            self._put(partial(_report, ended, name, call), at_once=not running)
+            running[name] = None
         deadline_s = time.monotonic() + limit_s
         while running:
+            left_s = max(deadline_s - time.monotonic(), 0.0)
             try:
-                name, error = ended.get(timeout=max(deadline_s - time.monotonic(), 0.0))
+                name, error = ended.get(timeout=min(left_s, STALL_S) if self._jobs.qsize() else left_s)
             except Empty:
-                break
+                if left_s <= 0.0:
+                    break
+                with self._counting:  # the threads that are there are stuck: what still waits gets threads of its own
+                    self._start(-self._free)
+                continue
             del running[name]
             if error is not None:
                 failed[name] = error
@@ -71,10 +78,7 @@ class WorkerPool:
 
     def begin(self, call: Call) -> None:
         """Make a call, and do not wait for it."""
-        self.stand_by(1)
-        with self._counting:
-            self._free -= 1
-        self._jobs.put(call)
+        self._put(call, at_once=True)
 
     def close(self) -> None:
         """End the threads; those that hang are abandoned."""
@@ -84,11 +88,37 @@ class WorkerPool:
         for thread in self._threads:
             thread.join(max(deadline_s - time.monotonic(), 0.0))
 
+    def _put(self, call: Call, *, at_once: bool) -> None:
+        with self._counting:
+            if at_once:
+                self._start(1 - self._free)
+            self._free -= 1
+            self._jobs.put(call)
+
+    def _start(self, count: int) -> None:
+        for _ in range(count):
+            self._free += 1
+            self._begun += 1
+            thread = threading.Thread(target=self._work, name=f"{self._name}-{self._begun}", daemon=True)
+            self._threads = [*(each for each in self._threads if each.is_alive()), thread]
+            thread.start()
+
     def _work(self) -> None:
-        while (call := self._jobs.get()) is not None:
+        while (call := self._next()) is not None:
             _outcome(call)
             with self._counting:
                 self._free += 1
+
+    def _next(self) -> Call | None:
+        """The next call; None if this thread is to end."""
+        while True:
+            try:
+                return self._jobs.get(timeout=self._idle_s)
+            except Empty:
+                with self._counting:
+                    if self._free > self._jobs.qsize():  # nobody counts on this one
+                        self._free -= 1
+                        return None
 
 
 def run_in_turn(calls: Mapping[str, Call]) -> dict[str, BaseException]:

@@ -1,37 +1,39 @@
-"""Which extra installs a package that the plain install lacks."""
+"""What a command says when a package is missing that the plain install lacks."""
+
+from collections.abc import Sequence
 
 from robrain.deploy.errors import UsageError
+from robrain.protocol.extras import missing_package
 
-EXTRAS = {
-    "pymunk": "sim",
-    "PIL": "sim",
-    "yaml": "sim",
-    "tomli_w": "sim",
-    "mcap": "team",
-    "mcap_protobuf": "team",
-    "foxglove_schemas_protobuf": "team",
-    "google": "team",
-    "zstandard": "team",
-    "viser": "team",
-    "websockets": "team",
-    "pyvrp": "team",
-    "matplotlib": "report",
-    "pandas": "report",
-    "pyarrow": "parquet",
+OF_COMMANDS = {
+    **dict.fromkeys(("run", "demo", "up", "arena", "bench"), "sim"),
+    **dict.fromkeys(("dashboard", "replay", "record", "info", "check", "diff", "recover", "export"), "team"),
+    "report": "report",
     "foxglove": "foxglove",
-    "ortools": "bench",
-    "vrplib": "bench",
+    "bench allocation": "team",
+    "bench log": "navigation",
 }
-"""Extra by import name."""
+"""Extra with all that a command needs, navigation included."""
 
 
-def missing_package(error: ModuleNotFoundError) -> UsageError | None:
+def missing_extra(error: ModuleNotFoundError, words: Sequence[str]) -> UsageError | None:
     """An error that says what to install after a failed import; None if no extra contains the package.
 
-    >>> str(missing_package(ModuleNotFoundError("No module named 'mcap.writer'", name="mcap.writer")))
+    A command that lacks arrays mostly lacks more, and names the extra that has everything.
+
+    Args:
+        error: of the import.
+        words: the command line.
+
+    >>> str(missing_extra(ModuleNotFoundError("No module named 'mcap.writer'", name="mcap.writer"), ["record"]))
     "mcap is not installed: pip install 'robrain[team]'"
+    >>> str(missing_extra(ModuleNotFoundError("No module named 'numpy'", name="numpy"), ["run", "depot"]))
+    "numpy is not installed: pip install 'robrain[sim]'"
     """
-    package = (error.name or "").partition(".")[0]
-    if package not in EXTRAS:
+    missing = missing_package(error)
+    if missing is None or not missing.extra:
         return None
-    return UsageError(f"{package} is not installed: pip install 'robrain[{EXTRAS[package]}]'")
+    if missing.extra == "navigation" and words:
+        known = OF_COMMANDS.get(" ".join(words[:2])) or OF_COMMANDS.get(words[0], missing.extra)
+        missing = missing._replace(extra=known)
+    return UsageError(f"{missing.package} is not installed: pip install '{missing.needed}'")

@@ -16,7 +16,7 @@ from robrain.agent.board import Board
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.deploy.errors import LogError
-from robrain.deploy.log_bench.carmen_log import CarmenLog, LogEntry
+from robrain.deploy.log_bench.carmen_log import CarmenLog, LogEntry, LoggedScan
 from robrain.deploy.log_bench.log_driver import LogDriver
 from robrain.deploy.log_bench.log_scan import LogScan
 from robrain.plugins.device.scan.interface import LaserScan
@@ -139,7 +139,7 @@ class _Run:
         self._driver.feed(stamp_ns, self._T_start_odom.compose(entry.odometry))
         if entry.scan is not None:
             self._waiting.append(stamp_ns)
-            self._scan.feed(LaserScan(stamp_ns, entry.scan.angles_rad, entry.scan.ranges_m, entry.scan.range_max_m))
+            self._scan.feed(_laser_scan(stamp_ns, entry.scan))
 
     def _run_until(self, stamp_ns: int) -> None:
         while (now_ns := self._clock.now_ns() + TICK_NS) <= stamp_ns:
@@ -199,3 +199,7 @@ def _area(log: CarmenLog, mapper: dict[str, Any]) -> dict[str, Any]:
             f"it covers {widest_m:.0f} m; a larger [parameters.mapper] resolution_m covers more"
         )
     return merged
+
+
+def _laser_scan(stamp_ns: int, scan: LoggedScan) -> LaserScan:
+    return LaserScan(stamp_ns, tuple(scan.angles_rad.tolist()), tuple(scan.ranges_m.tolist()), scan.range_max_m)

@@ -1,5 +1,6 @@
 """`robrain agent`: one robot. Needs the plain install only."""
 
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import msgspec
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import ZenohTable, read_robot_file
+from robrain.deploy.processes.compiler_pages import CompilerPages
 from robrain.deploy.processes.live_process import LiveStop, note, open_when_there, tell
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
+from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
@@ -29,6 +32,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         RobrainError: in one sentence.
 
     """
+    limit_zenoh_threads()
     robot_file = read_robot_file(robot)
     table, settings = robot_file.robot, robot_file.zenoh
     if team is not None:
@@ -48,13 +52,24 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
 
         def tell_plugins() -> None:
             claim.settle()
-            left_out = [f"{tag.name} ({tag.why})" for tag in host.manager.plugins.values() if tag.why]
-            tell(f"agent: {host.name} is up with {len(host.manager.plugins) - len(left_out)} plugins")
-            for text in left_out:
-                tell(f"agent: {host.name} without {text}")
+            plugins = host.manager.plugins.values()
+            left_out = [plugin for plugin in plugins if plugin.why]
+            tell(f"agent: {host.name} is up with {len(plugins) - len(left_out)} plugins")
+            needs = {plugin.name: host.manager.registry.needs_of(plugin.name) for plugin in left_out}
+            for needed in sorted({*needs.values()} - {""}):
+                names = ", ".join(name for name, its in needs.items() if its == needed)
+                tell(f"agent: {host.name} without {names}: pip install '{needed}'")
+            for plugin in left_out:
+                if not needs[plugin.name]:
+                    tell(f"agent: {host.name} without {plugin.name} ({plugin.why})")
 
-        watch = NameWatch(claim, should_stop)
-        run_agent(host, watch, tell_plugins)
+        watch, compiler, began_s = NameWatch(claim, should_stop), CompilerPages(), time.monotonic()
+
+        def watch_and_tidy() -> bool:
+            compiler.give_back(time.monotonic() - began_s)
+            return watch()
+
+        run_agent(host, watch_and_tidy, tell_plugins)
         watch.check()
 
 

@@ -4,43 +4,63 @@ A scan counts for `SCAN_FRESH_NS`, a ring of ranges for `RING_FRESH_NS`; a lidar
 """
 
 import math
-from collections.abc import Callable
-
-import numpy as np
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.model.navigation.clearance_kernels import Passage, contact_distance_m, hold_off, passage
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.navigation.obstacles import (
+    Passage,
+    contact_distance_m,
+    has_arrays,
+    hold_off,
+    joined,
+    passage,
+    points_of,
+)
 from robrain.protocol.wire.clock import to_ns
+
+if TYPE_CHECKING:
+    from robrain.protocol.model.navigation.obstacles import Points
 
 SCAN_FRESH_NS = to_ns(0.6)
 """Three turns of a lidar at 5 Hz."""
 RING_FRESH_NS = to_ns(0.3)
 FROZEN_M, FROZEN_RAD = 0.08, 0.08
 """A robot that has moved so far cannot see the very same ranges, to the millimetre."""
-NOTHING: Floats = np.empty((2, 0))
 BUMPED_RAD = math.radians(80.0)
 """The robot does not drive within this angle of a touched direction."""
 SQUEEZED_GAP_M = 0.03
 """In a narrow place the robot's edge stays this far from what is ahead."""
 
 
-def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> Floats:
+def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> "Points":
     """What a scan has hit (2, N), in the frame of the pose that it was taken from."""
+    x_m, y_m, yaw_rad = seen_from.x_m, seen_from.y_m, seen_from.yaw_rad
+    if not has_arrays():
+        hits = [
+            (range_m, yaw_rad + angle_rad)
+            for angle_rad, range_m in zip(scan.beam_angles_rad, scan.beam_ranges_m, strict=True)
+            if range_m < scan.range_max_m
+        ]
+        xs_m = [x_m + range_m * math.cos(angle_rad) for range_m, angle_rad in hits]
+        return xs_m, [y_m + range_m * math.sin(angle_rad) for range_m, angle_rad in hits]
+    import numpy as np
+
     hit = scan.ranges_m < scan.range_max_m
-    angles_rad, ranges_m = scan.angles_rad[hit] + seen_from.yaw_rad, scan.ranges_m[hit]
-    return np.stack((seen_from.x_m + ranges_m * np.cos(angles_rad), seen_from.y_m + ranges_m * np.sin(angles_rad)))
+    angles_rad, ranges_m = scan.angles_rad[hit] + yaw_rad, scan.ranges_m[hit]
+    return np.stack((x_m + ranges_m * np.cos(angles_rad), y_m + ranges_m * np.sin(angles_rad)))
 
 
-def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> Floats:
+def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> "Points":
     """What the range sensors hear (2, N), on their axes, in the frame of the pose that they heard it from.
 
     `before` is the measurement before: an echo that is missing once does not open the way.
     """
-    points = []
+    xs_m: list[float] = []
+    ys_m: list[float] = []
     for sensor, (angle_rad, range_m) in enumerate(zip(ring.angles_rad, ring.ranges_m, strict=True)):
         nearest_m = range_m
         if before is not None and nearest_m >= ring.range_max_m:
@@ -48,17 +68,16 @@ def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) 
         if nearest_m < ring.range_max_m:
             direction_rad = seen_from.yaw_rad + angle_rad
             reach_m = ring.mounted_m + nearest_m
-            points.append(
-                (seen_from.x_m + reach_m * math.cos(direction_rad), seen_from.y_m + reach_m * math.sin(direction_rad))
-            )
-    return np.array(points).T.copy() if points else NOTHING
+            xs_m.append(seen_from.x_m + reach_m * math.cos(direction_rad))
+            ys_m.append(seen_from.y_m + reach_m * math.sin(direction_rad))
+    return points_of(xs_m, ys_m)
 
 
 class LidarWatch:
     """Sees that a lidar is frozen: its ranges stay equal to the millimetre while the robot moves."""
 
     def __init__(self) -> None:
-        self._ranges_m: Floats | None = None
+        self._ranges_m: Sequence[float] = ()
         self._before: Pose2D | None = None
         self._moved_m = self._turned_rad = 0.0
         """Since the first scan with these ranges."""
@@ -66,10 +85,10 @@ class LidarWatch:
     def is_frozen(self, scan: LaserScan, seen_from: Pose2D) -> bool:
         """Take the next scan, and where the robot was by its odometry."""
         before, self._before = self._before, seen_from
-        has_hit = bool((scan.ranges_m < scan.range_max_m).any())  # out of sight of everything all scans are equal
-        is_same = self._ranges_m is not None and np.array_equal(scan.ranges_m, self._ranges_m)
-        if before is None or not has_hit or not is_same:
-            self._ranges_m = scan.ranges_m
+        ranges_m = scan.beam_ranges_m
+        has_hit = min(ranges_m, default=math.inf) < scan.range_max_m  # out of sight of everything all scans are equal
+        if before is None or not has_hit or ranges_m != self._ranges_m:
+            self._ranges_m = ranges_m
             self._moved_m = self._turned_rad = 0.0
             return False
         self._moved_m += before.distance_m(seen_from)
@@ -86,11 +105,11 @@ class ObstaclePoints:
     """
 
     def __init__(self, pose_at: Callable[[int], Pose2D]) -> None:
-        self.points_m = NOTHING
+        self.points_m = points_of([], [])
         """(2, N), frame odom."""
-        self.scan_m = NOTHING
+        self.scan_m = points_of([], [])
         """Points seen by the lidar; (2, N), frame odom."""
-        self.ring_m = NOTHING
+        self.ring_m = points_of([], [])
         """Points heard by the range sensors, each on its sensor's axis; (2, N), frame odom."""
         self.is_frozen = False
         """Whether the lidar is frozen, by the last scan."""
@@ -113,11 +132,11 @@ class ObstaclePoints:
             self.ring_m = ring_points_m(ring, self._before, self._pose_at(ring.stamp_ns))
             self._before = ring
             has_changed = True
-        elif self.ring_m.size and now_ns - self._ring_ns > RING_FRESH_NS:
-            self.ring_m, self._before = NOTHING, None
+        elif len(self.ring_m[0]) and now_ns - self._ring_ns > RING_FRESH_NS:
+            self.ring_m, self._before = points_of([], []), None
             has_changed = True
         if has_changed:
-            self.points_m = np.concatenate((self.scan_m, self.ring_m), axis=1) if self.ring_m.size else self.scan_m
+            self.points_m = joined(self.scan_m, self.ring_m) if len(self.ring_m[0]) else self.scan_m
         if self.is_frozen:
             return "the lidar has been frozen"
         if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:

@@ -176,10 +176,8 @@ class ZenohBus(can.BusABC):
             # Nodes of a lockstep run hear each other without Zenoh.
             allowed_destination=zenoh.Locality.REMOTE if direct else zenoh.Locality.ANY,
         )
-        self._subscriber = session.declare_subscriber(
-            self._key, zenoh.handlers.Callback(self._take, indirect=not direct)
-        )
-        # Direct in live as well: the answer takes no time and needs no thread of its own.
+        # Direct in live as well: neither takes time nor needs a thread of its own.
+        self._subscriber = session.declare_subscriber(self._key, zenoh.handlers.Callback(self._take, indirect=False))
         self._queryable = session.declare_queryable(self._key, zenoh.handlers.Callback(self._answer, indirect=False))
         if self._segment is not None:
             self._segment.join(self)

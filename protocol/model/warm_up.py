@@ -20,17 +20,12 @@ from robrain.protocol.model.localization.scan_match import (
 from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays
-from robrain.protocol.model.navigation.clearance_kernels import (
-    clearance_m,
-    contact_distance_m,
-    hold_off,
-    passage,
-    sector_distances_m,
-)
+from robrain.protocol.model.navigation.clearance_kernels import clearance_m
 from robrain.protocol.model.navigation.escape import escape_cells
 from robrain.protocol.model.navigation.frontier import find_frontiers
 from robrain.protocol.model.navigation.line_of_sight import standpoint
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
+from robrain.protocol.model.navigation.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
 from robrain.protocol.model.navigation.path_planning import (
     descend,
     distance_field,
@@ -38,7 +33,17 @@ from robrain.protocol.model.navigation.path_planning import (
     plan_path,
     shorten_path,
 )
-from robrain.protocol.model.navigation.right_of_way import Margins, Track, meet, release, sample_way
+from robrain.protocol.model.navigation.right_of_way import (
+    Margins,
+    Track,
+    Way,
+    any_within,
+    meet,
+    pass_on,
+    release,
+    sample_way,
+    sample_ways,
+)
 from robrain.protocol.model.numeric.elementary_functions import arctan2, exp, log, log10
 from robrain.protocol.model.numeric.small_linear_algebra import (
     innovation_squared,
@@ -108,6 +113,9 @@ def _warm_up_giving_way(geometry: GridGeometry) -> None:
     mate = Track(positions, 0.6, positions.shape[0] - 1, 0.1, goes_first=True)
     release(positions, 0.6, [mate], Margins())
     meet(positions, mate, 0.1)
+    pass_on(sample_ways(positions, [len(positions)]), [0], positions[:1])
+    Way(positions).ahead(0.35, 0.35, 1.0)
+    any_within([mate], Point2D(0.0, 0.0), 1.0)
     escape_cells(navigation.traversable, geometry, (3, 3), 0.6, [mate], 0.1)
     standpoint(free, navigation.traversable, (3, 3), 2)
     navigation.path(Point2D(0.15, 0.15), Point2D(0.65, 0.45), snap_m=0.5, dear=[Zone(positions, 0.1)])
@@ -142,7 +150,10 @@ def _warm_up_mapping(geometry: GridGeometry) -> None:
     match_surface(own, sensor, ends)
     patch = own.take_patch()
     if patch is not None:
-        SubmapAtlas(geometry).take(("r", 1), patch.row, patch.column, patch.cells, patch.stamp_ms)
+        atlas = SubmapAtlas(geometry)
+        for stamp_ms in (patch.stamp_ms, patch.stamp_ms + 1):  # as a new submap, and as one that is known
+            atlas.take(("r", 1), patch.row, patch.column, patch.cells, stamp_ms)
+            atlas.move(("r", 1), sensor)
     solve([sensor], [IDENTITY], [Edge(1, sensor, 0, IDENTITY, np.eye(3), may_be_false=True)])
 
 

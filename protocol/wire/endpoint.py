@@ -101,7 +101,7 @@ class Endpoint:
         self._pending: deque[_Waiting] = deque()
         self._closing = False
         self._workers = workers
-        self._answering: list[Answering] = []
+        self._answering: Answering[tuple[Any, ...]] | None = None
 
     def publisher(self, topic: Topic[Any], **names: str) -> Publisher:
         """A publisher of one concrete key."""
@@ -155,9 +155,7 @@ class Endpoint:
             is_taken = inbox.append(topic, key, payload, outside=outside)
             if self.on_heard is not None:
                 self.on_heard()
-            if (
-                is_taken and outside and not topic.recorded
-            ):  # what is recorded, the recorder itself sees coming from outside
+            if is_taken and outside and not topic.recorded:  # of what is recorded, the recorder itself sees that
                 self.note_outside(key, payload)
 
         if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
@@ -172,7 +170,8 @@ class Endpoint:
                 )
             )
         else:
-            self._entities.append(self.session.declare_subscriber(key, self._callback(take)))
+            callback = self._callback(take, waits=inbox.acts_at_once or learns)
+            self._entities.append(self.session.declare_subscriber(key, callback))
 
     def _declare_key(self, key: str) -> None:
         """Have Zenoh remember the way of what arrives on a key.
@@ -190,7 +189,7 @@ class Endpoint:
         liveliness = self.session.liveliness()
         lockstep = self.drive is Drive.LOCKSTEP
         self._entities.append(
-            liveliness.declare_subscriber(selector, self._callback(presence.append), history=not lockstep)
+            liveliness.declare_subscriber(selector, self._callback(presence.append, waits=False), history=not lockstep)
         )
         if lockstep:  # a subscriber's history comes on a thread of Zenoh's even to a direct callback, some time later
             own = LockstepReplies(self._zid)
@@ -227,38 +226,38 @@ class Endpoint:
         own_key = topic.key(self.team, **names) if set(names) == set(topic.fields) else None
         selector = topic.selector(self.team, **names)
         if self.drive is Drive.LIVE and serve is Serve.POOL:
-            self._answer_on_threads(selector, topic, own_key, handler, at_once)
+            self._answer_on_threads(selector, at_once, topic, own_key, handler)
             return
 
         def take(query: zenoh.Query) -> None:
-            if not self._closing and (serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside()):
-                self._queue(query, topic, own_key, handler)
+            waits = serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside()
+            do = self._queue if waits and not self._closing else self._reply
+            do(query, topic, own_key, handler)
+
+        callback = self._callback(take, waits=serve is not Serve.IN_STEP)
+        self._entities.append(self.session.declare_queryable(selector, callback))
+
+    def _answer_on_threads(self, selector: str, at_once: Sequence[str], *of_query: Any) -> None:
+        if self._answering is None:
+            self._answering = Answering("answer", self._answer_one, self._refuse_one, self._workers)
+        answering = self._answering
+
+        def take(query: zenoh.Query) -> None:
+            if answering.waiting < PENDING_QUERIES:
+                answering.put((at_once, query, *of_query))
             else:
-                self._reply(query, topic, own_key, handler)
+                self._refuse(query, f"{PENDING_QUERIES} queries wait already")
 
-        self._entities.append(self.session.declare_queryable(selector, self._callback(take)))
+        self._entities.append(self.session.declare_queryable(selector, self._callback(take, waits=False)))
 
-    def _answer_on_threads(
-        self,
-        selector: str,
-        topic: Query[Any, Any],
-        own_key: str | None,
-        handler: Callable[[Request[Any]], Any],
-        at_once: Sequence[str],
-    ) -> None:
-        queryable: Any = self.session.declare_queryable(selector, zenoh.handlers.FifoChannel(PENDING_QUERIES))
+    def _answer_one(self, asked: tuple[Any, ...]) -> None:
+        self._reply(*asked[1:])
 
-        def answer(query: zenoh.Query) -> None:
-            self._reply(query, topic, own_key, handler)
-
-        def refuse(query: zenoh.Query) -> None:
-            if self._closing or str(query.key_expr).rpartition("/")[2] in at_once:
-                answer(query)
-            else:
-                self._refuse(query, f"{self._workers} calls are being answered already")
-
-        self._entities.append(queryable)
-        self._answering.append(Answering(f"answer-{topic.name}", queryable.handler.recv, answer, refuse, self._workers))
+    def _refuse_one(self, asked: tuple[Any, ...]) -> None:
+        if self._closing or str(asked[1].key_expr).rpartition("/")[2] in asked[0]:
+            self._reply(*asked[1:])
+        else:
+            self._refuse(asked[1], f"{self._workers} calls are being answered already")
 
     def serve(self) -> None:
         """Answer the queries that wait for this component's step."""
@@ -448,11 +447,11 @@ class Endpoint:
             self.session.undeclare(self._declared_keys.popitem()[1])
         while self._pending:
             self._reply(*self._pending.popleft())
-        for answering in self._answering:  # what waits there is answered `unloaded` as well
+        answering, self._answering = self._answering, None
+        if answering is not None:  # what waits there is answered `unloaded` as well
             stuck = answering.join(STUCK_TIMEOUT_S)
             if stuck:
                 logger.warning("answers that do not come back are left behind: %s", ", ".join(stuck))
-        self._answering.clear()
 
     @property
     def is_closed(self) -> bool:
@@ -467,8 +466,9 @@ class Endpoint:
         """In lockstep, whether what is being delivered comes from another process."""
         return self.drive is Drive.LOCKSTEP and threading.get_ident() != self._owner
 
-    def _callback(self, function: Callable[[Any], None]) -> "zenoh.handlers.Callback[Any]":
-        return zenoh.handlers.Callback(function, indirect=self.drive is Drive.LIVE)
+    def _callback(self, function: Callable[[Any], None], *, waits: bool = True) -> "zenoh.handlers.Callback[Any]":
+        """In live, a callback on a thread of its own if it may wait for anything, else on Zenoh's."""
+        return zenoh.handlers.Callback(function, indirect=waits and self.drive is Drive.LIVE)
 
 
 def _reply_error(query: zenoh.Query, error: CallError) -> None:

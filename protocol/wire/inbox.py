@@ -29,6 +29,9 @@ class Inbox:
             refusals of all its inboxes together.
     """
 
+    acts_at_once = False
+    """Whether `append` does more than append, so that it may wait: its subscription gets a thread of its own."""
+
     def __init__(self, capacity: int = 1024, *, every: bool = False, border: Border | None = None) -> None:
         self.capacity = capacity
         self.every = every

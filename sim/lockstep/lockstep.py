@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import Provenance
@@ -106,6 +107,7 @@ class LockstepRun:
         disturbance = Disturbance(world.disturbance, world.seed)
         self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
         self.hosts = []
+        distributions = entry_point_places()
         for robot in world.robots:
             if self._should_stop():
                 raise KeyboardInterrupt
@@ -118,6 +120,7 @@ class LockstepRun:
                 seed=world.seed,
                 on_outside=self._note_outside,
                 has_one_thread=True,
+                distributions=distributions,
             )
             self._closers.append(host.close)
             host.start()

@@ -100,6 +100,12 @@ SECTIONS = {
         "start of 3 s. The whole is that of an untouched run; the parts come from an equal run with timers.",
         "tests.bench.robot_cost:measure",
     ),
+    "host_weight": Section(
+        "The weight of an agent",
+        "`robrain agent` in a process of its own: alone with mocdevice, driver and command, and with all stock plugins "
+        "exploring the depot.",
+        "tests.bench.host_weight:measure",
+    ),
     "plugin_host": Section("The plugin host", "Live hosts on loopback.", "tests.bench.plugin_host:measure"),
     "tasks": Section("Tasks", "Wall time of one core.", "tests.bench.tasks:measure"),
     "live_planning": Section(

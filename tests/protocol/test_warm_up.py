@@ -8,13 +8,20 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.localization import mote_relocalisation
 from robrain.protocol.model.mapping import occupancy_grid, ray_cast
-from robrain.protocol.model.navigation import clearance_kernels, frontier, path_planning
+from robrain.protocol.model.navigation import clearance_kernels, frontier, path_planning, right_of_way
 from robrain.protocol.model.navigation import navigation_grid as navigation
 from robrain.protocol.model.numeric import small_linear_algebra
-from robrain.protocol.model.slam import mates_in_scan, pose_graph, submap, submap_atlas, surface_match
+from robrain.protocol.model.slam import (
+    mates_in_scan,
+    pose_graph,
+    submap,
+    submap_atlas,
+    submap_drawing_kernels,
+    surface_match,
+)
 from robrain.protocol.model.warm_up import warm_up
 
 MODULES: tuple[ModuleType, ...] = (
@@ -25,9 +32,11 @@ MODULES: tuple[ModuleType, ...] = (
     path_planning,
     pose_graph,
     ray_cast,
+    right_of_way,
     small_linear_algebra,
     submap,
     submap_atlas,
+    submap_drawing_kernels,
     surface_match,
 )
 
@@ -71,12 +80,24 @@ def use_every_kernel() -> None:
     path_planning.shorten_path(path[::2], traversable)
     field = path_planning.distance_field(traversable, cost, np.array([[0, 0]], np.int32))
     path_planning.descend(field, traversable, start)
+    use_every_kernel_of_giving_way()
     use_every_kernel_of_mapping(geometry, sensor, angles_rad, ranges_m, cells)
     square, vector = np.eye(4), np.ones(4)
     small_linear_algebra.innovation_squared(square, square, vector, vector)
     small_linear_algebra.inverse(np.eye(3, dtype=np.float32).T)
     small_linear_algebra.least_solution(square, vector)
     small_linear_algebra.quadratic_form(square, vector)
+
+
+def use_every_kernel_of_giving_way() -> None:
+    points = np.array([(0, 0), (3, 0)])
+    right_of_way.Way(points).ahead(1, 0, 5)
+    ways = right_of_way.sample_ways(points, [1, 1])
+    right_of_way.pass_on(ways, [0, 0], points)
+    tracks = [right_of_way.Track(way, 1, 0, 1, goes_first=True) for way in ways]
+    right_of_way.any_within(tracks, Point2D(1, 0), 2)
+    right_of_way.release(ways[0], 1, tracks, right_of_way.Margins())
+    right_of_way.meet(ways[0], tracks[0], 1)
 
 
 def use_every_kernel_of_mapping(
@@ -96,7 +117,9 @@ def use_every_kernel_of_mapping(
     atlas = submap_atlas.SubmapAtlas(geometry)
     atlas.take(("r1", 1), np.int64(1), np.int64(1), cells, 8)
     atlas.take(("r1", 1), 8, 8, cells, np.full((1, 1), 9, np.int32))
+    atlas.take(("r1", 1), np.int64(2), np.int64(2), cells, 10)
     atlas.move(("r1", 1), Pose2D(1, 0, 0))
+    atlas.take(("r1", 1), 2, 2, cells, 11)
     atlas.withdraw(("r1", 1))
     edge = pose_graph.Edge(1, Pose2D(1, 0, 0), 0, Pose2D(0, 0, 0), np.eye(3), may_be_false=False)
     pose_graph.solve([Pose2D(0, 0, 0)], [Pose2D(0, 0, 0)], [edge])

@@ -1,6 +1,7 @@
 """Simulates the plain install: packages from extras or for tests cannot be imported."""
 
 import json
+import os
 import tomllib
 from importlib import metadata
 from pathlib import Path
@@ -9,6 +10,13 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from tests.system.conftest import ROOT
+
+FRESH = ("pip", "setuptools")
+"""Distributions of a new environment."""
+OWN = ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "sim")
+"""Folders that a wheel holds."""
+BLOCKS_PER_MB = 2048
+"""Of 512 bytes, as `du -m` counts."""
 
 BLOCKER = """
 import sys
@@ -28,11 +36,11 @@ def plain_python_path(folder: Path) -> str:
     """A PYTHONPATH that limits Python to what `pip install robrain` installs."""
     blocked = sorted(set(metadata.packages_distributions()) - plain_packages() - {"robrain"})
     (folder / "sitecustomize.py").write_text(BLOCKER.format(blocked=json.dumps(blocked)))
-    return str(folder)
+    return os.pathsep.join((str(folder), str(ROOT)))  # this tree's robrain, wherever another one is installed
 
 
-def plain_packages() -> set[str]:
-    """Import names of the plain install's distributions."""
+def plain_distributions() -> set[str]:
+    """Canonical names of the distributions that `pip install robrain` installs, without robrain itself."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     open_requirements = [Requirement(text) for text in project["dependencies"]]
     distributions: set[str] = set()
@@ -43,6 +51,24 @@ def plain_packages() -> set[str]:
         distributions.add(name)
         wanted = map(Requirement, metadata.requires(name) or [])
         open_requirements += [one for one in wanted if one.marker is None or one.marker.evaluate({"extra": ""})]
+    return distributions
+
+
+def plain_size_mb() -> float:
+    """What a new environment with the plain install takes on disk: these distributions, robrain, pip and setuptools."""
+    files = {Path(str(file.locate())) for name in (*plain_distributions(), *FRESH) for file in _files(name)}
+    own = {path for folder in OWN for path in (ROOT / folder).rglob("*") if path.suffix not in (".nbi", ".nbc")}
+    blocks = sum(path.stat().st_blocks for path in (*files, *own) if path.is_file())
+    return blocks / BLOCKS_PER_MB
+
+
+def _files(distribution: str) -> list[metadata.PackagePath]:
+    return list(metadata.files(distribution) or [])
+
+
+def plain_packages() -> set[str]:
+    """Import names of the plain install's distributions."""
+    distributions = plain_distributions()
     return {
         package
         for package, brought_by in metadata.packages_distributions().items()

@@ -11,7 +11,7 @@ import pytest
 from typer.main import get_command
 
 from robrain.cli import app
-from robrain.deploy.commands.extras import EXTRAS
+from robrain.protocol.extras import EXTRAS
 from robrain.protocol.wire.session import open_session
 from tests.system.conftest import ROOT, Commands
 from tests.system.plain_install import plain_packages, plain_python_path
@@ -57,7 +57,8 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("report", ["run.mcap"], "report"),
     ("export", ["run.mcap"], "team"),
     ("bench allocation", [], "team"),
-    ("bench log", ["room.clf"], WORKS),
+    ("coordinator", [], "navigation"),
+    ("bench log", ["room.clf"], "navigation"),
     ("bench mapping", [], "sim"),
     ("bench joining", [], "sim"),
     ("bench live", [], "sim"),
@@ -65,8 +66,8 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("bench agents", [], "sim"),
 ]
 """Each command, arguments for it, and the extra that it needs."""
-LIVE = ("agent", "coordinator")
-"""Commands that the fixture runs."""
+LIVE = ("agent",)
+"""Commands that the fixture runs in the plain install."""
 
 
 class Plain:
@@ -95,7 +96,7 @@ class Plain:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plain]:
-    """A robot and a coordinator of plain installs."""
+    """A robot of a plain install, and the coordinator of its team, which needs more."""
     commands = Commands(tmp_path_factory.mktemp("team"))
     found = Plain(commands, plain_python_path(tmp_path_factory.mktemp("path")))
     (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
@@ -104,9 +105,10 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plain]:
     (commands.folder / "room.clf").write_text(f"{beams} 1.0 host 1.0\n{beams} 1.2 host 1.2\n")
     hub = open_session(mode="router", listen=[commands.hub.endpoint])
     try:
-        agent, coordinator = found.start("agent", "r1.toml"), found.start("coordinator")
+        agent, coordinator = found.start("agent", "r1.toml"), commands.start("coordinator")
         line = commands.line_with(agent, "agent: r1 is up")
         assert re.fullmatch(r"agent: r1 is up with [1-9]\d plugins\n?", line)
+        assert "localisation" in commands.line_with(agent, "pip install 'robrain[navigation]'")
         commands.line_with(coordinator, "coordinator: of team default")
         yield found
         assert (agent.poll(), coordinator.poll()) == (None, None)

@@ -7,7 +7,6 @@ where it is and maps in a frame of its own.
 from collections import deque
 
 import numpy as np
-from scipy import ndimage
 
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.search import FIND_ITSELF
@@ -15,7 +14,7 @@ from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, Trav
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask
+from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
@@ -151,7 +150,7 @@ class ExploreBehavior(Behavior):
         left = frontier_mask(view.classes[rows, columns])[1:-1, 1:-1]
         if np.count_nonzero(left) < MIN_CELLS:
             return True
-        labels, groups = ndimage.label(left, structure=np.ones((3, 3), np.int8))
+        labels, groups = touching(left, corners=True)
         return groups == 0 or int(np.bincount(labels.ravel())[1:].max()) < MIN_CELLS
 
     def _is_alone(self) -> bool:

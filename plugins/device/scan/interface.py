@@ -1,23 +1,34 @@
 """What the lidar offers."""
 
-from typing import Protocol
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
 from robrain.agent.event import Event
-from robrain.protocol.model.numeric.kernel_array import Floats
+
+if TYPE_CHECKING:
+    from robrain.protocol.model.numeric.kernel_array import Floats
 
 
-class LaserScan(msgspec.Struct, frozen=True, eq=False):
-    """One turn of the lidar, in the robot's frame; the sensor sits at the robot's centre.
-
-    `angles_rad` and `ranges_m` are (N,); a range of `range_max_m` means that nothing was hit.
-    """
+class LaserScan(msgspec.Struct, frozen=True, eq=False, dict=True):
+    """One turn of the lidar, in the robot's frame; the sensor sits at the robot's centre."""
 
     stamp_ns: int
-    angles_rad: Floats
-    ranges_m: Floats
+    beam_angles_rad: tuple[float, ...]
+    beam_ranges_m: tuple[float, ...]
+    """Of the beams, in the same order; a range of `range_max_m` means that nothing was hit."""
     range_max_m: float
+
+    @cached_property
+    def angles_rad(self) -> "Floats":
+        """The angles as an array (N,). It needs robrain[navigation]."""
+        return _array(self.beam_angles_rad)
+
+    @cached_property
+    def ranges_m(self) -> "Floats":
+        """The ranges as an array (N,). It needs robrain[navigation]."""
+        return _array(self.beam_ranges_m)
 
 
 class ScanInterface(Protocol):
@@ -30,3 +41,9 @@ class ScanInterface(Protocol):
 
     def doubt(self, why: str) -> None:
         """Say that the last scan cannot be true: the lidar is at fault until it sends another."""
+
+
+def _array(values: tuple[float, ...]) -> "Floats":
+    import numpy as np
+
+    return np.array(values, dtype=np.float64)

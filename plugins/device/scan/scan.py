@@ -5,14 +5,14 @@ ranges stay equal while the robot moves. Both are told to the team. A turn that 
 after a restart, so that no map is made of it.
 """
 
+import math
+
 import msgspec
-import numpy as np
 
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
-from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.inbox import Inbox
@@ -50,7 +50,7 @@ class ScanDevice(Device):
         self._latest: LaserScan | None = None
         self._ranges_mm: list[int] = []
         self._doubt = ""
-        self._angles_rad: Floats = np.empty(0)
+        self._angles_rad: tuple[float, ...] = ()
         self._fan: tuple[int, float, float] | None = None
 
     def activate(self) -> None:
@@ -91,7 +91,7 @@ class ScanDevice(Device):
         """Distance to the nearest object in sight; null if there is none, and before the first scan."""
         if self._latest is None:
             return None
-        nearest_m = float(self._latest.ranges_m.min(initial=self._latest.range_max_m))
+        nearest_m = min(self._latest.beam_ranges_m, default=math.inf)
         return nearest_m if nearest_m < self._latest.range_max_m else None
 
     def _fail(self, why: str) -> None:
@@ -102,9 +102,8 @@ class ScanDevice(Device):
         fan = (len(scan.ranges_mm), scan.angle_min_rad, scan.angle_increment_rad)
         if fan != self._fan:
             self._fan = fan
-            self._angles_rad = scan.angle_min_rad + scan.angle_increment_rad * np.arange(
-                len(scan.ranges_mm), dtype=np.float64
-            )
-        ranges_m = np.array(scan.ranges_mm, dtype=np.float64) / MM_PER_M
-        ranges_m[ranges_m == 0.0] = scan.range_max_m
+            first_rad, step_rad = scan.angle_min_rad, scan.angle_increment_rad
+            self._angles_rad = tuple(first_rad + step_rad * beam for beam in range(len(scan.ranges_mm)))
+        far_m = scan.range_max_m
+        ranges_m = tuple([mm / MM_PER_M if mm else far_m for mm in scan.ranges_mm])
         return LaserScan(scan.stamp_ns, self._angles_rad, ranges_m, scan.range_max_m)

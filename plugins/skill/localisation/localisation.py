@@ -52,6 +52,9 @@ class OdometryErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     turn: float = 0.03
 
 
+NO_MATES: Floats = np.empty((0, 3))
+
+
 class Localisation(Skill):
     """Estimates the robot's pose in the arena with its uncertainty, and detects that it is lost."""
 
@@ -283,7 +286,8 @@ class Localisation(Skill):
     def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> Floats:
         """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
-        mates = self.env.board.mate_places
+        told = self.env.board.mate_places
+        mates = NO_MATES if told is None else told
         circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
         return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 

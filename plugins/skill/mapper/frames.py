@@ -144,11 +144,14 @@ class Frames:
 
         To be asked before the patch is taken into the atlas.
         """
+        frame = self._own.frame
+        if frame == ARENA:  # none is better
+            return None
         for part in patch.parts or (patch,):
             known = self._atlas.submaps.get((part.robot, part.submap))
             if part.robot != patch.robot or part.withdrawn or known is None:
                 continue
-            if known.frame == self.frame and part.frame < self.frame:
+            if known.frame == frame and part.frame < frame:
                 return Move(part.frame, part.T_arena_local.compose(known.T_arena_local.inverse()))
         return None
 

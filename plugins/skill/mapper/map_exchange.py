@@ -21,6 +21,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.map_messages import Closures, MapPatch
 from robrain.protocol.wire.messages.map_patch import (
+    AHEAD_MAX_MS,
     check_claim,
     joined_message,
     map_stamp_ms,
@@ -64,6 +65,8 @@ class MapHearing:
         self._orphans: set[SubmapKey] = set()
         """Submaps of robots that have gone since."""
         self._began_ms = 0
+        self._allowed_ms = 0
+        """Latest time of observation that is not from the future, at this step."""
 
     @property
     def dropped(self) -> int:
@@ -94,6 +97,7 @@ class MapHearing:
             if change.present and name != self._robot:
                 # Catch up with a robot that was there before; one that has just started has nothing to tell.
                 self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
+        self._allowed_ms = map_stamp_ms(self._wire.clock.now_ns()) + AHEAD_MAX_MS
         self._guard.messages(self._inbox.drain(), self._take)
 
     def whole(self) -> MapPatch | None:
@@ -119,8 +123,9 @@ class MapHearing:
     def _merge(self, patch: MapPatch) -> str:
         """Take a patch into the map; returns why it was refused, empty if it was not."""
         try:
-            check_claim(patch, self._wire.clock.now_ns())
-            if any(part.robot == self._robot and part.submap >= self._began_ms for part in patch.parts):
+            if patch.parts or patch.observed_ms > self._allowed_ms:
+                check_claim(patch, self._wire.clock.now_ns())
+            if patch.parts and any(part.robot == self._robot and part.submap >= self._began_ms for part in patch.parts):
                 raise ValueError(f"{patch.robot} tells a submap of {self._robot} that {self._robot} has not made")
             move = self._frames.move_of(patch)
             take_message(self._atlas, patch)

@@ -16,7 +16,7 @@ from robrain.protocol.model.navigation.clearance import (
     least_clearance_m,
     least_gap_m,
 )
-from robrain.protocol.model.navigation.clearance_kernels import Passage
+from robrain.protocol.model.navigation.obstacles import Passage
 
 BEGIN_M = 0.3
 """The driver squeezes where normal driving has less room ahead than this."""

@@ -5,9 +5,9 @@ named in the answer. The robot's own motion since the measurement (some centimet
 """
 
 import math
+from functools import reduce
 
 import msgspec
-import numpy as np
 
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.range_sensors.interface import RangeSensorsInterface
@@ -15,7 +15,7 @@ from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.lookout import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
 from robrain.plugins.unit.obstacle_distance.interface import ObstacleDistanceInterface, ObstacleView
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.navigation.clearance_kernels import sector_distances_m
+from robrain.protocol.model.navigation.obstacles import joined, sector_distances_m
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
@@ -58,10 +58,10 @@ class ObstacleDistance(Unit):
         touched_rad = list(self._ranges.pressed_rad())
         if not seen:
             return ObstacleView(distances_m=[None] * sectors, sees=[], touched_rad=touched_rad)
-        nearest_m = sector_distances_m(np.concatenate(seen, axis=1), 0.0, 0.0, 0.0, sectors)
+        nearest_m = sector_distances_m(reduce(joined, seen), 0.0, 0.0, 0.0, sectors)
         distances_m = [
             round(max(0.0, distance_m - self.parameters.radius_m), 3) if math.isfinite(distance_m) else None
-            for distance_m in nearest_m.tolist()
+            for distance_m in nearest_m
         ]
         found = [(distance_m, sector) for sector, distance_m in enumerate(distances_m) if distance_m is not None]
         if not found:

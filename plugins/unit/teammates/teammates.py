@@ -12,7 +12,14 @@ from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate, Team
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.navigation.claim import Claim
-from robrain.protocol.model.navigation.right_of_way import MATE_AHEAD_M, STEP_M, Track, Way, any_within
+from robrain.protocol.model.navigation.right_of_way import (
+    MATE_AHEAD_M,
+    STEP_M,
+    Track,
+    any_within,
+    pass_on,
+    sample_ways,
+)
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.task import ENDED
@@ -32,6 +39,8 @@ MOVED_M = 0.1
 """Less than this is no motion."""
 AT_END = 3
 """Positions left of a way that is as good as driven: 0.2 m, as near as drivers get."""
+AHEAD = round(MATE_AHEAD_M / STEP_M)
+"""Positions of a way that are looked at."""
 ROLLS_M_S = 0.1
 ROLLS_S = 1.5
 """Who moves faster than that without a path is taken to go straight on for so long."""
@@ -62,8 +71,12 @@ class KnownMate:
         """The map frame in which it tells that."""
         self.state: RobotState | None = None
         """The last with a pose."""
-        self.way: Way | None = None
-        """The path that it drives; None if it has none."""
+        self.way: Floats | None = None
+        """(N, 2) positions of the path that it drives; None if it has none."""
+        self.passed = 0
+        """The position of it that it has passed."""
+        self.bound: Point2D | None = None
+        """Where the path ends."""
         self.claim = Claim()
         self.rank = self.claim.rank(name)
         self.speed_m_s = speed_m_s
@@ -76,14 +89,12 @@ class KnownMate:
         self.mate: Mate | None = None
         """As reckoned last; None if it has said anything new since."""
 
-    def has_way_left(self) -> bool:
-        """Whether it had more way ahead when its state was heard last than one that has arrived."""
-        known, way = self.teammate, self.way
-        return known is not None and way is not None and way.count_ahead(known.pose.x_m, known.pose.y_m) > AT_END
+
+# Each of these takes all mates at once: calls are what a large team costs.
 
 
 def hear_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> None:
-    """Take states of mates. One function for all of them: calls are what this costs in a large team."""
+    """Take states of mates."""
     for known, state in told:
         known.spoke_ns = now_ns
         pose = state.pose
@@ -97,14 +108,19 @@ def hear_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> No
             known.moved_at, known.moved_ns = pose, now_ns
 
 
-def hear_paths(told: Iterable[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
-    """Take paths of mates."""
+def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
+    """Take paths of mates, at most one of each."""
+    _pass_on([known for known, _ in told])
+    points = [(point.x_m, point.y_m) for _, path in told for point in path.points]
+    counts = [count for _, path in told if (count := len(path.points))]
+    ways = iter(sample_ways(np.array(points), counts) if points else ())
     for known, path in told:
         known.spoke_ns = now_ns
-        if known.held_at_m is not None or not known.has_way_left():
+        has_way_left = known.teammate is not None and known.way is not None and len(known.way) - known.passed > AT_END
+        if known.held_at_m is not None or not has_way_left:
             known.moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
-        points = path.points
-        known.way = Way(np.array([(point.x_m, point.y_m) for point in points])) if points else None
+        known.way, known.bound = (next(ways), path.points[-1]) if path.points else (None, None)
+        known.passed = 0
         if path.claim != known.claim:
             known.claim, known.rank = path.claim, path.claim.rank(known.name)
         known.speed_m_s = path.speed_m_s if path.speed_m_s > 0 else known.default_speed_m_s
@@ -114,73 +130,80 @@ def hear_paths(told: Iterable[tuple[KnownMate, PlannedPath]], now_ns: int) -> No
 
 def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:
     """Mates as they are to be reckoned with, those left out that have not told where they are."""
-    reckoned = []
-    for known in mates:
-        teammate, state = known.teammate, known.state
+    placed = [known for known in mates if known.teammate is not None]
+    silent_ns = now_ns - fresh_ns
+    stale = [known for known in placed if known.mate is None or known.heard_ns < silent_ns]
+    _pass_on(stale)
+    for known in stale:
+        teammate, state, way = known.teammate, known.state, known.way
         if teammate is None or state is None:
             continue
-        is_fresh = now_ns - known.heard_ns <= fresh_ns
-        mate = known.mate
-        if mate is None or not is_fresh:
-            mate = known.mate = _reckon(known, teammate, state, now_ns, is_fresh=is_fresh)
-        reckoned.append(mate)
-    return reckoned
-
-
-def _reckon(known: KnownMate, teammate: Teammate, state: RobotState, now_ns: int, *, is_fresh: bool) -> Mate:
-    pose, way, held_at_m = teammate.pose, known.way, known.held_at_m
-    x_m, y_m = pose.x_m, pose.y_m
-    positions = np.array(((x_m, y_m),)) if way is None else way.ahead(x_m, y_m, MATE_AHEAD_M)
-    doing = Doing.UNDER_WAY
-    if not is_fresh or state.halted or state.lost:
+        pose, held_at_m = teammate.pose, known.held_at_m
+        radius_m = teammate.radius_m + LOST_MARGIN_M if state.lost else teammate.radius_m
+        bound, rest = Point2D(pose.x_m, pose.y_m), None
         doing = Doing.OBSTACLE
-    elif positions.shape[0] <= AT_END:
-        doing = Doing.STANDING
-    elif held_at_m is None and now_ns - known.moved_ns > known.stalled_ns:
-        doing = Doing.OBSTACLE
-    speed_m_s, radius_m = known.speed_m_s, teammate.radius_m + LOST_MARGIN_M * bool(state.lost)
-    if doing is not Doing.UNDER_WAY:
-        speed_m_s = math.hypot(teammate.velocity.forward_m_s, teammate.velocity.left_m_s)
-        positions = _rolling_on(teammate, speed_m_s if is_fresh else 0.0)
-    held_at = positions.shape[0] - 1
-    bound = Point2D(x_m, y_m)
-    if doing is Doing.UNDER_WAY and way is not None:
-        bound = way.end
-        if held_at_m is not None:
-            held_at = max(0, min(held_at, round((held_at_m - way.passed_m) / STEP_M)))
-    energy, task = state.energy, state.task
-    return Mate(
-        known.name,
-        pose,
-        radius_m,
-        doing,
-        known.claim,
-        Track(positions, speed_m_s, held_at, radius_m, goes_first=False),
-        "" if task is None or task.state in ENDED else task.id,
-        bound,
-        state.behavior,
-        math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
-        known.rank,
-    )
+        if known.heard_ns >= silent_ns and not state.halted and not state.lost:
+            rest = None if way is None else way[known.passed + 1 : known.passed + 1 + AHEAD]
+            if rest is None or len(rest) < AT_END:
+                doing = Doing.STANDING
+            elif held_at_m is not None or now_ns - known.moved_ns <= known.stalled_ns:
+                doing = Doing.UNDER_WAY
+        if doing is Doing.UNDER_WAY and rest is not None and known.bound is not None:
+            bound, speed_m_s, held_at = known.bound, known.speed_m_s, len(rest)
+            positions = np.empty((held_at + 1, 2))
+            positions[0] = pose.x_m, pose.y_m
+            positions[1:] = rest
+            if held_at_m is not None:
+                held_at = max(0, min(held_at, round((held_at_m - known.passed * STEP_M) / STEP_M)))
+        else:
+            positions, speed_m_s = _rolling_on(teammate, is_fresh=known.heard_ns >= silent_ns)
+            held_at = len(positions) - 1
+        energy, task = state.energy, state.task
+        known.mate = Mate(
+            known.name,
+            pose,
+            radius_m,
+            doing,
+            known.claim,
+            Track(positions, speed_m_s, held_at, radius_m, goes_first=False),
+            "" if task is None or task.state in ENDED else task.id,
+            bound,
+            state.behavior,
+            math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
+            known.rank,
+        )
+    return [known.mate for known in placed if known.mate is not None]
 
 
-def _rolling_on(mate: Teammate, speed_m_s: float) -> Floats:
-    """Where a mate will be that has no path: where it is and, while it moves, straight on."""
-    pose = mate.pose
-    steps = math.ceil(speed_m_s * ROLLS_S / STEP_M) if speed_m_s > ROLLS_M_S else 0
-    heading_rad = pose.yaw_rad + math.atan2(mate.velocity.left_m_s, mate.velocity.forward_m_s)
-    along_m = STEP_M * np.arange(steps + 1)
-    return np.stack((pose.x_m + along_m * math.cos(heading_rad), pose.y_m + along_m * math.sin(heading_rad)), axis=1)
+def _pass_on(mates: Iterable[KnownMate]) -> None:
+    """Note how far mates have come along their ways."""
+    driving, ways, passed, places = [], [], [], []
+    for known in mates:
+        if known.way is not None and known.teammate is not None:
+            driving.append(known)
+            ways.append(known.way)
+            passed.append(known.passed)
+            places.append((known.teammate.pose.x_m, known.teammate.pose.y_m))
+    if driving:
+        for known, now in zip(driving, pass_on(ways, passed, np.array(places)), strict=True):
+            known.passed = now
+
+
+def _rolling_on(mate: Teammate, *, is_fresh: bool) -> tuple[Floats, float]:
+    """Where a mate will be that does not follow a path, and its speed: where it is and, while it moves, straight on."""
+    pose, velocity = mate.pose, mate.velocity
+    speed_m_s = math.hypot(velocity.forward_m_s, velocity.left_m_s)
+    if not is_fresh or speed_m_s <= ROLLS_M_S:
+        return np.array(((pose.x_m, pose.y_m),)), speed_m_s
+    heading_rad = pose.yaw_rad + math.atan2(velocity.left_m_s, velocity.forward_m_s)
+    along_m = STEP_M * np.arange(math.ceil(speed_m_s * ROLLS_S / STEP_M) + 1)
+    ahead = np.stack((pose.x_m + along_m * math.cos(heading_rad), pose.y_m + along_m * math.sin(heading_rad)), axis=1)
+    return ahead, speed_m_s
 
 
 def near(mates: Sequence[Mate], place: Point2D, within_m: float) -> list[Mate]:
     """Those that are, or are bound, within a distance of a place."""
-    if not mates:
-        return []
-    tracks = [mate.track.positions for mate in mates]
-    counts = np.array([len(track) for track in tracks])
-    comes_near = any_within(np.concatenate(tracks), counts, place.x_m, place.y_m, within_m)
-    return list(itertools.compress(mates, comes_near.tolist()))
+    return list(itertools.compress(mates, any_within([mate.track for mate in mates], place, within_m)))
 
 
 class Teammates(Unit):

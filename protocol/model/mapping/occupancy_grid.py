@@ -271,7 +271,8 @@ class OccupancyGrid:
 
     def count_drawn(self, changed: int, discovered: int) -> None:
         """Count cells whose class was changed in the arrays directly; `discovered` of them were unknown before."""
-        self._count(changed, discovered)
+        self.version += changed > 0
+        self.known_count += discovered
 
     def forget(self) -> None:
         """Know nothing any more, as if nothing had ever been seen."""

@@ -5,11 +5,11 @@ several robots can share one.
 """
 
 import math
+from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 
@@ -42,7 +42,7 @@ def find_frontiers(
         raise ValueError(f"expected reachable of shape {classes.shape}, got {reachable.shape}")
     if split_cells < 1:
         raise ValueError(f"expected split_cells of at least 1, got {split_cells}")
-    labels, groups = ndimage.label(frontier_mask(classes, reachable), structure=np.ones((3, 3), np.int8))
+    labels, groups = touching(frontier_mask(classes, reachable), corners=True)
     if groups == 0:
         return []
     members = np.argwhere(labels > 0)
@@ -70,9 +70,23 @@ def unknown_beyond(classes: NDArray[np.int8], row: int, column: int, reach: int)
     """
     top, left = max(row - reach, 0), max(column - reach, 0)
     box = classes[top : row + reach + 1, left : column + reach + 1]
-    labels, _ = ndimage.label(box != OCCUPIED)
+    labels, _ = touching(box != OCCUPIED)
     here = labels[row - top, column - left]
     return int(np.count_nonzero((labels == here) & (box == UNKNOWN))) if here else 0
+
+
+def touching(cells: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[Any], int]:
+    """The number of the group of each cell (H, W), 0 where it is False, and how many groups of cells touch.
+
+    Args:
+        cells: (H, W).
+        corners: whether cells touch that have only a corner in common.
+
+    """
+    from scipy import ndimage  # 13 MB, which a robot that is sent to its frontiers does without
+
+    labels, groups = ndimage.label(cells, structure=np.ones((3, 3), np.int8) if corners else None)
+    return labels, groups
 
 
 def frontier_mask(classes: NDArray[np.int8], reachable: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:

@@ -80,6 +80,35 @@ def sample_way(points: Floats, limit_m: float) -> Floats:
     return _sample(kernel_array(points, FLOAT64), STEP_M, float(limit_m))
 
 
+def sample_ways(points: Floats, counts: Sequence[int]) -> list[Floats]:
+    """As `sample_way`, of several polylines up to `LONGEST_M`, which lie one behind the other in `points` (N, 2).
+
+    `counts` are their numbers of points, at least 1.
+    """
+    begins = np.array([0, *itertools.accumulate(counts)])
+    ends = np.empty(len(counts), np.int64)
+    samples = _sample_all(kernel_array(points, FLOAT64), begins, STEP_M, LONGEST_M, ends)
+    return [samples[first:end] for first, end in itertools.pairwise([0, *ends.tolist()])]
+
+
+def pass_on(ways: Sequence[Floats], passed: Sequence[int], places: Floats) -> list[int]:
+    """How far robots at `places` (N, 2) have come along their ways, each (M, 2): the position that each has passed.
+
+    What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
+
+    Args:
+        ways: positions of each way.
+        passed: the position of each that was passed before.
+        places: where the robots are now.
+
+    """
+    begins = np.array([0, *itertools.accumulate([len(way) for way in ways])])
+    now = np.array(passed, np.int64)
+    _pass_on(np.concatenate(ways), begins, now, kernel_array(places, FLOAT64))
+    found: list[int] = now.tolist()
+    return found
+
+
 def release(
     own: Floats, speed_m_s: float, tracks: Sequence[Track], margins: Margins, *, yields: bool = True
 ) -> Release:
@@ -102,7 +131,7 @@ def release(
         begins,
         np.array([STEP_M / max(track.speed_m_s, 1e-3) for track in tracks]),
         np.array([track.held_at for track in tracks], np.int64),
-        np.array([track.keep_m for track in tracks]),
+        np.array([track.keep_m for track in tracks], np.float64),
         np.array([yields and track.goes_first for track in tracks], np.bool_),
         margins.contest_m,
         margins.guard_m,
@@ -114,7 +143,19 @@ def release(
 
 def meet(own: Floats, track: Track, margin_m: float, within: int | None = None) -> bool:
     """Whether the rest of a mate's way, or its positions `within`, come anywhere within reach of own ones (N, 2)."""
-    return _meet(own, track.positions[:within], track.keep_m + margin_m)
+    return _meet(own, track.positions[:within], float(track.keep_m + margin_m))
+
+
+def any_within(tracks: Sequence[Track], place: Point2D, within_m: float) -> list[bool]:
+    """Whether any position of each track is within a distance of a place."""
+    if not tracks:
+        return []
+    positions = [track.positions for track in tracks]
+    counts = np.array([len(each) for each in positions])
+    found: list[bool] = _any_within(
+        np.concatenate(positions), counts, float(place.x_m), float(place.y_m), float(within_m)
+    ).tolist()
+    return found
 
 
 class Way:
@@ -161,12 +202,12 @@ class Way:
 
         What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
         """
-        self._passed, ahead = _ahead(self._positions, self._passed, x_m, y_m, round(limit_m / STEP_M))
+        self._passed = int(_passed_at(self._positions, self._passed, float(x_m), float(y_m)))
+        rest = self._positions[self._passed + 1 : self._passed + 1 + round(limit_m / STEP_M)]
+        ahead = np.empty((len(rest) + 1, 2))
+        ahead[0] = x_m, y_m
+        ahead[1:] = rest
         return ahead
-
-    def count_ahead(self, x_m: float, y_m: float) -> int:
-        """How many positions `ahead` would return without a limit; passes nothing."""
-        return len(self._positions) - int(_passed_at(self._positions, self._passed, x_m, y_m))
 
     def points_until(self, at_m: float) -> Floats:
         """Its points from here to a place on it, `at_m` along it; the last lies there."""
@@ -189,24 +230,18 @@ def _passed_at(positions: Floats, passed: int, x_m: float, y_m: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _ahead(positions: Floats, passed: int, x_m: float, y_m: float, limit: int) -> tuple[int, Floats]:
-    """The position passed by now, and the place with at most `limit` positions beyond that one."""
-    passed = _passed_at(positions, passed, x_m, y_m)
-    count = min(limit, positions.shape[0] - passed - 1)
-    ahead = np.empty((count + 1, 2))
-    ahead[0, 0], ahead[0, 1] = x_m, y_m
-    ahead[1:] = positions[passed + 1 : passed + 1 + count]
-    return passed, ahead
+def _pass_on(positions: Floats, begins: NDArray[np.int64], passed: NDArray[np.int64], places: Floats) -> None:
+    """Set what is passed of several ways, which lie one behind the other, from `begins[n]` on."""
+    for n in range(passed.shape[0]):
+        way = positions[begins[n] : begins[n + 1]]
+        passed[n] = _passed_at(way, passed[n], places[n, 0], places[n, 1])
 
 
 @njit(cache=True, nogil=True)
-def any_within(
+def _any_within(
     positions: Floats, counts: NDArray[np.int64], x_m: float, y_m: float, within_m: float
 ) -> NDArray[np.bool_]:
-    """(T,) whether any position of a track is within a distance of a place.
-
-    The tracks lie one behind the other in `positions` (N, 2); `counts` (T,) are their lengths.
-    """
+    """As `any_within`, of tracks that lie one behind the other in `positions` (N, 2); `counts` (T,) their lengths."""
     found = np.zeros(counts.shape[0], np.bool_)
     begin = 0
     for track in range(counts.shape[0]):
@@ -231,11 +266,38 @@ def _stride_m(positions: Floats, first: int, last: int) -> float:
 
 @njit(cache=True, nogil=True)
 def _sample(points: Floats, step_m: float, limit_m: float) -> Floats:
+    samples = np.empty((_samples_max(points, step_m, limit_m), 2))
+    return samples[: _fill(samples, points, step_m, limit_m)].copy()
+
+
+@njit(cache=True, nogil=True)
+def _sample_all(
+    points: Floats, begins: NDArray[np.int64], step_m: float, limit_m: float, ends: NDArray[np.int64]
+) -> Floats:
+    """The samples of all polylines, one behind the other; sets the end of each."""
+    most = 0
+    for n in range(ends.shape[0]):
+        most += _samples_max(points[begins[n] : begins[n + 1]], step_m, limit_m)
+    samples = np.empty((most, 2))
+    end = 0
+    for n in range(ends.shape[0]):
+        end += _fill(samples[end:], points[begins[n] : begins[n + 1]], step_m, limit_m)
+        ends[n] = end
+    return samples
+
+
+@njit(cache=True, nogil=True)
+def _samples_max(points: Floats, step_m: float, limit_m: float) -> int:
     length_m = 0.0
     for k in range(1, points.shape[0]):
         length_m += math.hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1])
-    most = math.floor(min(length_m, limit_m) / step_m + 1e-9) + 1
-    samples = np.empty((most + 1, 2))
+    return math.floor(min(length_m, limit_m) / step_m + 1e-9) + 2
+
+
+@njit(cache=True, nogil=True)
+def _fill(samples: Floats, points: Floats, step_m: float, limit_m: float) -> int:
+    """Write the samples of a polyline; returns how many there are."""
+    most = _samples_max(points, step_m, limit_m) - 1
     samples[0] = points[0]
     count = 1
     passed_m = 0.0
@@ -248,10 +310,10 @@ def _sample(points: Floats, step_m: float, limit_m: float) -> Floats:
             samples[count, 1] = points[k - 1, 1] + share * dy
             count += 1
         passed_m += leg_m
-    if length_m <= limit_m and length_m > (count - 1) * step_m + 0.01:
+    if passed_m <= limit_m and passed_m > (count - 1) * step_m + 0.01:
         samples[count] = points[points.shape[0] - 1]
         count += 1
-    return samples[:count].copy()
+    return count
 
 
 @njit(cache=True, nogil=True)

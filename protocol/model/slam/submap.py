@@ -94,7 +94,7 @@ class Submap:
         """As `take`, for cells that `growth` has checked; returns which tiles they have changed."""
         stamps_ms = np.full((1, 1), stamp_ms, np.int32) if isinstance(stamp_ms, int) else kernel_array(stamp_ms, INT32)
         self._cover(row, column, *cells.shape)
-        more, tiles = _take(
+        more, tiles = take_cells(
             self.evidence, self.stamp_ms, row - self.row, column - self.column, kernel_array(cells, INT8), stamps_ms
         )
         self.occupied += more
@@ -125,7 +125,7 @@ class Submap:
 
     def latest_ms(self, row: int, column: int, height: int, width: int) -> int:
         """Latest observation in the tiles that a box of cells touches; −1 if there is none."""
-        latest_ms: int = _latest(self.stamp_ms, row - self.row, column - self.column, height, width)
+        latest_ms: int = latest(self.stamp_ms, row - self.row, column - self.column, height, width)
         return latest_ms
 
     def classes(self) -> NDArray[np.int8]:
@@ -231,7 +231,7 @@ def _up(cell: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _latest(stamps_ms: NDArray[np.int32], row: int, column: int, height: int, width: int) -> int:
+def latest(stamps_ms: NDArray[np.int32], row: int, column: int, height: int, width: int) -> int:
     """The latest of the tiles that a box of cells touches; −1 if there is none."""
     latest_ms = -1
     end_row = min(-(-(row + height) // TILE_CELLS), stamps_ms.shape[0])
@@ -243,7 +243,7 @@ def _latest(stamps_ms: NDArray[np.int32], row: int, column: int, height: int, wi
 
 
 @njit(cache=True, nogil=True)
-def _take(
+def take_cells(
     evidence: NDArray[np.int8],
     stamps_ms: NDArray[np.int32],
     first_row: int,

@@ -6,15 +6,17 @@ submap that moves is erased at its old pose and drawn at the new one, by nearest
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
+from robrain.protocol.model.numeric.kernel_array import INT8, kernel_array
 from robrain.protocol.model.slam.submap import IDENTITY, TILE_CELLS, Submap, Told, moved_box
+from robrain.protocol.model.slam.submap_drawing_kernels import Box, draw, take_and_draw
 
 SUBMAPS_MAX = 8192
 """Largest number of submaps of an atlas; further ones are refused."""
@@ -23,10 +25,19 @@ CELLS_MAX = 1 << 27
 
 SubmapKey = tuple[str, int]
 """Name of a robot and number of its submap."""
-Box = tuple[int, int, int, int]
-"""First row, first column, past-the-end row, past-the-end column."""
 ALL = Told(0, 0, np.empty((0, 0), np.bool_))
 """All tiles of a submap."""
+
+
+class _Placed(NamedTuple):
+    """Where the cells of a submap lie in the grid, and what that was computed from."""
+
+    at: Pose2D
+    row: int
+    column: int
+    motion: tuple[float, float, float, float]
+    """cos, sin, x and y of `at`."""
+    lookup: tuple[float, float, float, float]
 
 
 class SubmapAtlas:
@@ -56,9 +67,17 @@ class SubmapAtlas:
             (self._middle_m[1] - geometry.origin_y_m) / geometry.resolution_m,
         )
         """The same in cells from the origin."""
+        self._measures = (float(geometry.resolution_m), float(geometry.origin_x_m), float(geometry.origin_y_m))
+        self._placed: dict[SubmapKey, _Placed] = {}
 
     def take(
-        self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
+        self,
+        key: SubmapKey,
+        row: int,
+        column: int,
+        cells: NDArray[np.int8],
+        stamp_ms: int | NDArray[np.int32],
+        share: float = 1.0,
     ) -> int:
         """Merge cells into a box of a submap, see `Submap.take`.
 
@@ -66,10 +85,19 @@ class SubmapAtlas:
             How many classes of the grid changed.
 
         Raises:
-            ValueError: there would be too many submaps, or too large ones; nothing has changed.
+            ValueError: there would be too many submaps, or too large ones, for that share of the limits; nothing has
+                changed.
 
         """
-        self.check(key, (row, column, cells.shape, stamp_ms))
+        submap = self.submaps.get(key)
+        if submap is not None and isinstance(stamp_ms, int) and 0 <= stamp_ms <= LAST_STAMP_MS:
+            first_row, first_column = row - submap.row, column - submap.column
+            height, width = submap.evidence.shape
+            rows, columns = cells.shape
+            is_within = 0 <= first_row <= height - rows and 0 <= first_column <= width - columns
+            if is_within and submap.frame == self.frame:
+                return self._take_within(key, submap, row, column, cells, stamp_ms)
+        self.check(key, (row, column, cells.shape, stamp_ms), None, share)
         return self.take_checked(key, row, column, cells, stamp_ms)
 
     def take_checked(
@@ -91,7 +119,46 @@ class SubmapAtlas:
         moved = self._moved(submap.T_arena_local, box)
         if latest_ms < 0 or (isinstance(stamp_ms, int) and stamp_ms > latest_ms):
             return self._draw(submap, moved, told)
-        # It is not newer than all cells of this submap here, so drawing it on top may be wrong.
+        return self._redraw_counted(moved)
+
+    def _take_within(
+        self, key: SubmapKey, submap: Submap, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int
+    ) -> int:
+        """As `take_checked`, for cells within the box of a submap that is drawn: one kernel does all of it."""
+        placed = self._placed.get(key)
+        at = submap.T_arena_local
+        if placed is None or placed.at is not at or (placed.row, placed.column) != (submap.row, submap.column):
+            cos, sin = math.cos(at.yaw_rad), math.sin(at.yaw_rad)
+            motion = cos, sin, float(at.x_m), float(at.y_m)
+            placed = self._placed[key] = _Placed(at, submap.row, submap.column, motion, self._lookup(submap))
+        grid = self.grid
+        more, is_drawn, changed, discovered, box = take_and_draw(
+            grid.log_odds,
+            grid.stamp_ms,
+            submap.evidence,
+            submap.stamp_ms,
+            row,
+            column,
+            (submap.row, submap.column),
+            cells if cells.dtype is INT8 and cells.flags.carray else kernel_array(cells, INT8),
+            stamp_ms,
+            placed.lookup,
+            placed.motion,
+            self._measures,
+        )
+        submap.occupied += more
+        submap.version += 1
+        if not is_drawn:
+            return self._redraw_counted(box)
+        if changed:
+            grid.count_drawn(changed, discovered)
+        return int(changed)
+
+    def _redraw_counted(self, moved: Box) -> int:
+        """Redraw a box where cells have been taken that may not be drawn on top: they are not newer than all others.
+
+        Returns how many classes changed.
+        """
         box_cells = np.s_[moved[0] : moved[2], moved[1] : moved[3]]
         classes = np.sign(self.grid.log_odds[box_cells])
         version = self.grid.version
@@ -199,6 +266,7 @@ class SubmapAtlas:
     def withdraw(self, key: SubmapKey) -> None:
         """Remove a submap that is wrong."""
         self._poses.pop(key, None)
+        self._placed.pop(key, None)
         submap = self.submaps.pop(key, None)
         if submap is not None:
             self._size -= submap.size
@@ -208,6 +276,7 @@ class SubmapAtlas:
         """Remove all submaps."""
         self.submaps.clear()
         self._poses.clear()
+        self._placed.clear()
         self._size = 0
         self.grid.forget()
 
@@ -226,7 +295,7 @@ class SubmapAtlas:
         if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty or submap.frame != self.frame:
             return 0
         grid = self.grid
-        changed, discovered = _draw(
+        changed, discovered = draw(
             grid.log_odds,
             grid.stamp_ms,
             box,
@@ -278,87 +347,3 @@ def _box_around(boxes: list[Box]) -> Box:
         return 0, 0, 0, 0
     first_rows, first_columns, end_rows, end_columns = zip(*boxes, strict=True)
     return min(first_rows), min(first_columns), max(end_rows), max(end_columns)
-
-
-@njit(cache=True, nogil=True)
-def _draw(
-    log_odds: NDArray[np.int8],
-    stamps_ms: NDArray[np.int32],
-    box: tuple[int, int, int, int],
-    evidence: NDArray[np.int8],
-    tile_stamps_ms: NDArray[np.int32],
-    lookup: tuple[float, float, float, float],
-    first_told: tuple[int, int],
-    told: NDArray[np.bool_],
-) -> tuple[int, int]:
-    """Numbers of changed classes and of newly known cells. At least the tiles `told` are drawn; all if it is empty."""
-    cos, sin, first_row, first_column = lookup
-    height, width = evidence.shape
-    down, right = math.floor(first_row), math.floor(first_column)
-    is_middle = max(abs(first_row - down - 0.5), abs(first_column - right - 0.5)) < 0.25
-    if cos == 1.0 and sin == 0.0 and is_middle:
-        return _draw_tiles(log_odds, stamps_ms, box, evidence, tile_stamps_ms, down, right, first_told, told)
-    changed, discovered = 0, 0
-    for i in range(box[0], box[2]):
-        for j in range(box[1], box[3]):
-            row = math.floor(first_row + cos * i + sin * j)
-            column = math.floor(first_column - sin * i + cos * j)
-            if row < 0 or column < 0 or row >= height or column >= width:
-                continue
-            stamp_ms = tile_stamps_ms[row // TILE_CELLS, column // TILE_CELLS]
-            flips, finds = _lay(log_odds, stamps_ms, i, j, evidence[row, column], stamp_ms)
-            changed += flips
-            discovered += finds
-    return changed, discovered
-
-
-@njit(cache=True, nogil=True)
-def _draw_tiles(
-    log_odds: NDArray[np.int8],
-    stamps_ms: NDArray[np.int32],
-    box: tuple[int, int, int, int],
-    evidence: NDArray[np.int8],
-    tile_stamps_ms: NDArray[np.int32],
-    down: int,
-    right: int,
-    first_told: tuple[int, int],
-    told: NDArray[np.bool_],
-) -> tuple[int, int]:
-    """As `_draw`, for a submap that is shifted by whole cells: cell (i, j) is the submap's (down + i, right + j)."""
-    changed, discovered = 0, 0
-    first_row, end_row = max(box[0] + down, 0), min(box[2] + down, evidence.shape[0])
-    first_column, end_column = max(box[1] + right, 0), min(box[3] + right, evidence.shape[1])
-    for tile_row in range(first_row // TILE_CELLS, (end_row - 1) // TILE_CELLS + 1):
-        for tile_column in range(first_column // TILE_CELLS, (end_column - 1) // TILE_CELLS + 1):
-            if told.size > 0:
-                up, along = tile_row - first_told[0], tile_column - first_told[1]
-                if up < 0 or along < 0 or up >= told.shape[0] or along >= told.shape[1] or not told[up, along]:
-                    continue
-            stamp_ms = tile_stamps_ms[tile_row, tile_column]
-            top, left = tile_row * TILE_CELLS, tile_column * TILE_CELLS
-            for row in range(max(top, first_row), min(top + TILE_CELLS, end_row)):
-                for column in range(max(left, first_column), min(left + TILE_CELLS, end_column)):
-                    flips, finds = _lay(
-                        log_odds, stamps_ms, row - down, column - right, evidence[row, column], stamp_ms
-                    )
-                    changed += flips
-                    discovered += finds
-    return changed, discovered
-
-
-@njit(cache=True, nogil=True)
-def _lay(
-    log_odds: NDArray[np.int8], stamps_ms: NDArray[np.int32], i: int, j: int, statement: int, stamp_ms: int
-) -> tuple[int, int]:
-    """Draw one cell; changed classes and newly known cells, each 0 or 1."""
-    if statement == 0:
-        return 0, 0
-    value = log_odds[i, j]
-    is_newer = stamp_ms > stamps_ms[i, j] or (stamp_ms == stamps_ms[i, j] and statement > 0 and value < 0)
-    if value != 0 and not is_newer:
-        return 0, 0
-    log_odds[i, j] = statement
-    stamps_ms[i, j] = stamp_ms
-    if value == 0:
-        return 1, 1
-    return int((statement > 0) != (value > 0)), 0

@@ -1,35 +1,36 @@
-"""Answering on several threads: each takes its query off Zenoh's own channel; none is handed on."""
+"""Answering on several threads, which take what waits off one queue; Zenoh's own threads only put it there."""
 
 import threading
 import time
 from collections.abc import Callable
-
-import zenoh
+from queue import SimpleQueue
+from typing import Generic, TypeVar
 
 STANDING_BY = 2
 """Threads to begin with: one that answers, one that waits for the next query."""
 
-Do = Callable[[zenoh.Query], None]
+AskedT = TypeVar("AskedT")
 
 
-class Answering:
-    """Threads that answer the queries of one queryable, in the live drive only.
+class Answering(Generic[AskedT]):
+    """Threads that answer the queries of one endpoint, in the live drive only.
 
-    There is always one that waits: queries are taken off the channel even when all others are stuck in their answers.
+    There is always one that waits: queries are taken off the queue even when all others are stuck in their answers.
     It grows with need up to a limit; from there on what comes is refused, and nothing holds up Zenoh's own threads.
 
     Args:
         name: of the threads.
-        receive: waits for a query; raises ZError when there will be no more.
-        answer: answers one.
+        answer: answers a query.
         refuse: tells that nobody is free.
         limit: how many may be answered at a time.
 
     """
 
-    def __init__(self, name: str, receive: Callable[[], zenoh.Query], answer: Do, refuse: Do, limit: int) -> None:
+    def __init__(
+        self, name: str, answer: Callable[[AskedT], None], refuse: Callable[[AskedT], None], limit: int
+    ) -> None:
         self._name = name
-        self._receive = receive
+        self._asked: SimpleQueue[AskedT | None] = SimpleQueue()
         self._answer = answer
         self._refuse = refuse
         self._limit = limit
@@ -40,18 +41,28 @@ class Answering:
             for _ in range(min(STANDING_BY, limit + 1)):
                 self._begin()
 
+    def put(self, asked: AskedT) -> None:
+        """Have a query answered or refused; waits for nothing."""
+        self._asked.put(asked)
+
+    @property
+    def waiting(self) -> int:
+        """How many queries no thread has taken yet."""
+        return self._asked.qsize()
+
     @property
     def threads(self) -> int:
         """How many there are."""
         return len(self._threads)
 
     def join(self, timeout_s: float) -> list[str]:
-        """Wait for the threads to end, after the queryable was undeclared.
+        """Have what waits answered, and wait for the threads to end; nothing may be put any more.
 
         Returns:
             The names of those that are stuck; they are daemons and are left behind.
 
         """
+        self._asked.put(None)
         deadline_s = time.monotonic() + timeout_s
         for thread in self._threads:
             if thread is not threading.current_thread():
@@ -66,16 +77,13 @@ class Answering:
 
     def _work(self) -> None:
         counting = self._counting
-        while True:
-            try:
-                query = self._receive()
-            except zenoh.ZError:  # undeclared, and nothing waits any more
-                return
+        while (asked := self._asked.get()) is not None:
             with counting:
                 self._free -= 1
                 if self._free == 0 and len(self._threads) <= self._limit:
                     self._begin()
                 do = self._answer if self._free else self._refuse
-            do(query)
+            do(asked)
             with counting:
                 self._free += 1
+        self._asked.put(None)  # for the next one

@@ -132,8 +132,10 @@ def check_claim(message: MapPatch, now_ns: int) -> None:
             from before.
 
     """
-    latest_ms = max((part.observed_ms for part in message.parts), default=0)
-    ahead_ms = max(message.observed_ms, latest_ms) - map_stamp_ms(now_ns)
+    latest_ms = message.observed_ms
+    for part in message.parts:
+        latest_ms = max(latest_ms, part.observed_ms)
+    ahead_ms = latest_ms - map_stamp_ms(now_ns)
     if ahead_ms > AHEAD_MAX_MS:
         raise ValueError(
             f"{message.robot}: its patch is from the future, {ahead_ms / 1000:.1f} s ahead, "
@@ -154,13 +156,17 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
             room for it. That patch changes nothing; parts before it have been merged.
 
     """
-    geometry = geometry_of(message)
-    if geometry != atlas.grid.geometry:
-        raise ValueError(f"{message.robot} maps {geometry}, expected {atlas.grid.geometry}")
+    geometry = atlas.grid.geometry
+    is_same_place = message.origin_x_m == geometry.origin_x_m and message.origin_y_m == geometry.origin_y_m
+    is_same_size = message.width == geometry.width and message.height == geometry.height
+    if not (is_same_place and is_same_size and message.resolution_m == geometry.resolution_m):
+        raise ValueError(f"{message.robot} maps {geometry_of(message)}, expected {geometry}")
+    if not message.parts:
+        return _take_one(atlas, message)
     cells = sum(part.rows * part.columns for part in message.parts)
     if cells > MESSAGE_CELLS_MAX:
         raise ValueError(f"{message.robot}: expected at most {MESSAGE_CELLS_MAX} cells in a message, got {cells}")
-    changed = _take_one(atlas, message) if message.withdrawn or message.cells or not message.parts else 0
+    changed = _take_one(atlas, message) if message.withdrawn or message.cells else 0
     known = {key for part in message.parts if (key := (part.robot, part.submap)) in atlas.submaps}
     moves: dict[SubmapKey, tuple[Pose2D, MapFrame]] = {}
     try:
@@ -189,6 +195,13 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     # A refused patch must change nothing, so all checks come first.
     statements = _statements_of(patch, atlas.grid.geometry) if patch.rows or patch.columns or patch.cells else None
     surfaces = _surfaces_of(patch) if patch.surfaces else None
+    submap = atlas.submaps.get(key)
+    stays = submap is not None and submap.T_arena_local == patch.T_arena_local and submap.frame == patch.frame
+    if stays and surfaces is None:
+        if statements is None:
+            return 0
+        cells, stamp_ms = statements
+        return atlas.take(key, patch.row, patch.column, cells, stamp_ms, TOLD_SHARE)
     box = None if statements is None else (patch.row, patch.column, statements[0].shape, statements[1])
     atlas.check(key, box, surfaces, TOLD_SHARE)
     atlas.move(key, patch.T_arena_local, patch.frame)

@@ -83,6 +83,8 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     """Device, unit, skill or behavior."""
     state: Name
     why: Text = ""
+    needs: Name = ""
+    """The extra for want of which it is left out, such as `robrain[navigation]`; empty if that is not why."""
     where: Text = ""
     """The line of plugin code that raised the fault, such as `lamp/lamp.py:12 in step`; empty if none did."""
     detail: Text = ""

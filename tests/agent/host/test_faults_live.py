@@ -211,7 +211,7 @@ def test_a_plugin_loaded_later_steps_even_if_its_start_takes_long(mine, bench, m
     until(lambda: "late" in robot.host.manager.plugins)
     begun, go = (robot.tag("late").plugin_class.init.__globals__[name] for name in ("BEGUN", "GO"))
     assert begun.wait(PATIENCE_S)
-    until(lambda: any(thread.name == "plugin-late" for thread in threading.enumerate()))
+    until(lambda: robot.tag("late").mailbox.wake is not None)
     wall.now_s += 5.0
     go.set()
     load.join(PATIENCE_S)
@@ -221,4 +221,7 @@ def test_a_plugin_loaded_later_steps_even_if_its_start_takes_long(mine, bench, m
         wall.now_s += 0.01
     assert robot.tag("late").overruns == 0
     robot.host.manager.unload("late")
+    steps = late.steps
+    wall.now_s += 5.0
     until(lambda: not any(thread.name == "plugin-late" for thread in threading.enumerate()))
+    assert late.steps == steps

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from robrain.agent.board import Board
 from robrain.agent.errors import AccessDenied
@@ -43,7 +42,7 @@ class StandInEnvironment:
         self.robot = "r1"
         self.connect = list(connect)
         self.wire = SimpleNamespace(drive=drive, team="default")
-        self.rng = np.random.default_rng(seed)
+        self.seeds = (seed,)
         self.board = Board()
         self.mailbox = Mailbox()
         self.others: dict[str, Any] = {}

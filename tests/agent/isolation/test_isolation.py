@@ -328,7 +328,7 @@ def test_what_is_not_plain_data_is_refused_in_words(bench):
 
 
 def test_random_numbers_are_those_of_the_same_plugin_in_process(bench):
-    drawn = list(StandInEnvironment().rng.integers(0, 1000, 5))
+    drawn = list(np.random.default_rng(StandInEnvironment().seeds).integers(0, 1000, 5))
     vision = bench.start("""
         class Vision(Unit):
             @external

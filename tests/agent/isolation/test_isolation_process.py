@@ -8,7 +8,6 @@ import weakref
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
 import pytest
 
 from robrain.agent.isolation.child import Child
@@ -80,7 +79,7 @@ def environment_in_its_process(connect: Sequence[str] = ()) -> ChildEnvironment:
     """What the plugin has at hand in its own process; its parent is not asked for anything."""
     begin = Begin("r1", "default", "vision", "vision.toml", "vision:Vision", b"", "", list(connect), [], 0, 0)
     nobody: Any = None
-    return ChildEnvironment(begin, nobody, np.random.default_rng(), threading.RLock())
+    return ChildEnvironment(begin, nobody, threading.RLock())
 
 
 def test_an_environment_that_never_used_the_wire_closes_without_opening_it() -> None:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from robrain.agent.lifecycle.plugin_info import plugin_info
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.team_messages import Halt
@@ -124,11 +125,11 @@ def test_a_place_that_cannot_be_reached_is_refused(errands):
 
 def test_a_robot_that_nobody_talks_to_sleeps(errands):
     run = errands("visit")
-    info = run.hosts["r1"].manager.get("visit").info()
+    info = plugin_info(run.hosts["r1"].manager.get("visit"))
     assert info.period_s is None
     run.finish(Task(id="v", kind="visit", place=Point2D(2.0, 1.5)))
     run.run(1.0)
-    assert run.hosts["r1"].manager.get("visit").info().period_s is None
+    assert plugin_info(run.hosts["r1"].manager.get("visit")).period_s is None
 
 
 # -- ends before its time -------------------------------------------------------------------------------------------

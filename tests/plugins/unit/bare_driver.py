@@ -89,7 +89,7 @@ class Lidar:
             with np.errstate(divide="ignore"):
                 ranges_m = (self.wall_m - at.x_m) / np.cos(angles_rad + at.yaw_rad)
             ranges_m[~((ranges_m >= 0.0) & (ranges_m < 6.0))] = 6.0
-            self._last = LaserScan(self._clock.now_ns(), angles_rad, ranges_m, 6.0)
+            self._last = LaserScan(self._clock.now_ns(), tuple(angles_rad.tolist()), tuple(ranges_m.tolist()), 6.0)
         return self._last
 
     def doubt(self, why: str) -> None:

@@ -304,7 +304,7 @@ def test_frozen_lidar_is_doubted_and_the_robot_stands(robot):
     assert robot.lidar.doubts == []
     frozen = robot.lidar.latest()
     robot.lidar.latest = lambda: type(frozen)(
-        robot.clock.now_ns(), frozen.angles_rad, frozen.ranges_m, frozen.range_max_m
+        robot.clock.now_ns(), frozen.beam_angles_rad, frozen.beam_ranges_m, frozen.range_max_m
     )
     robot.step(10)
     assert robot.wheels.twist == STILL

@@ -30,7 +30,7 @@ class Senses:
     def see(self, *hits, now_ns=1):
         """The lidar hits something in these directions, robot's frame, at these distances."""
         angles_rad, ranges_m = np.array(hits).reshape(-1, 2).T
-        self.scan = LaserScan(now_ns, angles_rad, ranges_m, 6.0)
+        self.scan = LaserScan(now_ns, tuple(angles_rad.tolist()), tuple(ranges_m.tolist()), 6.0)
         return self.lookout.look(now_ns)
 
     def hear(self, range_m, angle_rad=0.0, now_ns=1):

@@ -25,7 +25,7 @@ BLIND, FROZEN = "there has been no fresh scan", "the lidar has been frozen"
 
 def scan(*ranges_m, stamp_ns=1):
     angles_rad = np.arange(len(ranges_m)) * math.pi / 2
-    return LaserScan(stamp_ns, angles_rad, np.array(ranges_m, dtype=np.float64), 6.0)
+    return LaserScan(stamp_ns, tuple(angles_rad.tolist()), tuple(map(float, ranges_m)), 6.0)
 
 
 def ring(*ranges_m, stamp_ns=1):

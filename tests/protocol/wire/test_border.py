@@ -1,13 +1,14 @@
 """Messages are checked once, on entry; rejected ones are counted and reported."""
 
 import logging
+from collections.abc import Sequence
 
 import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import AHEAD_S
+from robrain.protocol.wire.border.border import AHEAD_S, Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import KINDS_MAX, RefusalCode, Refusals
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -186,3 +187,20 @@ def test_a_record_that_cannot_be_handled_is_set_aside_and_the_others_are_handled
     assert handled == ["a", "b"]
     (one,) = found.counts()
     assert (one.topic, one.key, one.code, one.why) == ("task", "bad", "failed", "OverflowError: too large")
+
+
+def test_of_a_batch_only_the_message_that_raises_is_set_aside() -> None:
+    found, handled = Refusals(VirtualClock()), set()
+    names = ("a", "bad", "b")
+    received = [Received(HALT, f"t/{name}", {}, name) for name in names]
+
+    def handle(batch: Sequence[Received]) -> None:
+        for one in batch:
+            if one.message == "bad":
+                raise OverflowError("too large")
+            handled.add(one.message)
+
+    RecordGuard(found).batch(received, handle)
+    assert handled == {"a", "b"}
+    (one,) = found.counts()
+    assert (one.topic, one.key, one.code) == ("halt", "t/bad", "failed")

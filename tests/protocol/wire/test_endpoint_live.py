@@ -222,5 +222,5 @@ def test_the_end_does_not_wait_for_ever_for_an_answer_that_is_stuck(one_at_a_tim
     robot, _, outcomes, _ = one_at_a_time
     robot.close()
     (warning,) = caplog.messages
-    assert re.fullmatch(r"answers that do not come back are left behind: answer-robot_call-[12]", warning)
+    assert re.fullmatch(r"answers that do not come back are left behind: answer-[12]", warning)
     assert outcomes == {}

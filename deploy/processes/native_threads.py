@@ -1,0 +1,19 @@
+"""How many threads native libraries have in a process; set before they are loaded."""
+
+import os
+
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Their matrices are small: a pool for each costs memory and wakes processors for nothing."""
+ONE_LINK = "(rx: (worker_threads: 1))"
+"""Zenoh's runtime for a process with one link, such as an agent; by default two threads receive."""
+
+
+def limit_native_threads() -> None:
+    """One thread for each native library, also in processes that this one starts; what the user has set stays."""
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")
+
+
+def limit_zenoh_threads() -> None:
+    """One receiving thread for the sessions of this process; what the user has set stays."""
+    os.environ.setdefault("ZENOH_RUNTIME", ONE_LINK)

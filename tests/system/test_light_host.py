@@ -1,0 +1,130 @@
+"""The host alone is light: what it loads, how many threads it has, and what it says of plugins that need more."""
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+from robrain.deploy.processes.agent_words import AgentWords, agent_words
+from robrain.deploy.processes.compiler_pages import Pages, unchanged_pages
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ROBOT_PLUGINS
+from tests.bench.host_weight import ALONE, weigh
+from tests.patient_endpoint import PatientEndpoint
+from tests.system.conftest import Commands
+from tests.system.plain_install import plain_python_path
+from tests.waiting import until
+
+pytestmark = pytest.mark.system
+
+THREADS_MAX = 16
+HEAVY = ("numpy", "scipy", "numba", "llvmlite", "pydantic", "rich", "prompt_toolkit", "jsonschema")
+NEED_NAVIGATION = {"localisation", "mapper", "planner", "explore", "idle", "visit", "recharge"}
+PLAIN = {"mocdevice", "scan", "range_sensors", "bm2", "driver", "obstacle_distance", "command", "counter", "home"}
+LOADED = f"""
+import sys
+from robrain.cli import agent_words
+from robrain.agent.lifecycle.plugin_folders import PluginFolders
+from robrain.agent.class_import import import_class
+from robrain.agent.host.agent_host import stock_place
+from robrain.agent.manifest import read_manifest
+from robrain.deploy.processes import agent_process
+found = PluginFolders([stock_place()]).find()
+for name in {sorted(PLAIN)}:
+    import_class(read_manifest(found[name]))
+print(*sorted(name for name in {HEAVY} if name in sys.modules))
+"""
+
+
+@pytest.fixture
+def alone(commands: Commands) -> "subprocess.Popen[str]":
+    """A host with three plugins and what these require, in an interpreter of its own."""
+    (commands.folder / "r1.toml").write_text(ALONE)
+    # A variable of the interpreter: a process that is forked from one with all of robrain would have its memory.
+    return commands.start("agent", "r1.toml", PYTHONHASHSEED="0")
+
+
+def test_the_host_and_the_plain_plugins_load_no_arrays_no_compiler_and_no_library_for_terminals() -> None:
+    done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
+def test_a_host_alone_has_few_threads_and_little_memory(commands: Commands, alone: "subprocess.Popen[str]") -> None:
+    hub = open_session(mode="router", listen=[commands.hub.endpoint])
+    try:
+        commands.line_with(alone, "agent: r1 is up with 5 plugins")
+        until(lambda: weigh(alone.pid).threads <= THREADS_MAX)
+        weight = weigh(alone.pid)
+        assert 5 < weight.threads <= THREADS_MAX
+        assert 20 < weight.resident_mb < 80
+    finally:
+        commands.stop_all()
+        hub.close()  # type: ignore[no-untyped-call]
+
+
+def test_plugins_that_need_an_extra_are_left_out_with_that_reason(commands: Commands, tmp_path_factory) -> None:
+    path = plain_python_path(tmp_path_factory.mktemp("path"))
+    (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
+    hub = open_session(mode="router", listen=[commands.hub.endpoint])
+    wire = PatientEndpoint(hub, "default", WallClock(), Drive.LIVE)
+    try:
+        agent = commands.start("agent", "r1.toml", PYTHONPATH=path)
+        line = commands.line_with(agent, "agent: r1 without")
+        said = re.fullmatch(r"agent: r1 without (.+): pip install 'robrain\[navigation\]'\n", line)
+        assert said is not None, line
+        assert set(said[1].split(", ")) >= NEED_NAVIGATION
+        infos = {info.name: info for info in wire.ask(ROBOT_PLUGINS, robot="r1")}
+        assert {infos[name].needs for name in ("localisation", "mapper", "explore")} == {"robrain[navigation]"}
+        assert infos["localisation"].why == "needs robrain[navigation]"
+        assert {infos[name].state for name in PLAIN} == {"active"}
+        assert {infos[name].needs for name in PLAIN} == {""}
+    finally:
+        wire.close()
+        commands.stop_all()
+        hub.close()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["agent", "r1.toml"], ("r1.toml", None, None)),
+        (["agent", "--connect", "tcp/h:1", "r1.toml"], ("r1.toml", "tcp/h:1", None)),
+        (["agent", "r1.toml", "--connect=tcp/h:1", "--team", "blue"], ("r1.toml", "tcp/h:1", "blue")),
+        (["agent"], None),
+        (["agent", "r1.toml", "r2.toml"], None),
+        (["agent", "r1.toml", "--connect"], None),
+        (["agent", "r1.toml", "--team", "--connect"], None),
+        (["agent", "r1.toml", "--team", "a", "--team", "b"], None),
+        (["agent", "r1.toml", "--tea", "a"], None),
+        (["agent", "--help"], None),
+        (["status"], None),
+        ([], None),
+    ],
+)
+def test_an_agents_plain_arguments_are_read_without_the_library_that_reads_all_others(words, expected) -> None:
+    read = agent_words(words)
+    assert json.dumps(read and (str(read.robot), read.connect, read.team)) == json.dumps(expected)
+    assert read is None or isinstance(read, AgentWords)
+
+
+SMAPS = """\
+1000-3000 r-xp 00000000 08:01 42   /lib/libllvmlite.so
+Rss:                 8 kB
+Anonymous:           0 kB
+3000-4000 r--p 00002000 08:01 42   /lib/libllvmlite.so
+Anonymous:           4 kB
+4000-5000 rw-p 00003000 08:01 42   /lib/libllvmlite.so
+Anonymous:           0 kB
+5000-6000 r-xp 00000000 08:01 43   /lib/libother.so
+Anonymous:           0 kB
+7000-8000 rw-p 00000000 00:00 0
+Anonymous:           0 kB
+"""
+
+
+def test_only_pages_of_the_library_that_nobody_has_changed_are_given_back() -> None:
+    assert unchanged_pages(SMAPS, "libllvmlite") == [Pages(0x1000, 0x2000)]
