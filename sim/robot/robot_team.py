@@ -70,8 +70,10 @@ class RobotTeam:
             if tick % robot.manager.period_ticks == 0:
                 robot.manager.load.motion_j = float(self._loads[row]["motion_j"])
                 self._loads[row]["motion_j"] = 0.0
-                robot.measure_battery()
-                bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s
+                robot.manager.measure()
+                if controller.powered == robot.battery.is_cut_off:  # it has cut off or come back in this tick
+                    controller.powered = not robot.battery.is_cut_off
+                    bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s
 
     def sense(self, tick: int) -> None:
         """Measure the ranges and scan with the lidars that are due; then pass on what was late."""

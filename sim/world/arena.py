@@ -185,7 +185,8 @@ class Arena:
 
     def step(self) -> None:
         """One tick: firmware hears its bus, bodies move, firmware and sensors speak."""
-        self._faults.step(self.sim_time_s)
+        if self._faults.is_on:
+            self._faults.step(self.sim_time_s)
         tick = self._ticks + 1
         self._team.act(tick)
         self._space.step(self.tick_s)
