@@ -232,7 +232,8 @@ class ZenohBus(can.BusABC):
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
         if self._segment is not None and self._exchange is not None:
             self._segment.deliver(payload, self)
-            self._exchange.deliver(ARENA_CAN, self._key, payload)
+            if self._exchange.routes.get(self._key) != []:  # nobody but nodes hears most frames
+                self._exchange.deliver(ARENA_CAN, self._key, payload)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame, or None if none arrives in time; 0 does not wait, for devices that poll many times a tick.

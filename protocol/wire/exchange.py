@@ -50,7 +50,8 @@ class Exchange:
     def __init__(self) -> None:
         self._owner = get_ident()
         self._subscriptions: list[Subscription] = []
-        self._routes: dict[str, list[Subscription]] = {}
+        self.routes: dict[str, list[Subscription]] = {}
+        """What takes a key, for those that were delivered to."""
 
     @classmethod
     def of(cls, session: zenoh.Session) -> "Exchange":
@@ -65,17 +66,17 @@ class Exchange:
         """Have an inbox take what is put under the keys of `selector` from now on."""
         subscription = Subscription(self, selector, topic, inbox)
         self._subscriptions.append(subscription)
-        self._routes.clear()
+        self.routes.clear()
         return subscription
 
     def remove(self, subscription: Subscription) -> None:
         """End a subscription."""
         self._subscriptions.remove(subscription)
-        self._routes.clear()
+        self.routes.clear()
 
     def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
         """Hand a sample to all inboxes that take its key; all of them share what one of them decodes."""
-        route = self._routes.get(key)
+        route = self.routes.get(key)
         if route is None:
             route = self._route(key)
         if not route:
@@ -92,8 +93,8 @@ class Exchange:
                 subscription.inbox.append(subscription.topic, key, payload, outside=True)
 
     def _route(self, key: str) -> list[Subscription]:
-        if len(self._routes) >= ROUTES_MAX:
-            self._routes.clear()
+        if len(self.routes) >= ROUTES_MAX:
+            self.routes.clear()
         concrete = zenoh.KeyExpr(key)
-        route = self._routes[key] = [each for each in self._subscriptions if each.takes(concrete)]
+        route = self.routes[key] = [each for each in self._subscriptions if each.takes(concrete)]
         return route

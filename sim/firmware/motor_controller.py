@@ -99,9 +99,12 @@ class MotorController:
         before = self.state, self.rejected_frames, self._commands.lost
         if self.has_failed:
             self._stand(MotorState.ERROR)
-        for frame in self._port.take_frames():
+        for identifier, data, _ in self._port.take_frames():
             try:
-                self._obey(frame.identifier, frame.data)
+                if identifier == self._command.arbitration_id:
+                    self._drive(*self._command.decode(data))
+                elif identifier == self._stop.arbitration_id:
+                    self._stop_by(*self._stop.decode(data))
             except BadFrame:
                 self.rejected_frames += 1
         if tick >= self.due_tick:
@@ -144,19 +147,17 @@ class MotorController:
         if not errors or state_of(errors, 0) is BusState.ACTIVE:
             self._worst = BusState.ACTIVE
 
-    def _obey(self, identifier: int, data: bytes) -> None:
-        if identifier == self._command.arbitration_id:
-            first, second, third, counter = self._command.decode(data)
-            self._commands.note(int(counter))
-            if self.state not in (MotorState.LATCHED, MotorState.ERROR):
-                self._wanted_rad_s = first, second, third
-                self.due_tick = self._received_tick + self._watchdog_ticks
-                self.state = MotorState.RUNNING
-        elif identifier == self._stop.arbitration_id:
-            latched, counter = self._stop.decode(data)
-            self._commands.note(int(counter))  # a host counts its commands and stops together
-            if not self.has_failed:
-                self._stand(MotorState.LATCHED if latched else MotorState.WATCHDOG)
+    def _drive(self, first: float, second: float, third: float, counter: float) -> None:
+        self._commands.note(int(counter))
+        if self.state not in (MotorState.LATCHED, MotorState.ERROR):
+            self._wanted_rad_s = first, second, third
+            self.due_tick = self._received_tick + self._watchdog_ticks
+            self.state = MotorState.RUNNING
+
+    def _stop_by(self, latched: float, counter: float) -> None:
+        self._commands.note(int(counter))  # a host counts its commands and stops together
+        if not self.has_failed:
+            self._stand(MotorState.LATCHED if latched else MotorState.WATCHDOG)
 
     def _stand(self, state: MotorState) -> None:
         self._wanted_rad_s = STANDING

@@ -96,9 +96,9 @@ class RangeSensors:
         sensors = len(spec.angles_rad)
         cone_rad = np.linspace(-spec.cone_rad / 2, spec.cone_rad / 2, RAYS_A_CONE)
         self._rays_rad = (np.array(spec.angles_rad)[:, None] + cone_rad[None, :]).ravel()
-        self._period_ticks = max(1, round(1.0 / (spec.rate_hz * tick_s)))
+        self.period_ticks = max(1, round(1.0 / (spec.rate_hz * tick_s)))
         self.bump_period_ticks = max(1, round(BUMP_PERIOD_S / tick_s))
-        self.phase = phase % self._period_ticks
+        self.phase = phase % self.period_ticks
         """Measurements and bump contacts are due in ticks that leave this when divided by the period of each."""
         self.told = 0
         """The contacts that were told last, a bit for each sector."""
@@ -111,7 +111,7 @@ class RangeSensors:
 
     def measures_at(self, tick: int) -> bool:
         """Whether a measurement is due with this tick."""
-        return bool(self._rings) and tick % self._period_ticks == self.phase
+        return bool(self._rings) and tick % self.period_ticks == self.phase
 
     def measure(self, pose: Pose2D, robots: NDArray[np.float64]) -> None:
         """Measure and send, from `pose`; `robots` (K, 3) are the hulls of all robots, as for the lidar."""

@@ -207,15 +207,12 @@ class LockstepRun:
                 self.nothing_left = received.message.all_explored
                 self.idle = {robot.name: robot.idle for robot in received.message.robots if robot.idle is not None}
         plan = self.world.plan
-        for robot in self.arena.truth.robots:
-            row, column = plan.cell_of(robot.pose.x_m, robot.pose.y_m)
+        for body in self.arena.bodies:
+            row, column = plan.cell_of(body.x_m, body.y_m)
             clearance_m = float(plan.clearance_m[row, column]) if plan.holds_cell(row, column) else 0.0
             # A cell's clearance is that of its middle: half a diagonal may be lost on the way from there.
             slack_m = 0.71 * plan.resolution_m
-            self.wall_overlap_m = max(self.wall_overlap_m, self._radius_m(robot.robot) - clearance_m - slack_m)
-
-    def _radius_m(self, name: str) -> float:
-        return next(robot.radius_m for robot in self.world.robots if robot.name == name)
+            self.wall_overlap_m = max(self.wall_overlap_m, body.radius_m - clearance_m - slack_m)
 
 
 class LockstepTransport:

@@ -158,6 +158,7 @@ class RadioLink:
 
     def __init__(self, model: RadioModel, rng: np.random.Generator, counters: RadioCounters | None = None) -> None:
         self._model = model
+        self._per_packet_db = model.per_packet_db
         self._rng = rng
         self._counters = counters if counters is not None else RadioCounters()
 
@@ -168,7 +169,7 @@ class RadioLink:
             expected_dbm: mean of the distance with the shadowing of the place.
 
         """
-        rssi_dbm = expected_dbm + self._model.per_packet_db * self._rng.standard_normal()
+        rssi_dbm = expected_dbm + self._per_packet_db * self._rng.standard_normal()
         if self._rng.random() < self._model.arrival_probability(rssi_dbm):
             self._counters.heard += 1
             return rssi_dbm
@@ -221,7 +222,8 @@ class RobotAir:
         heard = []
         for robot in np.flatnonzero(expected_dbm >= self._weakest_dbm).tolist():
             if robot != sender:
-                rssi_dbm = self._link(sender, robot).receive_dbm(float(expected_dbm[robot]))
+                link = self._links.get((sender, robot)) or self._new_link(sender, robot)
+                rssi_dbm = link.receive_dbm(float(expected_dbm[robot]))
                 if rssi_dbm is not None:
                     heard.append((robot, rssi_dbm))
         return heard
@@ -232,10 +234,8 @@ class RobotAir:
             self._shadows_db = self._shadow.at(xs_m, ys_m) if self._shadow is not None else np.zeros(len(xs_m))
         return self._shadows_db
 
-    def _link(self, sender: int, receiver: int) -> RadioLink:
-        link = self._links.get((sender, receiver))
-        if link is None:
-            key = (*self._seed.spawn_key, sender, receiver)
-            rng = np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
-            link = self._links[sender, receiver] = RadioLink(self._radio, rng, self.counters)
+    def _new_link(self, sender: int, receiver: int) -> RadioLink:
+        key = (*self._seed.spawn_key, sender, receiver)
+        rng = np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
+        link = self._links[sender, receiver] = RadioLink(self._radio, rng, self.counters)
         return link

@@ -1,5 +1,6 @@
 """All robots of an arena, moved on together: arrays for what every robot does in every tick, calls for what is due."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -32,6 +33,9 @@ class RobotTeam:
         self._hulls = np.zeros((len(robots), 3))
         """x, y, radius of each robot, arena frame; filled in when somebody scans."""
         self._hulls[:, 2] = [robot.body.radius_m for robot in robots]
+        turns = math.lcm(*[robot.ranges.period_ticks for robot in robots])
+        self._ranging = [[robot for robot in robots if robot.ranges.measures_at(tick)] for tick in range(turns)]
+        """Whose range sensors measure in a tick, by its remainder."""
         self._late = [robot for robot in robots if robot.is_late]
 
     def act(self, tick: int) -> None:
@@ -66,13 +70,15 @@ class RobotTeam:
             if tick % robot.manager.period_ticks == 0:
                 robot.manager.load.motion_j = float(self._loads[row]["motion_j"])
                 self._loads[row]["motion_j"] = 0.0
-                robot.measure_battery()
-                bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s
+                robot.manager.measure()
+                if controller.powered == robot.battery.is_cut_off:  # it has cut off or come back in this tick
+                    controller.powered = not robot.battery.is_cut_off
+                    bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s
 
     def sense(self, tick: int) -> None:
         """Measure the ranges and scan with the lidars that are due; then pass on what was late."""
         due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
-        ranging = [robot for robot in self._robots if robot.ranges.measures_at(tick)]
+        ranging = self._ranging[tick % len(self._ranging)]
         if due or ranging:
             self._hulls[:, 0], self._hulls[:, 1] = self.bodies.state["x_m"], self.bodies.state["y_m"]
             for robot in ranging:

@@ -97,11 +97,6 @@ class SimulatedRobot:
         self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
         self.controller.powered = not self.battery.is_cut_off
 
-    def measure_battery(self) -> None:
-        """Load and measure the battery; when it cuts off, the motors are without power."""
-        self.manager.measure()
-        self.controller.powered = not self.battery.is_cut_off
-
     def scan(self, hulls: NDArray[np.float64]) -> None:
         """Send a turn of the lidar; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""
         turn = self.lidar.scan(self.body.pose, hulls)

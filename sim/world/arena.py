@@ -25,7 +25,13 @@ from robrain.sim.motes.field import Field
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.robot.camera import SeenMote
-from robrain.sim.robot.robot_body import COLLISION_SLOP_M, OVERLAP_LEFT_PER_TICK, WALL_COLLISION, CollisionCounter
+from robrain.sim.robot.robot_body import (
+    COLLISION_SLOP_M,
+    OVERLAP_LEFT_PER_TICK,
+    WALL_COLLISION,
+    CollisionCounter,
+    RobotBody,
+)
 from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
@@ -152,6 +158,11 @@ class Arena:
         return sum(self._collisions.count)
 
     @property
+    def bodies(self) -> Sequence[RobotBody]:
+        """The robots' bodies, in their order, as of the last tick."""
+        return self._bodies
+
+    @property
     def truth(self) -> ArenaTruth:
         """The world as it is now."""
         return ArenaTruth(
@@ -174,7 +185,8 @@ class Arena:
 
     def step(self) -> None:
         """One tick: firmware hears its bus, bodies move, firmware and sensors speak."""
-        self._faults.step(self.sim_time_s)
+        if self._faults.is_on:
+            self._faults.step(self.sim_time_s)
         tick = self._ticks + 1
         self._team.act(tick)
         self._space.step(self.tick_s)

@@ -51,12 +51,19 @@ class Chargers:
         for number, spec in enumerate(self._specs):
             robot = self.docked[number]
             if robot is None or not self._touches(spec, bodies[robot]):
-                taken = {other for other in self.docked if other is not None}
-                near = (index for index, body in enumerate(bodies) if self._touches(spec, body))
-                self.docked[number] = robot = next((index for index in near if index not in taken), None)
+                self.docked[number] = robot = self._first_at(spec, bodies)
             if robot is not None:
                 supplies[robot] = spec.power_w
         return supplies
+
+    def _first_at(self, spec: ChargerSpec, bodies: Sequence[RobotBody]) -> int | None:
+        (x_m, y_m), reach_m = spec.place_m, spec.reach_m
+        for index, body in enumerate(bodies):
+            # Most are far away, which costs no call to find out.
+            is_near = abs(body.x_m - x_m) <= reach_m and abs(body.y_m - y_m) <= reach_m
+            if is_near and index not in self.docked and self._touches(spec, body):
+                return index
+        return None
 
     def _touches(self, spec: ChargerSpec, body: RobotBody) -> bool:
         stands = math.hypot(body.forward_m, body.left_m) < self._step_m

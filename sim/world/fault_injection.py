@@ -98,6 +98,8 @@ class FaultSchedule:
             if fault.kind is FaultKind.MOTE_BASE_FLOODS
         }
         self._flooding: list[str] = []
+        self.is_on = bool(faults)
+        """Whether there are any, so that `step` must be called."""
         self._noise = ActiveMessage(type=FLOOD_TYPE, payload=bytes(16), source=0).pack()
 
     def step(self, sim_time_s: float) -> None:

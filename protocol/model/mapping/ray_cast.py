@@ -7,12 +7,15 @@ import math
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 
+SLACK_M = 1e-3
+"""A circle that is so little out of reach is looked at all the same: rounding must not decide."""
 SOLID = 1
 """An ordinary wall; 0 is free floor."""
 GLASS_X, GLASS_Y = 2, 4
@@ -125,6 +128,20 @@ def cast_rays_on_surfaces(
     )
 
 
+@register_jitable
+def _near_circles(circles: Floats, x_m: float, y_m: float, range_max_m: float) -> tuple[Floats, int]:
+    """The circles that a ray can reach, in their order, and how many; by way of a mirror none is nearer."""
+    near = np.empty_like(circles)
+    count = 0
+    for k in range(circles.shape[0]):
+        dx_m, dy_m = circles[k, 0] - x_m, circles[k, 1] - y_m
+        reach_m = range_max_m + circles[k, 2] + SLACK_M
+        if dx_m * dx_m + dy_m * dy_m <= reach_m * reach_m:
+            near[count] = circles[k]
+            count += 1
+    return near, count
+
+
 @njit(cache=True, nogil=True)
 def _cast_rays(
     surfaces: NDArray[np.uint8],
@@ -150,6 +167,7 @@ def _cast_rays(
         ranges_m[:] = 0.0
         return ranges_m
     range_max = range_max_m / resolution_m
+    near, count = _near_circles(circles, sensor_x_m, sensor_y_m, range_max_m)
     for ray in range(angles_rad.shape[0]):
         direction_x = math.cos(yaw_rad + angles_rad[ray])
         direction_y = math.sin(yaw_rad + angles_rad[ray])
@@ -217,10 +235,10 @@ def _cast_rays(
             distance = entry
             break
         range_m = range_max_m if distance == range_max else distance * resolution_m
-        for k in range(circles.shape[0]):
+        for k in range(count):
             # |origin + t·direction − center| = radius: t² − 2·along·t + excess = 0, the nearer root.
-            center_x, center_y = circles[k, 0] - sensor_x_m, circles[k, 1] - sensor_y_m
-            radius_2 = circles[k, 2] * circles[k, 2]
+            center_x, center_y = near[k, 0] - sensor_x_m, near[k, 1] - sensor_y_m
+            radius_2 = near[k, 2] * near[k, 2]
             excess = center_x * center_x + center_y * center_y - radius_2
             along = center_x * direction_x + center_y * direction_y
             if excess >= 0 and along > 0 and along * along >= excess:

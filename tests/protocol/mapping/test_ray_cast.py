@@ -98,6 +98,13 @@ def test_circle_is_measured_to_its_rim_and_hides_what_is_behind_it() -> None:
     assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 9.0, circles)[0] == pytest.approx(0.8)
 
 
+@pytest.mark.parametrize(("rim_m", "seen_m"), [(1.4999, 1.4999), (1.5001, 1.5), (1.6, 1.5)])
+def test_of_many_circles_only_those_within_range_are_seen(rim_m: float, seen_m: float) -> None:
+    far = [[SENSOR.x_m + 10.0 + k, SENSOR.y_m, 0.3] for k in range(5)]
+    circles = np.array([*far, [SENSOR.x_m + rim_m + 0.3, SENSOR.y_m, 0.3], *far])
+    assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 1.5, circles)[0] == pytest.approx(seen_m, abs=1e-9)
+
+
 def test_sensor_does_not_see_the_body_it_sits_in() -> None:
     circles = np.array([[SENSOR.x_m, SENSOR.y_m, 0.2]])
     assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 9.0, circles)[0] == pytest.approx(2.95)
