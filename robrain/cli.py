@@ -15,6 +15,7 @@ from robrain.deploy.bench.commands import bench_app
 from robrain.deploy.commands.extras import missing_package
 from robrain.deploy.commands.plugin_commands import plugin_app
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
+from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
@@ -56,6 +57,7 @@ app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
 app.add_typer(recording_app)
 app.add_typer(bench_app, name="bench")
+app.command()(fork)
 
 ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
 MapOption = Annotated[
