@@ -4,6 +4,7 @@ Publishers, subscribers, recorder, replay, documentation and access rules are de
 in the project writes a key by hand.
 """
 
+from dataclasses import replace
 from types import NoneType
 from typing import Any, cast
 
@@ -18,11 +19,18 @@ from robrain.protocol.wire.messages import (
     plugin_messages,
     recorder_messages,
     robot_messages,
-    task_messages,
     team_messages,
 )
 from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.messages.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.wire.messages.task_messages import (
+    KnownKind,
+    TaskFilter,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
 from robrain.protocol.wire.topic import (
     CAN_FRAME,
     PNG,
@@ -256,20 +264,12 @@ def _task_query(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_
                  errors=(ErrorCode.REFUSED,))  # fmt: skip
 
 
-TASK_SUBMIT = _task_query(
-    "submit", task_messages.TaskSubmission, task_messages.TaskRecord, "Do this: replies its record, or why not"
-)
-TASK_CANCEL = _task_query(
-    "cancel", task_messages.TaskRequest, task_messages.TaskRecord, "End a task unfinished: replies its record"
-)
-TASK_LIST = _task_query(
-    "list", task_messages.TaskFilter, list[task_messages.TaskRecord], "Which tasks there are", reads_only=True
-)
-TASK_GET = _task_query("get", task_messages.TaskRequest, task_messages.TaskRecord, "How a task stands", reads_only=True)
-TASK_KINDS = _task_query(
-    "kinds", NoneType, list[task_messages.KnownKind], "Which kinds of tasks there are", reads_only=True
-)
-TASK_WHY = _task_query("why", task_messages.TaskRequest, task_messages.TaskWhy, "Why it stands so", reads_only=True)
+TASK_SUBMIT = _task_query("submit", TaskSubmission, TaskRecord, "Do this: replies its record, or why not")
+TASK_CANCEL = _task_query("cancel", TaskRequest, TaskRecord, "End a task unfinished: replies its record")
+TASK_LIST = _task_query("list", TaskFilter, list[TaskRecord], "Which tasks there are", reads_only=True)
+TASK_GET = _task_query("get", TaskRequest, TaskRecord, "How a task stands", reads_only=True)
+TASK_KINDS = _task_query("kinds", NoneType, list[KnownKind], "Which kinds of tasks there are", reads_only=True)
+TASK_WHY = _task_query("why", TaskRequest, TaskWhy, "Why it stands so", reads_only=True)
 TASK_DECISION = Topic(
     name="task_decision",
     pattern="task/decision",
@@ -468,15 +468,6 @@ ARENA_TRUTH = Topic(
     recorded=True,
     max_bytes=16_777_216,
 )
-ARENA_SCRIPT = Topic(
-    name="arena_script",
-    pattern="arena/script",
-    doc="A query of the script that runs a team in lockstep",
-    by=Role.ARENA,
-    message=arena_messages.ScriptInput,
-    recorded=True,
-    max_bytes=2_097_152,
-)
 ARENA_OUTSIDE = Topic(
     name="arena_outside",
     pattern="arena/outside",
@@ -486,6 +477,10 @@ ARENA_OUTSIDE = Topic(
     recorded=True,
     max_bytes=2_097_152,
 )
+ARENA_SCRIPT = replace(
+    ARENA_OUTSIDE, name="arena_script", pattern="arena/script", doc="A query of the script that runs a team in lockstep",
+    message=arena_messages.ScriptInput,
+)  # fmt: skip
 
 OWN_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
 TOPICS: tuple[WireKey, ...] = (*OWN_ROWS, *HOST_QUERIES)
@@ -495,10 +490,7 @@ PUBLISHED: tuple[Topic[Any], ...] = tuple(row for row in TOPICS if isinstance(ro
 
 
 def topic_of(key: str) -> tuple[Topic[Any], dict[str, str]] | None:
-    """The topic of a concrete key and the names in it (with `team`), or None if nothing of ours is published there.
-
-    Keys of recordings that an earlier version made are found as well.
-    """
+    """The topic of a concrete key, also of an earlier version's, and the names in it (with `team`); None if not ours."""
     for topic in PUBLISHED:
         names = topic.parse(key)
         if names is None and topic.before is not None:
