@@ -478,7 +478,7 @@ ARENA_OUTSIDE = Topic(
     max_bytes=2_097_152,
 )
 ARENA_SCRIPT = replace(
-    ARENA_OUTSIDE, name="arena_script", pattern="arena/script", doc="A query of the script that runs a team in lockstep",
+    ARENA_OUTSIDE, name="arena_script", pattern="arena/script", doc="A query of the script that runs a lockstep team",
     message=arena_messages.ScriptInput,
 )  # fmt: skip
 
@@ -490,7 +490,7 @@ PUBLISHED: tuple[Topic[Any], ...] = tuple(row for row in TOPICS if isinstance(ro
 
 
 def topic_of(key: str) -> tuple[Topic[Any], dict[str, str]] | None:
-    """The topic of a concrete key, also of an earlier version's, and the names in it (with `team`); None if not ours."""
+    """The topic of a concrete key, or an earlier version's, and the names in it (with `team`); None if not ours."""
     for topic in PUBLISHED:
         names = topic.parse(key)
         if names is None and topic.before is not None:

@@ -67,15 +67,6 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     """Accuracy of the team's map; null if it was not judged yet."""
 
 
-class ScriptInput(Message, frozen=True, kw_only=True):
-    """What the script of a lockstep run asked, and may have changed the run with."""
-
-    key: Text
-    """Key that was asked, with `?by=NAME` behind it where the script said who asks."""
-    payload: bytes
-    """The request."""
-
-
 class OutsideInput(Message, frozen=True, kw_only=True):
     """What reached a lockstep run from another process and may have changed it."""
 
@@ -83,3 +74,7 @@ class OutsideInput(Message, frozen=True, kw_only=True):
     """Key that it came under, with `?by=NAME` behind it where a query said who asks."""
     payload: bytes
     """The payload, at most the first megabyte."""
+
+
+class ScriptInput(OutsideInput, frozen=True, kw_only=True):
+    """What the script that runs a team in lockstep asked, and may have changed the run with."""
