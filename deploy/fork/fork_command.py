@@ -2,11 +2,16 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
 from robrain.deploy.commands.team_options import JsonOption
+from robrain.protocol.wire.border.safe_text import safe_json
+
+if TYPE_CHECKING:
+    from robrain.sim.scenarios.scenario import Progress
 
 DIFFERENT = 1
 """Exit status if the run was not equal to the recording where it should be."""
@@ -41,17 +46,19 @@ def fork(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     as_json: JsonOption = False,
+    tell_progress: Annotated[
+        bool, typer.Option("--progress", help="With --json: also print a line with the progress now and then.")
+    ] = False,
 ) -> None:
     """Run a recorded run again to a moment, compare it with the recording so far, and go on otherwise from there.
 
     Exit status 1 if the part before, or an unchanged run, is not equal to the recording.
     """
-    import msgspec
-
     from robrain.coordinator.recording.report.two_runs import compare_runs
     from robrain.deploy.fork.change_words import changes_of, moment_s
     from robrain.deploy.fork.fork_display import fork_display, show_fork
-    from robrain.deploy.fork.forking import fork_name, fork_run
+    from robrain.deploy.fork.fork_result import fork_name
+    from robrain.deploy.fork.forking import fork_run
     from robrain.deploy.fork.recorded_run import recorded_run
     from robrain.deploy.run.kernels import prepare_kernels
 
@@ -75,14 +82,23 @@ def fork(
                 output=path,
                 seconds=seconds,
                 overwrite=overwrite,
-                on_progress=display.show,
+                on_progress=_print_progress if as_json and tell_progress else display.show,
             )
     runs = compare_runs(recording, path) if result.same_whole is not True else None
     if as_json:
-        sys.stdout.write(msgspec.json.encode({"fork": result, "runs": runs}, enc_hook=str).decode() + "\n")
+        _print({"fork": result, "runs": runs})
     else:
         show_fork(result, runs)
     if result.ended == "interrupted":
         raise typer.Exit(INTERRUPTED)
     if not result.same_before or result.same_whole is False:
         raise typer.Exit(DIFFERENT)
+
+
+def _print_progress(now: "Progress") -> None:
+    _print({"progress": {"now_s": now.sim_time_s}})
+
+
+def _print(value: object) -> None:
+    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
+    sys.stdout.flush()

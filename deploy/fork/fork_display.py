@@ -7,7 +7,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from robrain.coordinator.recording.report.two_runs import TwoRuns
 from robrain.deploy.commands.terminal import clock_of, console, own_program, print_line, say
-from robrain.deploy.fork.forking import ForkResult
+from robrain.deploy.fork.fork_result import ForkResult
 from robrain.deploy.recordings.recording_display import where_different
 from robrain.deploy.recordings.two_runs_display import show_two_runs
 from robrain.sim.scenarios.scenario import Progress as RunProgress

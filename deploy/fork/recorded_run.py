@@ -10,7 +10,7 @@ import msgspec
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader.reading import RecordingInfo, read_provenance, recording_info
+from robrain.coordinator.recording.reader.reading import RecordingInfo, recording_info
 from robrain.coordinator.recording.writer.provenance import (
     MAP_ATTACHMENT,
     MAP_YAML_ATTACHMENT,
@@ -21,7 +21,7 @@ from robrain.coordinator.recording.writer.provenance import (
 )
 from robrain.deploy.fork.changes import Change, SetPolicy, from_json
 from robrain.deploy.fork.recorded_inputs import RecordedInputs, read_inputs
-from robrain.protocol.wire.endpoint import Drive
+from robrain.deploy.fork.repeatable import repeatable
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario import Scenario
 
@@ -71,8 +71,7 @@ def recorded_run(path: Path) -> Iterator[RecordedRun]:
         RecordingError: the file is no recording, or cannot be run again; the text says why.
 
     """
-    provenance = read_provenance(path)
-    setup = _setup(path, provenance)
+    provenance, setup = repeatable(path)
     info = recording_info(path)
     if not info.messages:
         raise RecordingError(path, f"{path} cannot be run again: it has no messages")
@@ -81,18 +80,6 @@ def recorded_run(path: Path) -> Iterator[RecordedRun]:
     with tempfile.TemporaryDirectory(prefix="robrain-fork-") as folder:
         scenario = _scenario(path, Path(folder), provenance, setup)
         yield RecordedRun(path, info, scenario, setup.is_script, changes, inputs)
-
-
-def _setup(path: Path, provenance: Provenance) -> RunSetup:
-    if provenance.drive != Drive.LOCKSTEP:
-        raise RecordingError(path, f"{path} cannot be run again: it was recorded live, and only lockstep runs repeat")
-    if provenance.setup is None:
-        raise RecordingError(
-            path,
-            f"{path} cannot be run again: it lacks {SETUP_ATTACHMENT}, the scenario as it was run; record it again "
-            "with this version of robrain",
-        )
-    return provenance.setup
 
 
 def _changes(path: Path, setup: RunSetup) -> tuple[Change, ...]:

@@ -120,7 +120,7 @@ def _without_none(value: Any) -> Any:
     """Tables without the keys that are None: TOML leaves them out."""
     if isinstance(value, dict):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return [_without_none(item) for item in value] if isinstance(value, list) else value
+    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def builtin_names() -> list[str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.coordinator.dashboard.html.html_words import natural_key
+from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.recording.report.run_data import RunData, TaskRun, read_run
 
 SHARES = (0.25, 0.5, 0.75, 0.9, 0.95)
