@@ -98,7 +98,7 @@ def _policy(words: Sequence[str], in_force: PlanningPolicy) -> PlanningPolicy:
     for word in words:
         key, equals, text = word.partition("=")
         if not equals:
-            policy = read_planning(Path(word))
+            policy = read_planning(Path(word), "--policy")
             continue
         try:
             value = json.loads(text)

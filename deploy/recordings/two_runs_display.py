@@ -2,7 +2,7 @@
 
 from rich.table import Table
 
-from robrain.coordinator.recording.report.two_runs import ComparedRow, TwoRuns, compared_rows, words_of
+from robrain.coordinator.recording.report.two_runs import ComparedRow, TwoRuns, words_of
 from robrain.deploy.commands.terminal import results
 from robrain.deploy.recordings.recording_display import said
 
@@ -18,7 +18,7 @@ def show_two_runs(runs: TwoRuns) -> None:
         table.add_column(said(run.recording.stem, NAME_SHOWN), justify="right", overflow="fold")
     table.add_column("difference", justify="right")
     before = ""
-    for row in compared_rows(runs):
+    for row in runs.rows:
         if row.group != before and before:
             table.add_section()
         group = row.group if row.group != before else ""

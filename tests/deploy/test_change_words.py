@@ -34,8 +34,8 @@ def test_moment_of_another_form_is_refused(words: str) -> None:
 def test_task_has_the_words_of_task_add(tmp_path: Path) -> None:
     file = tmp_path / "tasks.toml"
     file.write_text('[[task]]\nkind = "visit"\nid = "a"\nplace = [1, 2]\n')
-    assert changes(tasks=["visit --at 3,4 --priority 2 --id 'the door'", str(file)]) == [
-        AddTask(at_s=10.0, kind="visit", fields={"place": [3.0, 4.0], "priority": 2.0, "id": "the door"}),
+    assert changes(tasks=["visit --at 3,4 --priority 2 --id 'door'", str(file)]) == [
+        AddTask(at_s=10.0, kind="visit", fields={"place": [3.0, 4.0], "priority": 2.0, "id": "door"}),
         AddTask(at_s=10.0, kind="visit", fields={"id": "a", "place": [1, 2]}),
     ]
 
@@ -66,14 +66,14 @@ def test_faults_and_robots_are_read_and_kept_in_the_recording() -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ({"tasks": ["visit"]}, "place"),
+        ({"tasks": ["visit"]}, "needs --at"),
         ({"tasks": ["visit --at 3"]}, "expected X,Y"),
         ({"tasks": ["visit --at 3,4 --colour red"]}, "--colour"),
         ({"tasks": ["visit --at '3,4"]}, "quotation"),
         ({"tasks": [""]}, "KIND"),
         ({"tasks": ["visit --at 3,4 --team other"]}, "has no --team"),
         ({"tasks": ["visit --at 3,4 --json"]}, "has no --json"),
-        ({"policy": ["nowhere.toml"]}, "no such file"),
+        ({"policy": ["nowhere.toml"]}, "--policy nowhere.toml: there is no such file"),
         ({"policy": ["colour=red"]}, "colour"),
         ({"policy": ["rounds=many"]}, "--policy rounds=many: Expected `int`"),
         ({"policy": ["confidence=2"]}, "expected confidence"),

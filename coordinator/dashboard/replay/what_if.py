@@ -12,7 +12,7 @@ import viser
 from robrain.coordinator.dashboard.html.html_words import clock_text, text
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_visible
 from robrain.coordinator.dashboard.replay.replay_source import ReplaySource
-from robrain.coordinator.recording.report.two_runs import TwoRuns, compared_rows, words_of
+from robrain.coordinator.recording.report.two_runs import TwoRuns, words_of
 from robrain.protocol.wire.clock import to_seconds
 
 TICKED_MAX = 12
@@ -165,7 +165,7 @@ def outcome_html(state: ForkState) -> str:
 def two_runs_html(runs: TwoRuns) -> str:
     """The lines in which two runs differ, as a table."""
     lines, before = [_line("", "", ("recorded", "what if", ""))], ""
-    for row in compared_rows(runs):
+    for row in runs.rows:
         if not row.is_equal:
             lines.append(_line(row.group if row.group != before else "", row.name, words_of(row)))
             before = row.group

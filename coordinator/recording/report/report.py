@@ -18,7 +18,7 @@ from robrain.coordinator.recording.report.figure_style import figure_style, png
 from robrain.coordinator.recording.report.figures import accuracy_figure
 from robrain.coordinator.recording.report.run_data import RunData, read_run
 from robrain.coordinator.recording.report.run_totals import comparison_figure, totals
-from robrain.coordinator.recording.report.two_runs import TwoRuns, compared_rows, outcome_of, words_of
+from robrain.coordinator.recording.report.two_runs import TwoRuns, outcome_of, words_of
 from robrain.protocol.wire.border.safe_text import safe_html
 
 ROWS_MAX = 300
@@ -174,8 +174,8 @@ def _comparison(runs: Sequence[RunData], pictures: list[tuple[str, bytes]]) -> s
 
 def _who_did_what(one: RunData, two: RunData) -> str:
     """The table of two runs, as `robrain diff` prints it."""
-    rows = compared_rows(TwoRuns(first=outcome_of(one), second=outcome_of(two)))
-    head = ("of", "what", f"*{one.name}", f"*{two.name}", "*difference")
+    rows = TwoRuns(first=outcome_of(one), second=outcome_of(two)).rows
+    head = ("of", "what", *(f"*{safe_html(run.name, 60)}" for run in (one, two)), "*difference")
     return _details("Who did what", head, [(row.group, row.name, *words_of(row)) for row in rows], is_open=True)
 
 

@@ -75,13 +75,6 @@ class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
         return None if told is None else round(told)
 
 
-class TwoRuns(msgspec.Struct, frozen=True, kw_only=True):
-    """Two runs to be told beside each other."""
-
-    first: RunOutcome
-    second: RunOutcome
-
-
 class ComparedRow(msgspec.Struct, frozen=True, kw_only=True):
     """A line of the table of two runs."""
 
@@ -106,7 +99,19 @@ class ComparedRow(msgspec.Struct, frozen=True, kw_only=True):
         return self.first == self.second
 
 
-def compare_runs(one: Path, two: Path, on_progress: Callable[[float], None] | None = None) -> TwoRuns:
+class TwoRuns(msgspec.Struct, frozen=True, kw_only=True):
+    """Two runs to be told beside each other."""
+
+    first: RunOutcome
+    second: RunOutcome
+
+    @property
+    def rows(self) -> list[ComparedRow]:
+        """The lines of their table, grouped: the run, explored shares, each robot, each task."""
+        return _compared_rows(self.first, self.second)
+
+
+def compare_runs(one: Path | str, two: Path | str, on_progress: Callable[[float], None] | None = None) -> TwoRuns:
     """Read two recordings for their comparison.
 
     Raises:
@@ -117,7 +122,7 @@ def compare_runs(one: Path, two: Path, on_progress: Callable[[float], None] | No
     def half(first: float) -> Callable[[float], None] | None:
         return None if on_progress is None else lambda share: on_progress(first + share / 2)
 
-    return TwoRuns(first=outcome_of(read_run(one, half(0.0))), second=outcome_of(read_run(two, half(0.5))))
+    return TwoRuns(first=outcome_of(read_run(Path(one), half(0.0))), second=outcome_of(read_run(Path(two), half(0.5))))
 
 
 def outcome_of(run: RunData) -> RunOutcome:
@@ -151,9 +156,7 @@ def outcome_of(run: RunData) -> RunOutcome:
     )
 
 
-def compared_rows(runs: TwoRuns) -> list[ComparedRow]:
-    """The lines of the table, grouped: the run, explored shares, each robot, each task."""
-    first, second = runs.first, runs.second
+def _compared_rows(first: RunOutcome, second: RunOutcome) -> list[ComparedRow]:
     percent = [None if one.explored_fraction is None else 100 * one.explored_fraction for one in (first, second)]
     rows = [
         _row("run", "duration", "s", first.duration_s, second.duration_s),
