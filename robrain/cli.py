@@ -57,7 +57,6 @@ app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
 app.add_typer(recording_app)
 app.add_typer(bench_app, name="bench")
-app.command()(fork)
 
 ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
 MapOption = Annotated[
@@ -291,6 +290,8 @@ def replay(
     where = given_endpoints(connect)
     replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start, paused=paused)
 
+
+app.command()(fork)
 
 RobotOption = Annotated[str | None, typer.Option(help="This robot only; default: the whole team.")]
 ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]

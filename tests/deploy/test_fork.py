@@ -163,6 +163,25 @@ def test_task_policy_and_fault_of_a_fork_take_effect_at_its_moment(recordings: d
     assert (after["r3"].distance_m or 0.0) < 0.7 * (before["r3"].distance_m or 0.0)
 
 
+def test_strategy_of_a_fork_explores_otherwise(recordings: dict[str, Path], tmp_path: Path) -> None:
+    output = tmp_path / "fork.mcap"
+    policy = PlanningPolicy(exploration="nearest_frontier")
+    result = fork(recordings["explored"], output, 2.0, SetPolicy(at_s=2.0, planning=policy))
+    assert result.same_before
+    _, after_s = last_equal_s(recordings["explored"], output)
+    assert after_s > 2.0
+
+
+def test_objective_of_a_fork_is_that_of_its_plans(recordings: dict[str, Path], tmp_path: Path) -> None:
+    output = tmp_path / "fork.mcap"
+    task = AddTask(at_s=5.0, kind="visit", fields={"place": [13.0, 9.9]})
+    policy = SetPolicy(at_s=5.0, planning=PlanningPolicy(objective=Objective.MAKESPAN))
+    fork(recordings["explored"], output, 5.0, task, policy)
+    planned = [message.payload for message in read_messages(output) if b'"objective":"makespan"' in message.payload]
+    assert planned
+    assert not any(b'"objective":"makespan"' in message.payload for message in read_messages(recordings["explored"]))
+
+
 def test_fork_of_a_fork_repeats_the_changes_of_its_parent(recordings: dict[str, Path], tmp_path: Path) -> None:
     parent, child = tmp_path / "parent.mcap", tmp_path / "child.mcap"
     task = AddTask(at_s=3.0, kind="visit", fields={"place": [2.0, 2.0]})
