@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.wire.errors import BadToml
@@ -113,7 +114,14 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def written_scenario(tables: ScenarioTables) -> str:
     """Scenario TOML with every key, from which `parse_scenario` makes the same tables again."""
-    return msgspec.toml.encode(_without_none(msgspec.to_builtins(tables))).decode()
+    return msgspec.toml.encode(_without_none(msgspec.to_builtins(tables, enc_hook=_plain_number))).decode()
+
+
+def _plain_number(value: Any) -> Any:
+    """A number of Python's own for one of NumPy's, which scripts may have calculated with."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise NotImplementedError(f"a {type(value).__name__} cannot be written to a scenario file")
 
 
 def _without_none(value: Any) -> Any:

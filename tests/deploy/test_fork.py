@@ -3,9 +3,10 @@
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from robrain import Block, FloorDrawing, Scenario
+from robrain import Block, FloorDrawing, Point2D, Scenario
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.reader.comparing import first_difference
@@ -298,6 +299,7 @@ def test_scenario_is_the_same_after_it_was_written_and_read_again(tmp_path: Path
         faults=(FaultSpec(robot="r1", kind=FaultKind.CARRIED_OFF, at_s=1.0, place_m=(1.0, 1.0)),),
         disturbance=DisturbanceSpec(agent=PauseSpec(per_minute=20.0, duration_s=(0.1, 0.3))),
         planning=PlanningPolicy(objective=Objective.MAKESPAN, passes=()),
+        near=Point2D(np.float64(1.5), np.float64(2.0)),
     )
     for one in (scenario, Scenario.builtin("depot"), Scenario.builtin("arena_small")):
         file = tmp_path / "setup.toml"
