@@ -4,9 +4,34 @@ from collections.abc import Iterator
 from typing import TypeVar
 
 from robrain.client.transport import Transport
-from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.endpoint import BY, Endpoint
+from robrain.protocol.wire.topic import Q, Query, R
 
 T = TypeVar("T")
+
+
+class _NotedEndpoint(Endpoint):
+    """Tells its transport of each query that may change something, before it asks."""
+
+    def __init__(self, transport: Transport) -> None:
+        super().__init__(transport.session, transport.team, transport.clock, transport.drive)
+        self._transport = transport
+
+    def ask(
+        self,
+        topic: Query[Q, R],
+        request: Q | None = None,
+        *,
+        timeout_s: float | None = None,
+        by: str = "",
+        **names: str,
+    ) -> R:
+        """As `Endpoint.ask`."""
+        if not topic.reads_only:
+            key = topic.key(self.team, **names)
+            body = b"" if request is None else topic.requests.write(request)
+            self._transport.note_asked(f"{key}?{BY}={by}" if by else key, body)
+        return super().ask(topic, request, timeout_s=timeout_s, by=by, **names)
 
 
 class Listening:
@@ -24,7 +49,7 @@ class Listening:
     def open(self) -> Endpoint:
         """A new endpoint of the team."""
         transport = self._transport
-        wire = Endpoint(transport.session, transport.team, transport.clock, transport.drive)
+        wire = _NotedEndpoint(transport)
         self._open.append(wire)
         return wire
 

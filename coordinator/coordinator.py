@@ -123,6 +123,11 @@ class Coordinator:
             self.tasks.end_what_cannot_be_read()
         self.tasks.tell_again(RETOLD_TASKS)
 
+    def set_policy(self, policy: PlanningPolicy) -> None:
+        """Plan and explore with other parameters from now on."""
+        self.explorer.strategy = strategy_of(policy.exploration, self._note_strategy)
+        self.planning.set_policy(policy, "the planning policy has changed")
+
     def step(self) -> None:
         """Hear, decide, act."""
         now_ns = self._wire.clock.now_ns()

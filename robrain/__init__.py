@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from robrain.client.team import Team
     from robrain.coordinator.planning.policy import PlanningPolicy
     from robrain.coordinator.recording.reader.recording import Recording, load
+    from robrain.coordinator.recording.report.two_runs import TwoRuns, compare_runs
+    from robrain.deploy.fork.fork_api import fork
+    from robrain.deploy.fork.fork_result import ForkResult
     from robrain.plugins.behavior.errand import Errand, Failed
     from robrain.protocol.model.energy.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -65,6 +68,7 @@ __all__ = [
     "Event",
     "Failed",
     "FloorDrawing",
+    "ForkResult",
     "HaltReport",
     "HardwareAbsent",
     "KnownKind",
@@ -105,11 +109,14 @@ __all__ = [
     "Team",
     "TeamState",
     "Twist2D",
+    "TwoRuns",
     "Unit",
     "Wall",
     "WireError",
     "Work",
+    "compare_runs",
     "external",
+    "fork",
     "load",
     "rasterise",
     "unlocked",
@@ -134,6 +141,9 @@ _NAMES = {
     "robrain.client.team": ("Team",),
     "robrain.coordinator.planning.policy": ("PlanningPolicy",),
     "robrain.coordinator.recording.reader.recording": ("Recording", "load"),
+    "robrain.coordinator.recording.report.two_runs": ("TwoRuns", "compare_runs"),
+    "robrain.deploy.fork.fork_api": ("fork",),
+    "robrain.deploy.fork.fork_result": ("ForkResult",),
     "robrain.protocol.model.geometry": ("Point2D", "Pose2D", "Twist2D"),
     "robrain.protocol.model.tasks.objective": ("Objective",),
     "robrain.plugins.behavior.errand": ("Errand", "Failed"),

@@ -17,6 +17,7 @@ from robrain.deploy.commands.plugin_commands import plugin_app
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
 from robrain.deploy.processes.agent_words import agent_words
 from robrain.deploy.processes.native_threads import limit_native_threads
+from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
@@ -289,6 +290,8 @@ def replay(
     where = given_endpoints(connect)
     replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start, paused=paused)
 
+
+app.command()(fork)
 
 RobotOption = Annotated[str | None, typer.Option(help="This robot only; default: the whole team.")]
 ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]

@@ -13,6 +13,7 @@ from robrain.coordinator.dashboard.panels.page import ClientPage, set_theme
 from robrain.coordinator.dashboard.panels.page_context import Inquiries, PageContext
 from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
 from robrain.coordinator.dashboard.replay.replay_source import ReplaySource
+from robrain.coordinator.dashboard.replay.what_if import ForkRunner, WhatIfTab
 from robrain.coordinator.dashboard.scene.scene import Scene
 from robrain.coordinator.dashboard.server.asker import Asker
 from robrain.coordinator.dashboard.server.server import close_server, open_server
@@ -47,13 +48,21 @@ class Dashboard:
         team: endpoint of a live team; or a recording.
         host: address to serve the page on. There is no log-in: anyone who reaches it can halt and resume the team.
         port: 0 takes a free one.
+        forks: of a recording: runs it otherwise from the time shown; the dashboard closes it.
 
     Raises:
         PortTaken: another process listens on `port`.
         WireError: `host` is not an address of this computer.
     """
 
-    def __init__(self, team: Endpoint | ReplaySource, *, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self,
+        team: Endpoint | ReplaySource,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        forks: ForkRunner | None = None,
+    ) -> None:
         self._host = host
         self._server = open_server(host, port, has_halt=isinstance(team, Endpoint))
         set_theme(self._server.gui, dark=True)
@@ -62,6 +71,7 @@ class Dashboard:
         self._scene = Scene(self._server)
         halt: HaltControl | None = None
         replay: ReplayBar | None = None
+        self._what_if: WhatIfTab | None = None
         if isinstance(team, Endpoint):
             self._source: LiveSource | ReplaySource = LiveSource(team)
             halt = HaltControl(self._server, team)
@@ -69,6 +79,7 @@ class Dashboard:
         else:
             self._source = team
             replay = ReplayBar(self._server, team)
+            self._what_if = WhatIfTab(self._server, replay.panel, team, forks) if forks is not None else None
             asker = Asker(None)
         self._context = PageContext(self.view, self._scene, asker, Inquiries(self.view, asker), replay, halt)
         self._pages: dict[int, ClientPage] = {}
@@ -114,6 +125,8 @@ class Dashboard:
                     context.halt.draw(view, now_s)
                 if context.replay is not None:
                     context.replay.draw(now_s)
+                if self._what_if is not None:
+                    self._what_if.draw()
             for page in self._pages.values():
                 self._step_page(page, now_s)
 
@@ -123,6 +136,8 @@ class Dashboard:
             page.close()
         self._context.asker.close()
         self._source.close()
+        if self._what_if is not None:
+            self._what_if.close()
         close_server(self._server)
 
     def _find_needed_layers(self) -> None:
@@ -179,6 +194,7 @@ def run_dashboard(
     port: int,
     on_ready: Callable[[str], None],
     should_stop: Callable[[], bool],
+    forks: ForkRunner | None = None,
 ) -> None:
     """Serve the dashboard until `should_stop`, stepping it ten times a second.
 
@@ -188,12 +204,13 @@ def run_dashboard(
         port: 0 takes a free one.
         on_ready: called with the page's address once it is served.
         should_stop: called before each step.
+        forks: of a recording: runs it otherwise from the time shown; closed at the end.
 
     Raises:
         PortTaken: another process listens on `port`.
         WireError: `host` is not an address of this computer.
     """
-    dashboard = Dashboard(team, host=host, port=port)
+    dashboard = Dashboard(team, host=host, port=port, forks=forks)
     try:
         on_ready(dashboard.url)
         while not should_stop():

@@ -64,7 +64,7 @@ class Explorer:
     """
 
     def __init__(self, team_map: TeamMap, strategy: Strategy = assign) -> None:
-        self._strategy = strategy
+        self.strategy = strategy
         self.candidates: list[Candidate] = []
         """The frontiers of the map as it was last looked at."""
         self._map = team_map
@@ -135,7 +135,7 @@ class Explorer:
         if navigation is None:
             return []
         candidates = [candidate for candidate in self.candidates if not self._is_spent(candidate.place)]
-        choices = assign_frontiers(navigation, candidates, seekers, taken, choose=self._strategy)
+        choices = assign_frontiers(navigation, candidates, seekers, taken, choose=self.strategy)
         chosen = {choice.robot for choice in choices}
         left = [seeker for seeker in seekers if seeker.name not in chosen]
         is_narrow_due = bool(left) and now_ns >= self._narrow_due_ns
@@ -165,7 +165,7 @@ class Explorer:
             if candidate.place not in taken and not self._narrow.is_given_up(candidate.place)
         ]
         open_to = [candidates[index] for index in free]
-        choices = self._strategy(ways_m[:, free], open_to, seekers, taken, is_narrow=True)
+        choices = self.strategy(ways_m[:, free], open_to, seekers, taken, is_narrow=True)
         self._narrow_goals |= {choice.place for choice in choices}
         for row, seeker in enumerate(seekers):
             within = [candidate for way_m, candidate in zip(ways_m[row], candidates, strict=True) if way_m < math.inf]

@@ -397,10 +397,15 @@ class Planning:
         asked = request.asked
         if asked.objective is not self.policy.objective:
             logger.info("plans are for %s from now on%s", asked.objective, f", says {asked.by}" if asked.by else "")
-            self.policy = msgspec.structs.replace(self.policy, objective=asked.objective)
-            self._cause = f"plans are for {asked.objective} now"
-            self._not_before_ns = 0
+            policy = msgspec.structs.replace(self.policy, objective=asked.objective)
+            self.set_policy(policy, f"plans are for {asked.objective} now")
         return self.status()
+
+    def set_policy(self, policy: PlanningPolicy, why: str) -> None:
+        """Plan with other parameters from now on; `why` is told as the cause of the next plan."""
+        self.policy = policy
+        self._cause = why
+        self._not_before_ns = 0
 
     def _orders(self) -> dict[str, tuple[str, ...]]:
         if self._plan is None:

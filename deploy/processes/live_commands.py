@@ -95,10 +95,11 @@ def dashboard_command(connect: str | None, team: str, port: int | None, replay: 
 def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_s: float = 0.0) -> None:
     """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed."""
     from robrain.coordinator.dashboard import ReplaySource, run_dashboard
+    from robrain.deploy.fork.fork_child import ForkChild
 
     should_stop = LiveStop()
     source = ReplaySource(recording, speed=speed, start_s=start_s)
-    run_dashboard(source, "127.0.0.1", _page_port(port), _tell_url, should_stop)
+    run_dashboard(source, "127.0.0.1", _page_port(port), _tell_url, should_stop, ForkChild(recording))
 
 
 def replay_on_wire(

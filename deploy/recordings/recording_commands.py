@@ -114,17 +114,25 @@ def diff(
     second: Annotated[Path, typer.Argument(help="The other recording.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Print the first message in which two runs differ. Exit status 1 if they differ."""
+    """Print the first message in which two runs differ, and both beside each other. Exit status 1 if they differ."""
     from robrain.coordinator.recording.reader.comparing import first_difference
+    from robrain.coordinator.recording.report.two_runs import compare_runs
     from robrain.deploy.recordings.recording_display import progress, show_difference
+    from robrain.deploy.recordings.two_runs_display import show_two_runs
 
     with progress("comparing", quiet=as_json) as show:
         difference, same = first_difference(first, second, show)
-    _tell(
-        {"same": same, "difference": difference},
-        lambda: show_difference(first, second, difference, same),
-        as_json=as_json,
-    )
+    runs = None
+    if difference is not None:
+        with progress("reading", quiet=as_json) as show:
+            runs = compare_runs(first, second, show)
+
+    def show_both() -> None:
+        show_difference(first, second, difference, same)
+        if runs is not None:
+            show_two_runs(runs)
+
+    _tell({"same": same, "difference": difference, "runs": runs}, show_both, as_json=as_json)
     if difference is not None:
         raise typer.Exit(DIFFERENT)
 

@@ -122,11 +122,19 @@ def show_difference(first: Path, second: Path, difference: Difference | None, sa
     if difference is None:
         console.print(f"equal: {same} messages", soft_wrap=True)
         return
+    for line in where_different(first, second, difference):
+        console.print(escape(line), soft_wrap=True)
+
+
+def where_different(first: Path, second: Path, difference: Difference) -> list[str]:
+    """Where two runs differ first, and what each has there: three lines."""
     what = f"{difference.what} {difference.path}" if difference.path else difference.what
-    where = f"at {difference.time_s:.3f} s, on {said(difference.key)}, in its {said(what)}"
-    console.print(f"message {difference.number} differs, {where}", soft_wrap=True)
-    console.print(f"  {said(first)}: {said(difference.first)}", soft_wrap=True)
-    console.print(f"  {said(second)}: {said(difference.second)}", soft_wrap=True)
+    lines = [
+        f"message {difference.number} differs, at {difference.time_s:.3f} s, on {difference.key}, in its {what}",
+        f"  {first}: {difference.first}",
+        f"  {second}: {difference.second}",
+    ]
+    return [safe_text(line, TEXT_SHOWN) for line in lines]
 
 
 def show_recovery(recovery: Recovery) -> None:

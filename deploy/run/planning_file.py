@@ -16,8 +16,8 @@ class _Tables(msgspec.Struct, frozen=True):
     planning: PlanningPolicy | None = None
 
 
-def read_planning(path: Path) -> PlanningPolicy:
-    """Read the policy in a file.
+def read_planning(path: Path, option: str = "--planning") -> PlanningPolicy:
+    """Read the policy in a file; `option` is named in errors.
 
     Raises:
         UsageError: naming file, key and what was expected.
@@ -26,15 +26,15 @@ def read_planning(path: Path) -> PlanningPolicy:
     try:
         found = msgspec.convert(read_toml(path, LARGE), _Tables).planning
     except FileNotFoundError as error:
-        raise UsageError(f"--planning {path}: there is no such file") from error
+        raise UsageError(f"{option} {path}: there is no such file") from error
     except BadToml as error:
-        raise UsageError(f"--planning {path}: {error}") from error
+        raise UsageError(f"{option} {path}: {error}") from error
     except msgspec.ValidationError as error:
         what, _, key = str(error).partition(" - at `$")
         key = key.rstrip("`").lstrip(".")
-        raise UsageError(f"--planning {path}: {f'{key}: ' if key else ''}{what}") from error
+        raise UsageError(f"{option} {path}: {f'{key}: ' if key else ''}{what}") from error
     if found is None:
-        raise UsageError(f"--planning {path}: expected a table [planning]")
+        raise UsageError(f"{option} {path}: expected a table [planning]")
     return found
 
 

@@ -2,13 +2,16 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, TeamOption, connect_team, print_json, say
 from robrain.deploy.tasks.task_terminal import JsonOption, line_of
 from robrain.protocol.wire.keys import DEFAULT_TEAM
+
+if TYPE_CHECKING:
+    from robrain.deploy.tasks.task_files import TaskWords
 
 EXIT_REFUSED = 2
 OPTIONS = {
@@ -67,10 +70,61 @@ def add(
     as_json: JsonOption = False,
 ) -> None:
     """Submit a task, or the tasks in a file; an impossible task is refused at once."""
+    from robrain.protocol.wire.errors import CallError
+
+    tasks = asked_tasks(
+        what, at=at, task_id=task_id, priority=priority, deadline=deadline, earliest=earliest, service=service,
+        needs=needs, after=after, robots=robots, mote=mote, robot=robot, duration=duration, interval=interval,
+        quantity=quantity, look_at=look_at, until_soc=until_soc, parameters=parameters,
+    )  # fmt: skip
+    records, refused = [], []
+    with connect_team(connect, team) as client:
+        for kind, fields in tasks:
+            try:
+                records.append(client.submit(kind, id=fields.pop("id", None), parameters=fields))
+            except CallError as error:
+                refused.append(str(error))
+    if as_json:
+        print_json(records if Path(what).suffix else records[0] if records else None)
+    else:
+        for record in records:
+            say(line_of(record))
+    for text in refused:
+        sys.stderr.write(f"robrain: {text}\n")
+    if refused:
+        raise typer.Exit(EXIT_REFUSED)
+
+
+def asked_tasks(
+    what: str,
+    *,
+    at: str | None = None,
+    task_id: str | None = None,
+    priority: float | None = None,
+    deadline: float | None = None,
+    earliest: float | None = None,
+    service: float | None = None,
+    needs: list[str] | None = None,
+    after: list[str] | None = None,
+    robots: int | None = None,
+    mote: str | None = None,
+    robot: str | None = None,
+    duration: float | None = None,
+    interval: float | None = None,
+    quantity: str | None = None,
+    look_at: str | None = None,
+    until_soc: float | None = None,
+    parameters: list[str] | None = None,
+) -> "list[TaskWords]":
+    """The tasks that the options of `task add` ask for.
+
+    Raises:
+        UsageError, BadTask: naming the option, or file and key.
+
+    """
     from robrain.client.submission import submission_of
     from robrain.deploy.errors import UsageError
     from robrain.deploy.tasks.task_files import TaskWords, parameters_set, point, tasks_in
-    from robrain.protocol.wire.errors import CallError
 
     fields: dict[str, Any] = {
         "place": point("--at", at) if at is not None else None,
@@ -95,23 +149,6 @@ def add(
     if Path(what).suffix in (".toml", ".json"):
         if given:
             raise UsageError(f"{what}: a file has all fields of its tasks; leave the options out")
-        tasks = tasks_in(Path(what))
-    else:
-        submission_of(what, {"id": what, **given}, typed=OPTIONS)  # report mistakes before the team is contacted
-        tasks = [TaskWords(what, given)]
-    records, refused = [], []
-    with connect_team(connect, team) as client:
-        for kind, fields in tasks:
-            try:
-                records.append(client.submit(kind, id=fields.pop("id", None), parameters=fields))
-            except CallError as error:
-                refused.append(str(error))
-    if as_json:
-        print_json(records if Path(what).suffix else records[0] if records else None)
-    else:
-        for record in records:
-            say(line_of(record))
-    for text in refused:
-        sys.stderr.write(f"robrain: {text}\n")
-    if refused:
-        raise typer.Exit(EXIT_REFUSED)
+        return tasks_in(Path(what))
+    submission_of(what, {"id": what, **given}, typed=OPTIONS)  # report mistakes before the team is contacted
+    return [TaskWords(what, given)]

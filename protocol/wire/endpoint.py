@@ -268,7 +268,7 @@ class Endpoint:
             query, topic, own_key, handler = self._pending.popleft()
             if self._on_outside is not None and self.drive is Drive.LOCKSTEP and not topic.reads_only:
                 payload = query.payload.to_bytes() if query.payload is not None else b""
-                self._on_outside(str(query.key_expr), payload)
+                self._on_outside(str(query.selector), payload)
             self._reply(query, topic, own_key, handler)
 
     def note_outside(self, key: str, payload: bytes) -> None:

@@ -4,6 +4,7 @@ Publishers, subscribers, recorder, replay, documentation and access rules are de
 in the project writes a key by hand.
 """
 
+from dataclasses import replace
 from types import NoneType
 from typing import Any, cast
 
@@ -476,6 +477,10 @@ ARENA_OUTSIDE = Topic(
     recorded=True,
     max_bytes=2_097_152,
 )
+ARENA_SCRIPT = replace(
+    ARENA_OUTSIDE, name="arena_script", pattern="arena/script", doc="A query of the script that runs a lockstep team",
+    message=arena_messages.ScriptInput,
+)  # fmt: skip
 
 OWN_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
 TOPICS: tuple[WireKey, ...] = (*OWN_ROWS, *HOST_QUERIES)
@@ -485,10 +490,7 @@ PUBLISHED: tuple[Topic[Any], ...] = tuple(row for row in TOPICS if isinstance(ro
 
 
 def topic_of(key: str) -> tuple[Topic[Any], dict[str, str]] | None:
-    """The topic of a concrete key and the names in it (with `team`), or None if nothing of ours is published there.
-
-    Keys of recordings that an earlier version made are found as well.
-    """
+    """The topic of a concrete key, or an earlier version's, and the names in it (with `team`); None if not ours."""
     for topic in PUBLISHED:
         names = topic.parse(key)
         if names is None and topic.before is not None:

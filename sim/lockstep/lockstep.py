@@ -12,8 +12,8 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.writer.provenance import Provenance
-from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
+from robrain.coordinator.recording.writer.provenance import Provenance, RunSetup
+from robrain.coordinator.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.answers.collector import CalmCollector
@@ -21,10 +21,10 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, OutsideInput
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth, OutsideInput, ScriptInput
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
-from robrain.protocol.wire.topics import ARENA_OUTSIDE, COORDINATOR_STATE, MOTE_READING
+from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
@@ -47,6 +47,7 @@ class LockstepRun:
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
         planning: objective and settings of the coordinator's planning.
         should_stop: polled before each robot is set up; True ends the set-up.
+        setup: what it takes to make the run again, for the recording.
 
     Raises:
         RobrainError: saying what cannot be opened.
@@ -65,6 +66,7 @@ class LockstepRun:
         listen: str | None = None,
         planning: PlanningPolicy | None = None,
         should_stop: Callable[[], bool] = lambda: False,
+        setup: RunSetup | None = None,
     ) -> None:
         self.world = world
         self.clock = VirtualClock()
@@ -82,21 +84,22 @@ class LockstepRun:
         self.session = open_lockstep_session(listen)
         self._closers.append(self.session.close)
         try:
-            self._build(team, record, scenario, scenario_toml)
+            self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
             self.close()
             raise
 
-    def _build(self, team: str, record: Path | None, scenario: str, scenario_toml: str) -> None:
+    def _build(self, team: str, record: Path | None, scenario: str, scenario_toml: str, setup: RunSetup | None) -> None:
         world = self.world
         self._watcher = self._endpoint(team)
         manifests = manifest_texts(world, team) if record is not None else {}
         provenance = Provenance(
-            scenario, scenario_toml, world.seed, world.map_png(), Drive.LOCKSTEP.value, team, manifests
+            scenario, scenario_toml, world.seed, world.map_png(), Drive.LOCKSTEP.value, team, manifests, setup
         )
         self._recorder = Recorder(self._endpoint(team), record, provenance, visual=True)
         self._closers.append(self._close_recorder)
         self._outside = self._watcher.publisher(ARENA_OUTSIDE)
+        self._script = self._watcher.publisher(ARENA_SCRIPT)
         self._inbox = Inbox()
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)
@@ -164,6 +167,30 @@ class LockstepRun:
         """How many messages and queries of other processes had a say so far; 0 in a run that can be repeated."""
         return self._recorder.outside
 
+    @property
+    def digest(self) -> str:
+        """Digest of all that was recorded so far."""
+        return self._recorder.digest
+
+    def follow(self, on_recorded: OnRecorded) -> None:
+        """Have a function told of the messages that each tick records, and of those at the end."""
+        self._recorder.on_recorded = on_recorded
+
+    def switch_off(self, robot: str) -> None:
+        """Switch a robot's computer off: its team loses contact, and its wheels stop for want of commands.
+
+        Its body stays on the floor, where the others have to go around it.
+
+        Raises:
+            KeyError: there is no such robot, or it is off already.
+
+        """
+        index = next((index for index, host in enumerate(self.hosts) if host.name == robot), None)
+        if index is None:
+            raise KeyError(robot)
+        self._pauses.pop(index)
+        self.hosts.pop(index).close()
+
     def tick(self) -> None:
         """Move the run on by one tick."""
         self._ticks += 1
@@ -180,6 +207,10 @@ class LockstepRun:
             if endpoint.has_waiting:
                 endpoint.serve()
         self._recorder.step()
+
+    def note_script(self, key: str, request: bytes) -> None:
+        """Record what the script of the run is about to ask."""
+        self._script.put(ScriptInput(key=cut(key, TEXT_MAX), payload=request[:OUTSIDE_BYTES]))
 
     def close(self) -> RecordingSummary | None:
         """Stop everything and finish the recording."""
@@ -220,6 +251,7 @@ class LockstepTransport:
 
     Args:
         run: the run, of the default team; closed by `close`.
+        is_noted: whether the queries are recorded, so that the run can be repeated.
 
     """
 
@@ -228,7 +260,8 @@ class LockstepTransport:
     patience_s = 0.0
     gather_s = 0.0
 
-    def __init__(self, run: LockstepRun) -> None:
+    def __init__(self, run: LockstepRun, *, is_noted: bool = True) -> None:
+        self._is_noted = is_noted
         self.run = run
         """Arena, hosts and coordinator, to look at from inside."""
         self.summary: RecordingSummary | None = None
@@ -250,6 +283,11 @@ class LockstepTransport:
         for host in self.run.hosts:
             if host.name == robot:
                 host.open_folder(folder)
+
+    def note_asked(self, key: str, request: bytes) -> None:
+        """Record a query of the script."""
+        if self._is_noted:
+            self.run.note_script(key, request)
 
     def close(self) -> None:
         """End the run and finish its recording."""

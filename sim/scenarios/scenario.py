@@ -16,6 +16,7 @@ import msgspec
 
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.recording.writer.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.disturbance import DisturbanceSpec
@@ -30,7 +31,18 @@ from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.motes.motes import SensorNetwork
-from robrain.sim.scenarios.scenario_file import MAX_MOTES, MAX_ROBOTS, ScenarioTables, read_builtin, read_scenario_file
+from robrain.sim.scenarios.scenario_file import (
+    MAX_MOTES,
+    MAX_ROBOTS,
+    MapTable,
+    MotesTable,
+    ScenarioTable,
+    ScenarioTables,
+    TeamTable,
+    read_builtin,
+    read_scenario_file,
+    written_scenario,
+)
 from robrain.sim.world.arena import RobotHardware, clearance_m
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
@@ -141,6 +153,26 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             toml=toml,
         )
 
+    def to_toml(self) -> str:
+        """The scenario as a scenario file with every key; a floor from a map file is named `map.yaml` in it."""
+        near_m = (self.near.x_m, self.near.y_m) if self.near is not None else None
+        tables = ScenarioTables(
+            scenario=ScenarioTable(self.name, self.seed, self.until_explored, self.time_limit_s),
+            floor=None if isinstance(self.floor, Path) else self.floor,
+            map=MapTable(MAP_YAML_ATTACHMENT) if isinstance(self.floor, Path) else None,
+            team=TeamTable(self.robots, near_m, self.starts, self.starts_known),
+            motes=MotesTable(count=self.motes, **msgspec.structs.asdict(self.network.motes)),
+            radio=self.network.radio,
+            field=self.network.field,
+            robot=self.hardware,
+            chargers=self.chargers,
+            planning=self.planning,
+            faults=self.faults,
+            surfaces=self.surfaces,
+            disturbance=self.disturbance,
+        )
+        return written_scenario(tables)
+
     def replace(self, **changes: Any) -> Self:
         """The same scenario with some fields changed: `scenario.replace(robots=8, seed=2)`."""
         try:
@@ -199,7 +231,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         scenario = self if seed is None else self.replace(seed=seed)
         world = scenario.world()
         warm_up()
-        return Team(LockstepTransport(scenario._open(world, record)), by=by)
+        return Team(LockstepTransport(scenario.open(world, record=record, is_script=True)), by=by)
 
     def run(
         self,
@@ -233,7 +265,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         world = self.world()
         warm_up()
         with StopOnInterrupt() as interrupt:  # an interrupt during the start would leave resources open
-            run = self._open(world, record, listen, lambda: interrupt.requested)
+            run = self.replace(until_explored=until, time_limit_s=limit_s).open(
+                world, record=record, listen=listen, should_stop=lambda: interrupt.requested
+            )
         try:
             if interrupt.requested:
                 raise KeyboardInterrupt
@@ -285,13 +319,33 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             digest=summary.digest,
         )
 
-    def _open(
+    def open(
         self,
         world: World,
-        record: Path | str | None,
+        *,
+        record: Path | str | None = None,
         listen: str | None = None,
         should_stop: Callable[[], bool] = lambda: False,
+        is_script: bool = False,
+        fork: dict[str, str] | None = None,
     ) -> LockstepRun:
+        """Open a run of a world that the scenario has made; its caller ticks and closes it.
+
+        Args:
+            world: from `world()`.
+            record: MCAP file to write.
+            listen: loopback endpoint on which other processes may join.
+            should_stop: polled before each robot is set up; True ends the set-up.
+            is_script: whether a script runs the team, for the recording.
+            fork: what the recording says of its parent.
+
+        Raises:
+            RobrainError: saying what cannot be opened.
+            KeyboardInterrupt: `should_stop` returned True.
+
+        """
+        map_yaml = world.map_yaml() if isinstance(self.floor, Path) else ""
+        setup = RunSetup(toml=self.to_toml(), map_yaml=map_yaml, is_script=is_script, fork=fork or {})
         return LockstepRun(
             world,
             record=Path(record) if record is not None else None,
@@ -300,6 +354,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             listen=listen,
             planning=self.planning,
             should_stop=should_stop,
+            setup=setup,
         )
 
 
@@ -321,7 +376,7 @@ def _drive(
             if on_progress is not None and pacer.wall_time_s - told_s > 0.1:
                 told_s = pacer.wall_time_s
                 on_progress(Progress(sim_time_s, told_s, explored, run.messages))
-            ended = _why_ended(run, until_explored, time_limit_s, interrupted=interrupt.requested)
+            ended = why_ended(run, until_explored, time_limit_s, interrupted=interrupt.requested)
             if ended:
                 break
             pacer.wait(sim_time_s)
@@ -332,7 +387,8 @@ def _drive(
     return ended, curve
 
 
-def _why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
+def why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
+    """Why a run ends now: `interrupted`, `explored`, `time_limit` or `nothing_left`; empty while it goes on."""
     if interrupted:
         return "interrupted"
     if run.explored_fraction >= until_explored:

@@ -2,8 +2,10 @@
 
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import numpy as np
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.wire.errors import BadToml
@@ -108,6 +110,25 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """What `[motes]`, `[radio]` and `[field]` say."""
         spec = MoteSpec(**{name: getattr(self.motes, name) for name in MoteSpec.__struct_fields__})
         return SensorNetwork(motes=spec, radio=self.radio, field=self.field)
+
+
+def written_scenario(tables: ScenarioTables) -> str:
+    """Scenario TOML with every key, from which `parse_scenario` makes the same tables again."""
+    return msgspec.toml.encode(_without_none(msgspec.to_builtins(tables, enc_hook=_plain_number))).decode()
+
+
+def _plain_number(value: Any) -> Any:
+    """A number of Python's own for one of NumPy's, which scripts may have calculated with."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise NotImplementedError(f"a {type(value).__name__} cannot be written to a scenario file")
+
+
+def _without_none(value: Any) -> Any:
+    """Tables without the keys that are None: TOML leaves them out."""
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def builtin_names() -> list[str]:

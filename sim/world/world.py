@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+import yaml
 from PIL import Image
 
 from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
+from robrain.coordinator.recording.writer.provenance import MAP_ATTACHMENT
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -109,6 +111,13 @@ class World:
                 "obstacle_distance": {"radius_m": robot.radius_m},
             },
         )
+
+    def map_yaml(self) -> str:
+        """Scale and origin of `map_png`, in the map_server format."""
+        plan = self.plan
+        origin = [plan.origin_x_m, plan.origin_y_m, 0.0]
+        cells = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.25}
+        return yaml.safe_dump({"image": MAP_ATTACHMENT, "resolution": plan.resolution_m, "origin": origin, **cells})
 
     def map_png(self) -> bytes:
         """The true floor as a picture: north up, walls black."""

@@ -47,6 +47,9 @@ class ScriptedTransport:
     def open_folder(self, robot: str, folder: Path) -> None:
         raise AssertionError("nothing is loaded here")
 
+    def note_asked(self, key: str, request: bytes) -> None:
+        pass
+
     def close(self) -> None:
         self.wire.close()
 

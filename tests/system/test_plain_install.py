@@ -53,6 +53,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("info", ["run.mcap"], "team"),
     ("check", ["run.mcap"], "team"),
     ("diff", ["run.mcap", "run.mcap"], "team"),
+    ("fork", ["run.mcap", "--at", "1s"], "team"),
     ("recover", ["run.mcap"], "team"),
     ("report", ["run.mcap"], "report"),
     ("export", ["run.mcap"], "team"),

@@ -1,7 +1,6 @@
 """The elements of the page's HTML. Every string from the wire goes through `text`."""
 
 import math
-import re
 from html import escape
 
 from robrain.coordinator.dashboard.state.robot_view import Condition
@@ -106,13 +105,3 @@ def span_text(time_s: float) -> str:
     if time_s < 100:
         return f"{time_s:.0f} s"
     return f"{time_s / 60:.0f} min" if time_s < 6000 else f"{min(time_s / 3600, 9999):.1f} h"
-
-
-def natural_key(name: str) -> list[tuple[int, str]]:
-    """Sorts r2 before r10.
-
-    >>> sorted(["r10", "r2"], key=natural_key)
-    ['r2', 'r10']
-    """
-    parts = re.findall(r"\d+|\D", name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]

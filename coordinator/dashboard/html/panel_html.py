@@ -14,7 +14,6 @@ from robrain.coordinator.dashboard.html.html_words import (
     colored,
     condition_html,
     figure,
-    natural_key,
     note,
     span_text,
     text,
@@ -26,6 +25,7 @@ from robrain.coordinator.dashboard.state import headline
 from robrain.coordinator.dashboard.state.alerts import Alert, Level, alerts_of
 from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.drawing.palette import battery_class, look_of, mote_class
 
 ROWS = 200

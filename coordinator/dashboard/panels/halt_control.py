@@ -11,9 +11,10 @@ from typing import Any
 import viser
 import zenoh
 
-from robrain.coordinator.dashboard.html.html_words import CLOSE_MARK, natural_key, text
+from robrain.coordinator.dashboard.html.html_words import CLOSE_MARK, text
 from robrain.coordinator.dashboard.panels.gui_values import set_visible
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topics import HALT

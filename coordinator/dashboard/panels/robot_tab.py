@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from robrain.coordinator.dashboard.html.charts import RobotCharts
-from robrain.coordinator.dashboard.html.html_words import natural_key, text
+from robrain.coordinator.dashboard.html.html_words import text
 from robrain.coordinator.dashboard.html.plugin_html import (
     events_html,
     function_html,
@@ -20,6 +20,7 @@ from robrain.coordinator.dashboard.panels.gui_values import on_choice, set_html,
 from robrain.coordinator.dashboard.panels.hand_drive import HandDrive
 from robrain.coordinator.dashboard.panels.page_context import Page, PluginsOf
 from robrain.coordinator.dashboard.server.asker import Answer
+from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
 from robrain.protocol.wire.messages.host_messages import LoadRequest, ReloadRequest, UnloadRequest
 from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo

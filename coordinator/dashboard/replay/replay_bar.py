@@ -26,7 +26,8 @@ class ReplayBar:
         """Last value of the slider that was set or taken. If it differs, somebody has moved it, and `_slid` is about to
         be called: setting it back would undo that."""
         gui = server.gui
-        panel = gui.add_panel(order=0)
+        self.panel = panel = gui.add_panel(order=0)
+        """With room for more tabs."""
         duration_s = max(source.player.duration_s, 0.1)
         with panel.add_tab("Replay"):
             self._marks = gui.add_html(marks_html(source.marks, duration_s, 0.0, playing=False))

@@ -90,6 +90,11 @@ class ReplayIndex:
                 if topic is topics.ROBOT_STATE:
                     self._keep(received.names["robot"], time_s)
 
+    @property
+    def robots(self) -> list[str]:
+        """Names of the robots that the recording tells of."""
+        return list(self._all.robots)
+
     def apply_events(self, view: TeamView, time_s: float) -> None:
         """Apply to a new view all events up to a time."""
         view.look_order = {name: robot.index for name, robot in self._all.robots.items()}

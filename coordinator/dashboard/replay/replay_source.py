@@ -55,6 +55,11 @@ class ReplaySource:
         """The marks of the timeline, by time."""
         return self._index.marks
 
+    @property
+    def robots(self) -> list[str]:
+        """Names of the robots that the recording tells of."""
+        return self._index.robots
+
     def hear(self, now_s: float) -> None:
         """Process what has become due."""
         while self._asked:

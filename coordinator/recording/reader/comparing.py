@@ -54,7 +54,7 @@ def first_difference(
             start_one = first.log_time_ns
         if start_two is None and second is not None:
             start_two = second.log_time_ns
-        difference = _compare(number, first, second, start_one or 0, start_two or 0)
+        difference = compare_messages(number, first, second, start_one or 0, start_two or 0)
         if difference is not None:
             return difference, number
         number += 1
@@ -65,9 +65,19 @@ def _of_the_wire(path: Path, on_progress: Callable[[float], None] | None = None)
     return (message for message in read_messages(path, on_progress) if not is_visual(message.topic_key))
 
 
-def _compare(
-    number: int, first: RecordedMessage | None, second: RecordedMessage | None, start_one: int, start_two: int
+def compare_messages(
+    number: int, first: RecordedMessage | None, second: RecordedMessage | None, start_one: int = 0, start_two: int = 0
 ) -> Difference | None:
+    """How two messages of the same number differ, or None.
+
+    Args:
+        number: of both in their runs.
+        first: None if the first run has ended.
+        second: None if the second has.
+        start_one: the first run's clock from which times count, ns.
+        start_two: the second's.
+
+    """
     shown = first or second
     if shown is None:
         return None

@@ -22,6 +22,7 @@ from mcap.writer import MCAP0_MAGIC
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.writer.provenance import (
+    FORK_METADATA,
     MANIFESTS_METADATA,
     RUN_METADATA,
     SUMMARY_METADATA,
@@ -121,7 +122,8 @@ def read_provenance(path: Path) -> Provenance:
     """
     metadata, attachments = read_front(path)
     try:
-        return Provenance.from_parts(metadata[RUN_METADATA], attachments, metadata.get(MANIFESTS_METADATA))
+        run, manifests = metadata[RUN_METADATA], metadata.get(MANIFESTS_METADATA)
+        return Provenance.from_parts(run, attachments, manifests, metadata.get(FORK_METADATA))
     except (KeyError, ValueError) as error:
         raise RecordingError(
             path, f"{path} has no information about its run: give a recording made by `robrain`"

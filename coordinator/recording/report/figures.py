@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from robrain.coordinator.dashboard.html.html_words import natural_key
+from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.recording.report.figure_style import (
     BAD,
     FAINT,

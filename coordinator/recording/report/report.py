@@ -11,13 +11,14 @@ from pathlib import Path
 import msgspec
 from matplotlib.figure import Figure
 
-from robrain.coordinator.dashboard.html.html_words import natural_key
+from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.report import figures
 from robrain.coordinator.recording.report.figure_style import figure_style, png
 from robrain.coordinator.recording.report.figures import accuracy_figure
 from robrain.coordinator.recording.report.run_data import RunData, read_run
 from robrain.coordinator.recording.report.run_totals import comparison_figure, totals
+from robrain.coordinator.recording.report.two_runs import TwoRuns, outcome_of, words_of
 from robrain.protocol.wire.border.safe_text import safe_html
 
 ROWS_MAX = 300
@@ -167,7 +168,15 @@ def _comparison(runs: Sequence[RunData], pictures: list[tuple[str, bytes]]) -> s
         f"<h2>Compared</h2><table><tr><th></th>{head}</tr>{rows}</table>"
         + _picture("explored", explored)
         + _picture("comparison", bars)
+        + (_who_did_what(runs[0], runs[1]) if len(runs) == 2 else "")
     )
+
+
+def _who_did_what(one: RunData, two: RunData) -> str:
+    """The table of two runs, as `robrain diff` prints it."""
+    rows = TwoRuns(first=outcome_of(one), second=outcome_of(two)).rows
+    head = ("of", "what", *(f"*{safe_html(run.name, 60)}" for run in (one, two)), "*difference")
+    return _details("Who did what", head, [(row.group, row.name, *words_of(row)) for row in rows], is_open=True)
 
 
 def _happenings(run: RunData) -> str:

@@ -25,13 +25,33 @@ RECOVERY_METADATA = "robrain.recovery"
 VISUAL_METADATA = "robrain.visual"
 SCENARIO_ATTACHMENT = "scenario.toml"
 MAP_ATTACHMENT = "map.png"
+SETUP_ATTACHMENT = "setup.toml"
+"""The scenario as it was run, with every key: of a lockstep run."""
+MAP_YAML_ATTACHMENT = "map.yaml"
+"""Scale and origin of `map.png`, where the floor came from a map file."""
+FORK_METADATA = "robrain.fork"
+"""Of a fork: its parent, and what was changed."""
 MANIFESTS_METADATA = "robrain.manifests"
 """All manifests in one record, deflated: there are dozens, much alike, and each part of a recording has them."""
 
 
+SCRIPT = "script"
 PACKING = "base64 of the zlib-deflated JSON object of path and text"
 MANIFESTS_MAX = 64 * 1024 * 1024
 """Bytes that manifests unpack to at the most."""
+
+
+class RunSetup(msgspec.Struct, frozen=True, kw_only=True):
+    """What it takes to make a lockstep run again."""
+
+    toml: str
+    """The scenario as it was run, as a scenario file with every key; its map file, if it has one, is `map.yaml`."""
+    map_yaml: str = ""
+    """Scale and origin of the map picture, in the map_server format; empty for a floor that the scenario draws."""
+    is_script: bool = False
+    """Whether a script ran the team, and ended the run when it had finished."""
+    fork: dict[str, str] = {}
+    """Of a fork: `parent`, `parent_digest`, `at_s` and `changes`; empty for a run that is none."""
 
 
 class Provenance(msgspec.Struct, frozen=True):
@@ -48,10 +68,13 @@ class Provenance(msgspec.Struct, frozen=True):
     team: str
     manifests: dict[str, str] = {}
     """Files of the robots and of their plugins, as text, by a path for each."""
+    setup: RunSetup | None = None
+    """What it takes to make the run again; None for a live one."""
 
     def run_metadata(self) -> dict[str, str]:
         """The fields that are short enough for a metadata record."""
-        return {"scenario": self.scenario, "seed": str(self.seed), "drive": self.drive, "team": self.team}
+        run = {"scenario": self.scenario, "seed": str(self.seed), "drive": self.drive, "team": self.team}
+        return run | ({"run_by": SCRIPT} if self.setup is not None and self.setup.is_script else {})
 
     def manifest_metadata(self) -> dict[str, str]:
         """The manifests as a metadata record: how they are packed, and the pack."""
@@ -61,7 +84,11 @@ class Provenance(msgspec.Struct, frozen=True):
 
     @classmethod
     def from_parts(
-        cls, run: Mapping[str, str], attachments: Mapping[str, bytes], manifests: Mapping[str, str] | None = None
+        cls,
+        run: Mapping[str, str],
+        attachments: Mapping[str, bytes],
+        manifests: Mapping[str, str] | None = None,
+        fork: Mapping[str, str] | None = None,
     ) -> "Provenance":
         """Put together again what a file holds.
 
@@ -77,7 +104,19 @@ class Provenance(msgspec.Struct, frozen=True):
             drive=run["drive"],
             team=run["team"],
             manifests=unpacked(manifests) if manifests else {},
+            setup=_setup_from(run, attachments, fork or {}),
         )
+
+
+def _setup_from(run: Mapping[str, str], attachments: Mapping[str, bytes], fork: Mapping[str, str]) -> RunSetup | None:
+    if SETUP_ATTACHMENT not in attachments:
+        return None
+    return RunSetup(
+        toml=attachments[SETUP_ATTACHMENT].decode(),
+        map_yaml=attachments.get(MAP_YAML_ATTACHMENT, b"").decode(),
+        is_script=run.get("run_by") == SCRIPT,
+        fork=dict(fork),
+    )
 
 
 def unpacked(manifests: Mapping[str, str]) -> dict[str, str]:

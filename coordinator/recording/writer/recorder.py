@@ -1,11 +1,9 @@
 """The recorder: writes all that a team says on its recorded topics, and keeps a digest of it."""
 
-import hashlib
 import logging
 import re
-import struct
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +14,7 @@ from robrain.coordinator.recording.reader.map_at import KnownMap
 from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder_status import RecorderTelling
 from robrain.coordinator.recording.writer.recording_files import RecordingFiles, SplitAt
+from robrain.coordinator.recording.writer.run_digest import RunDigest
 from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.border.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -36,10 +35,9 @@ INBOX_BYTES = 256 * 1024 * 1024
 SEQUENCE_MASK = 0xFFFF_FFFF
 """MCAP's sequence numbers have 32 bits."""
 
-DIGESTED_AT_ONCE = 64
-"""Messages put together for the digest: few enough that what is put together stays in the processor's cache."""
 
-_STAMP_AND_PAYLOAD_LENGTH = struct.Struct("<QQ")
+OnRecorded = Callable[[Sequence[tuple[Topic[Any], str, bytes, int, int]], int], None]
+"""Takes topic, key, payload, stamp and number of each message, and the run's clock when they were recorded, in ns."""
 
 
 class RecordingSummary(msgspec.Struct, frozen=True):
@@ -96,8 +94,9 @@ class Recorder:
         self._messages = 0
         self._outside_queries = 0
         self._inbox = RecorderInbox(INBOX_CAPACITY, INBOX_BYTES, Border(endpoint.clock, self._refusals))
-        self._digest = hashlib.sha256()
-        self._key_prefixes: dict[str, bytes] = {}
+        self._digest = RunDigest()
+        self.on_recorded: OnRecorded | None = None
+        """Told of the messages of each step, in order, and of the run's clock."""
         self._summary: RecordingSummary | None = None
         self._path = path
         self._visual: FoxgloveChannels | None = None
@@ -201,8 +200,9 @@ class Recorder:
         file, visual = self._file, self._visual
         heard = self._stamped(self._inbox.drain_samples(), now_ns)
         self._messages += len(heard)
-        for start in range(0, len(heard), DIGESTED_AT_ONCE):
-            self._digest.update(self._digested(heard[start : start + DIGESTED_AT_ONCE]))
+        self._digest.add(heard)
+        if self.on_recorded is not None and heard:
+            self.on_recorded(heard, now_ns)
         if file is not None:
             file.write(heard, now_ns)
             for topic, key, payload, _, _ in heard:
@@ -305,19 +305,6 @@ class Recorder:
             if topic is ARENA_OUTSIDE:
                 self._outside_queries += 1
         return told
-
-    def _digested(self, told: "list[ToldMessage]") -> bytes:
-        """What goes into the digest."""
-        prefixes, pack = self._key_prefixes, _STAMP_AND_PAYLOAD_LENGTH.pack
-        parts: list[bytes] = []
-        for _, key, payload, stamp_ns, _ in told:
-            parts += (prefixes.get(key) or self._add_key(key), pack(stamp_ns, len(payload)), payload)
-        return b"".join(parts)
-
-    def _add_key(self, key: str) -> bytes:
-        encoded = key.encode()
-        prefix = self._key_prefixes[key] = len(encoded).to_bytes(8, "little") + encoded
-        return prefix
 
 
 class RecorderInbox(Inbox):

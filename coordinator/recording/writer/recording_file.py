@@ -20,15 +20,19 @@ from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.writer.chunk_writer import ChunkWriter
 from robrain.coordinator.recording.writer.plain_schema import plain_schema
 from robrain.coordinator.recording.writer.provenance import (
+    FORK_METADATA,
     HOST_METADATA,
     MANIFESTS_METADATA,
     MAP_ATTACHMENT,
+    MAP_YAML_ATTACHMENT,
     PART_METADATA,
     RUN_METADATA,
     SCENARIO_ATTACHMENT,
+    SETUP_ATTACHMENT,
     SUMMARY_METADATA,
     VERSIONS_METADATA,
     Provenance,
+    RunSetup,
     host_description,
     software_versions,
 )
@@ -202,8 +206,17 @@ class RecordingFile:
         writer.add_attachment(SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
         if provenance.map_png is not None:
             writer.add_attachment(MAP_ATTACHMENT, "image/png", provenance.map_png)
+        if provenance.setup is not None:
+            self._write_setup(provenance.setup)
         if provenance.manifests:
             writer.add_metadata(MANIFESTS_METADATA, provenance.manifest_metadata())
+
+    def _write_setup(self, setup: RunSetup) -> None:
+        self._writer.add_attachment(SETUP_ATTACHMENT, "application/toml", setup.toml.encode())
+        if setup.map_yaml:
+            self._writer.add_attachment(MAP_YAML_ATTACHMENT, "application/yaml", setup.map_yaml.encode())
+        if setup.fork:
+            self._writer.add_metadata(FORK_METADATA, setup.fork)
 
     def _add_channel(self, topic: Topic[Any], key: str) -> int:
         """Id of a new channel, or 0 when the file has all it can hold."""

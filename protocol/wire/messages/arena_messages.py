@@ -71,6 +71,10 @@ class OutsideInput(Message, frozen=True, kw_only=True):
     """What reached a lockstep run from another process and may have changed it."""
 
     key: Text
-    """Key that it came under."""
+    """Key that it came under, with `?by=NAME` behind it where a query said who asks."""
     payload: bytes
     """The payload, at most the first megabyte."""
+
+
+class ScriptInput(OutsideInput, frozen=True, kw_only=True):
+    """What the script that runs a team in lockstep asked, and may have changed the run with."""

@@ -286,6 +286,7 @@ EXAMPLES = [
         explored_fraction=0.25,
         map_accuracy=MapAccuracy(occupied_cells=400, cells_off=10, share_off=0.025, doubled_walls_m=0.5),
     ),
+    arena_messages.ScriptInput(**STAMP, key="robrain/default/task/submit", payload=b"{}"),
     arena_messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
     offer_messages.TaskOffer(task=TASK, epoch=12, lease_s=5.0, after="task-6"),
     offer_messages.TaskWithdrawal(id="task-7", epoch=12, why="cancelled"),

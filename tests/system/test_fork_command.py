@@ -1,0 +1,75 @@
+"""`robrain fork` as a person uses it."""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+from robrain.coordinator.recording.reader.reading import is_truncated, recording_info
+
+pytestmark = pytest.mark.system
+
+
+def recorded(commands, seconds: float = 8.0) -> Path:
+    words = ("run", "arena_small", "--seed", "3", "--time-limit", str(seconds), "--until", "explored=1")
+    assert commands.run(*words, "--record", "run.mcap").returncode == 0
+    return commands.folder / "run.mcap"
+
+
+def test_fork_tells_that_the_part_before_is_equal_and_sets_both_runs_beside_each_other(commands) -> None:
+    recorded(commands)
+    done = commands.run("fork", "run.mcap", "--at", "3s", "--without", "r2", "--task", "visit --at 2,2 --priority 2")
+    assert done.returncode == 0, done.stderr
+    assert "before 3 s: equal, " in done.stdout
+    assert "after it: without r2, a task to visit at 2, 2" in done.stdout
+    assert "visit-1" in done.stdout
+    assert "recorded in run.fork-3s.mcap" in done.stdout
+    differs = commands.run("diff", "run.mcap", "run.fork-3s.mcap")
+    assert differs.returncode == 1
+    assert "message " in differs.stdout
+    assert "visit-1" in differs.stdout
+    told = json.loads(commands.run("diff", "run.mcap", "run.fork-3s.mcap", "--json").stdout)
+    assert told["difference"]["time_s"] > 2.9
+    assert [task["task"] for task in told["runs"]["second"]["tasks"]] == ["visit-1"]
+    again = commands.run("fork", "run.mcap", "--at", "3s")
+    assert again.returncode == 2
+    assert "run.fork-3s.mcap: it exists already" in again.stderr
+
+
+def test_fork_without_changes_is_told_to_be_equal(commands) -> None:
+    path = recorded(commands)
+    done = commands.run("fork", "run.mcap", "--at", "0m2s", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["fork"]["same_whole"] is True
+    assert told["fork"]["digest"] == recording_info(path).digest
+    assert told["runs"] is None
+
+
+def test_wrong_command_line_is_one_sentence(commands) -> None:
+    recorded(commands, seconds=1.0)
+    for words, said in (
+        (("--at", "9s"), "--at 9s: expected a time from 0 to 1 s, the end of run.mcap"),
+        (("--at", "noon"), "--at noon: expected a time of the run"),
+        (("--at", "0.5", "--without", "r7"), "--without r7: there is no such robot; there are r1 to r2"),
+        (("--at", "0.5", "--task", "visit"), "a task to visit needs --at"),
+        (("--at", "0.5", "--out", "x.bag"), "give a file name that ends in .mcap"),
+    ):
+        done = commands.run("fork", "run.mcap", *words)
+        assert done.returncode == 2
+        assert done.stderr.startswith("robrain: ")
+        assert said in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    assert [path.name for path in commands.folder.glob("*.mcap")] == ["run.mcap"]
+
+
+def test_interrupted_fork_closes_its_recording(commands) -> None:
+    recorded(commands)
+    words = ("fork", "run.mcap", "--at", "1s", "--seconds", "100000", "--out", "fork.mcap", "--json", "--progress")
+    process = commands.start(*words)
+    commands.line_with(process, '"progress":{"now_s":2')
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 130
+    assert not is_truncated(commands.folder / "fork.mcap")
+    assert recording_info(commands.folder / "fork.mcap").digest
