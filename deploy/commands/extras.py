@@ -18,6 +18,8 @@ EXTRAS = {
     "matplotlib": "report",
     "pandas": "report",
     "pyarrow": "parquet",
+    "dask": "sweep",
+    "distributed": "sweep",
     "foxglove": "foxglove",
     "ortools": "bench",
     "vrplib": "bench",
