@@ -87,7 +87,12 @@ class LocalCrew:
         """Start a task in an idle process."""
         lane = self._idle.pop()
         with _one_thread_each():
-            future = lane.submit(task)
+            try:
+                future = lane.submit(task)
+            except BrokenProcessPool:  # it died while it was idle
+                lane.close()
+                lane = _Lane()
+                future = lane.submit(task)
         self._busy[future] = lane
         return future
 
@@ -129,7 +134,7 @@ class DaskCrew:
         except (OSError, ValueError) as error:
             raise UsageError(f"--dask {address}: no scheduler of Dask answers there: {error}") from error
         self._executor: Executor = self._client.get_executor(pure=False)
-        self._versions = software_versions()
+        self.versions = software_versions()
 
     @property
     def has_room(self) -> bool:
@@ -140,7 +145,7 @@ class DaskCrew:
         """Put a task into the cluster's queue; a worker of other versions refuses it."""
         import msgspec
 
-        return self._executor.submit(run_task, msgspec.structs.replace(task, versions=self._versions))
+        return self._executor.submit(run_task, msgspec.structs.replace(task, versions=self.versions))
 
     def release(self, future: Future[RunRecord]) -> None:
         """Nothing is to be done: the cluster replaces its own workers."""

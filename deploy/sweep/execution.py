@@ -30,7 +30,7 @@ def execute(
     """
     waiting = deque(tasks)
     running: dict[Future[RunRecord], RunTask] = {}
-    is_stopping = False
+    is_stopping = should_stop()
     while running or (waiting and not is_stopping):
         while waiting and crew.has_room and not is_stopping:
             task = waiting.popleft()

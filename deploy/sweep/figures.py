@@ -95,7 +95,7 @@ def _measures(plan: SweepPlan, records: Mapping[str, RunRecord], summary: SweepS
         draw_groups(axes, groups, done)
         axes.set_title(_heading(column))
     label_rows(all_axes[0], labels, what)
-    figure.suptitle(_title(plan, "seeds, means and 95 % intervals"), x=0.01, ha="left", fontsize=11)
+    figure.suptitle(_title(plan, "each run, mean and 95 % interval"), x=0.01, ha="left", fontsize=11)
     return figure
 
 

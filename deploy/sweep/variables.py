@@ -29,7 +29,12 @@ SHORT = {
     "time_limit": "scenario.time_limit_s",
 }
 """Short names of keys; they are the names of the columns too."""
-NOT_VARIED = {"scenario.seed": "--seeds gives the seeds", "scenario.name": "it does not change a run"}
+SEEDS_ELSEWHERE = "--seeds gives the seeds"
+NOT_VARIED = {
+    "seed": SEEDS_ELSEWHERE,
+    "scenario.seed": SEEDS_ELSEWHERE,
+    "scenario.name": "it does not change what a run does",
+}
 RANGE = re.compile(r"(\d{1,19})\.\.(\d{1,19})")
 MOST_VALUES = 100_000
 
@@ -113,8 +118,8 @@ def full_key(key: str, document: Mapping[str, Any]) -> str:
 
     """
     full = SHORT.get(key, key)
-    if full in NOT_VARIED or key == "seed":
-        raise UsageError(f"--vary {key}: {NOT_VARIED[SHORT.get(key, 'scenario.seed' if key == 'seed' else key)]}")
+    if full in NOT_VARIED:
+        raise UsageError(f"--vary {key}: {NOT_VARIED[full]}")
     known = known_keys(document)
     if full == SHORT["map"] or full in known:
         return full

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from robrain.coordinator.recording.report.figure_style import FAINT, INK, line_look, new_figure
 from robrain.coordinator.recording.report.mean_interval import mean_interval, t_factor
 
-POINTS_HEIGHT = 0.26
-"""Half the height of the strip of points of a row, in rows."""
+POINTS_AT, POINTS_HEIGHT = -0.17, 0.15
+"""Middle of the strip of points from the middle of its row, and half the strip's height, in rows."""
+MEAN_AT = 0.16
 CURVE_POINTS = 240
-PANELS_PER_ROW = 3
+PANELS_PER_LINE = (3, 4, 2)
+"""Numbers of panels side by side; the one that leaves the smallest gap is taken, of equal ones the first."""
 
 Curve = Sequence[tuple[float, float]]
 """Times and values of a run."""
@@ -22,10 +24,10 @@ Curve = Sequence[tuple[float, float]]
 
 def panels(count: int, rows: int, label_length: int) -> tuple[Figure, list[Axes]]:
     """A figure with exactly `count` panels that share their rows; the first of a line has room for the labels."""
-    columns = min(count, PANELS_PER_ROW)
+    columns = min(count, min(PANELS_PER_LINE, key=lambda columns: -count % columns)) if count > 3 else count
     lines = math.ceil(count / columns)
-    width_in = 3.0 * columns + 0.075 * min(label_length, 40)
-    figure = new_figure(width_in, lines * min(1.1 + 0.34 * rows, 14.0))
+    width_in = 2.8 * columns + 0.075 * min(label_length, 40)
+    figure = new_figure(max(width_in, 4.5), lines * min(1.1 + 0.36 * rows, 14.0))
     grid = figure.add_gridspec(lines, columns)
     found: list[Axes] = []
     for place in range(count):
@@ -48,14 +50,15 @@ def draw_groups(axes: Axes, groups: Sequence[Sequence[float]], expected: Sequenc
         color = line_look(row)["color"]
         found = mean_interval(values)
         if found is not None:
-            heights = row + _spread(len(values))
-            axes.plot(values, heights, "o", color=color, alpha=0.35, markersize=3.5, markeredgewidth=0)
+            heights = row + POINTS_AT + _spread(len(values))
+            axes.plot(values, heights, "o", color=color, alpha=0.5, markersize=3.5, markeredgewidth=0)
             if found.low is not None and found.high is not None:
-                axes.plot([found.low, found.high], [row, row], color=color, linewidth=2.4, solid_capstyle="butt")
-            axes.plot(found.mean, row, "D", color=color, markeredgecolor="white", markersize=7)
+                ends = [row + MEAN_AT] * 2
+                axes.plot([found.low, found.high], ends, color=color, linewidth=2.4, solid_capstyle="butt")
+            axes.plot(found.mean, row + MEAN_AT, "D", color=color, markeredgecolor="white", markersize=7)
         if expected is not None and len(values) < expected[row]:
-            axes.annotate(f"{len(values)} of {expected[row]}", (1.0, row), xycoords=("axes fraction", "data"),
-                          xytext=(-2, 7), textcoords="offset points", ha="right", fontsize=7, color=INK)  # fmt: skip
+            axes.annotate(f"{len(values)} of {expected[row]}", (1.0, row + MEAN_AT), xycoords=("axes fraction", "data"),
+                          ha="right", va="center", fontsize=7, color=INK)  # fmt: skip
     axes.set_ylim(len(groups) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
     axes.margins(x=0.08)
