@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from robrain.client.team import Team
     from robrain.coordinator.planning.policy import PlanningPolicy
     from robrain.coordinator.recording.reader.recording import Recording, load
+    from robrain.deploy.sweep.sweep import SweepResult, sweep
     from robrain.plugins.behavior.errand import Errand, Failed
     from robrain.protocol.model.energy.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -95,6 +96,7 @@ __all__ = [
     "ScenarioError",
     "Skill",
     "SurfaceSpec",
+    "SweepResult",
     "Task",
     "TaskEvent",
     "TaskFilter",
@@ -112,6 +114,7 @@ __all__ = [
     "external",
     "load",
     "rasterise",
+    "sweep",
     "unlocked",
 ]
 
@@ -134,6 +137,7 @@ _NAMES = {
     "robrain.client.team": ("Team",),
     "robrain.coordinator.planning.policy": ("PlanningPolicy",),
     "robrain.coordinator.recording.reader.recording": ("Recording", "load"),
+    "robrain.deploy.sweep.sweep": ("SweepResult", "sweep"),
     "robrain.protocol.model.geometry": ("Point2D", "Pose2D", "Twist2D"),
     "robrain.protocol.model.tasks.objective": ("Objective",),
     "robrain.plugins.behavior.errand": ("Errand", "Failed"),

@@ -44,19 +44,22 @@ def figure_files(plan: SweepPlan, records: Mapping[str, RunRecord], summary: Swe
 
 
 def drawn_columns(plan: SweepPlan, records: Mapping[str, RunRecord], summary: SweepSummary) -> list[str]:
-    """The columns that have a panel: those with a value, and not the same in all runs; of the milestones one."""
-    found = []
+    """The columns that have a panel: with values that are not equal in all runs nor those of a column before.
+
+    Of the milestones there is one.
+    """
+    found: dict[tuple[float, ...], str] = {}
     for column in MEASURES:
         if column in MILESTONES and column != summary.milestone:
             continue
-        values = {
+        values = tuple(
             value
             for index in range(len(plan.settings))
             for value in values_by_seed(plan, records, index, column).values()
-        }
-        if len(values) > 1:
-            found.append(column)
-    return found
+        )
+        if len(set(values)) > 1:
+            found.setdefault(values, column)
+    return list(found.values())
 
 
 def _explored(plan: SweepPlan, records: Mapping[str, RunRecord]) -> Figure | None:

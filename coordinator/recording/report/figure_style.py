@@ -91,12 +91,6 @@ def legend(axes: Axes, count: int) -> None:
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
-def nothing(axes: Axes, text: str) -> None:
-    """Say in words that there is nothing to draw."""
-    axes.set_axis_off()
-    axes.text(0.5, 0.5, text, ha="center", va="center", color=FAINT, fontsize=12, transform=axes.transAxes)
-
-
 FORMATS: Mapping[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},

@@ -31,7 +31,7 @@ def test_one_value_has_no_interval_and_none_no_mean() -> None:
 
 @given(NUMBERS)
 def test_the_paired_test_is_that_of_student(differences: list[float]) -> None:
-    first = {seed: 100.0 for seed in range(len(differences))}
+    first = dict.fromkeys(range(len(differences)), 100.0)
     found = paired_difference(first, {seed: 100.0 + each for seed, each in enumerate(differences)})
     assert found is not None
     assert found.p is not None

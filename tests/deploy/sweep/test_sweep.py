@@ -143,7 +143,9 @@ def test_figures_are_vector_graphics_without_empty_panels(swept: SweepResult) ->
         assert (swept.folder / "figures" / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
         root = ElementTree.fromstring((swept.folder / "figures" / f"{stem}.svg").read_text())
         space = {"svg": "http://www.w3.org/2000/svg"}
-        panels = [group for group in root.iter(f"{{{space['svg']}}}g") if re.fullmatch(r"axes_\d+", group.get("id", ""))]
+        panels = [
+            group for group in root.iter(f"{{{space['svg']}}}g") if re.fullmatch(r"axes_\d+", group.get("id", ""))
+        ]
         assert panels
         for panel in panels:
             assert panel.findall(".//svg:g[@id]//svg:use", space), f"{stem}: a panel without points"
@@ -156,9 +158,7 @@ def test_figures_are_vector_graphics_without_empty_panels(swept: SweepResult) ->
         ({"workers": 2, "dask": "tcp://127.0.0.1:1"}, "leave it out with --dask"),
     ],
 )
-def test_a_wrong_option_is_told_before_anything_is_written(
-    folder: Path, options: dict[str, object], why: str
-) -> None:
+def test_a_wrong_option_is_told_before_anything_is_written(folder: Path, options: dict[str, object], why: str) -> None:
     with pytest.raises(UsageError, match=why):
         sweep(SCENARIO, [1], output=folder, **options)  # type: ignore[arg-type]
     assert not folder.exists()
