@@ -74,13 +74,13 @@ def show_sweep(result: SweepResult) -> None:
 
 
 def shown_columns(summary: SweepSummary) -> list[str]:
-    """The columns that the terminal shows: those that have a value, and are not 0 in all settings."""
-    wanted = [*([summary.milestone] if summary.milestone else []), *SHOWN]
-    return [
-        column
-        for column in wanted
-        if any(setting.means[column].mean != 0.0 for setting in summary.settings if column in setting.means)
-    ]
+    """The columns that the terminal shows: not those that are 0 in all settings, or equal to one before."""
+    found: dict[tuple[MeanInterval | None, ...], str] = {}
+    for column in [*([summary.milestone] if summary.milestone else []), *SHOWN]:
+        means = tuple(setting.means.get(column) for setting in summary.settings)
+        if any(mean is not None and mean.mean != 0.0 for mean in means):
+            found.setdefault(means, column)
+    return list(found.values())
 
 
 def left_out(summary: SweepSummary) -> list[str]:
