@@ -245,7 +245,10 @@ def _mean_words(mean: MeanInterval | None, runs: int) -> str:
     if mean is None:
         return "–"
     few = f" ({mean.n} of {runs})" if mean.n < runs else ""
-    return _number(mean.mean) + (f" ± {mean.half_width:.2g}" if mean.half_width else "") + few
+    if not mean.half_width:
+        return _number(mean.mean) + few
+    digits = max(0, 1 - math.floor(math.log10(mean.half_width)))
+    return f"{mean.mean:,.{digits}f} ± {mean.half_width:,.{digits}f}{few}"
 
 
 def _happenings(run: RunData) -> str:

@@ -206,10 +206,12 @@ def test_energy_is_drawn_in_kilojoules_measured_and_by_the_model() -> None:
         robot_of("mute", measured_j=[0.0, 0.0], predicted_j=[0.0, 0.0]),
     )
     robots["new"] = RobotRun("new")
-    figure = energy_figure(run_of(600.0, robots=robots))
-    [left] = figure.axes  # no task, no panel for tasks
+    tasks = {"a": task_of("a", predicted_j=90.0, measured_j=100.0)}
+    figure = energy_figure(run_of(600.0, robots=robots, tasks=tasks))
+    left, _ = figure.axes
+    assert len(energy_figure(run_of(600.0, robots=robots)).axes) == 1  # no task, no panel for tasks
     assert tuple(figure.get_size_inches()) == (9.0, 4.2)
-    assert left.get_gridspec().get_width_ratios() == (1.5, 1)
+    assert left.get_gridspec().get_width_ratios() == [1.5, 1.0]
     assert [curve(line) for line in left.lines] == [
         [(0, 0), (pytest.approx(1 / 6), 1.0)],
         [(0, 0), (pytest.approx(1 / 6), 1.2)],
