@@ -21,6 +21,8 @@ EXTRAS = {
     "matplotlib": "report",
     "pandas": "report",
     "pyarrow": "parquet",
+    "dask": "sweep",
+    "distributed": "sweep",
     "foxglove": "foxglove",
     "ortools": "bench",
     "vrplib": "bench",

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from robrain.coordinator.recording.report.two_runs import TwoRuns, compare_runs
     from robrain.deploy.fork.fork_api import fork
     from robrain.deploy.fork.fork_result import ForkResult
+    from robrain.deploy.sweep.sweep import SweepResult, sweep
     from robrain.plugins.behavior.errand import Errand, Failed
     from robrain.protocol.model.energy.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -99,6 +100,7 @@ __all__ = [
     "ScenarioError",
     "Skill",
     "SurfaceSpec",
+    "SweepResult",
     "Task",
     "TaskEvent",
     "TaskFilter",
@@ -119,6 +121,7 @@ __all__ = [
     "fork",
     "load",
     "rasterise",
+    "sweep",
     "unlocked",
 ]
 
@@ -144,6 +147,7 @@ _NAMES = {
     "robrain.coordinator.recording.report.two_runs": ("TwoRuns", "compare_runs"),
     "robrain.deploy.fork.fork_api": ("fork",),
     "robrain.deploy.fork.fork_result": ("ForkResult",),
+    "robrain.deploy.sweep.sweep": ("SweepResult", "sweep"),
     "robrain.protocol.model.geometry": ("Point2D", "Pose2D", "Twist2D"),
     "robrain.protocol.model.tasks.objective": ("Objective",),
     "robrain.plugins.behavior.errand": ("Errand", "Failed"),

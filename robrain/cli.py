@@ -14,11 +14,21 @@ import typer
 from robrain.deploy.bench.commands import bench_app
 from robrain.deploy.commands.extras import missing_extra
 from robrain.deploy.commands.plugin_commands import plugin_app
+from robrain.deploy.commands.scenario_options import (
+    MapOption,
+    MotesOption,
+    RobotsOption,
+    ScenarioArgument,
+    SeedOption,
+    TimeLimitOption,
+    UntilOption,
+)
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
+from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.processes.agent_words import agent_words
 from robrain.deploy.processes.native_threads import limit_native_threads
-from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.recordings.recording_commands import recording_app
+from robrain.deploy.sweep.sweep_commands import sweep_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.border.safe_text import safe_text
@@ -57,18 +67,10 @@ def options(
 
 app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
+app.add_typer(sweep_app)
 app.add_typer(recording_app)
 app.add_typer(bench_app, name="bench")
 
-ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
-MapOption = Annotated[
-    Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format instead of a scenario.")
-]
-RobotsOption = Annotated[int | None, typer.Option(help="Number of robots.")]
-MotesOption = Annotated[int | None, typer.Option(help="Number of sensor motes.")]
-SeedOption = Annotated[int | None, typer.Option(help="Seed of all random numbers.")]
-UntilOption = Annotated[str | None, typer.Option(help="Stop when this share is explored, such as explored=0.95.")]
-TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after this many simulated seconds.")]
 RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]

@@ -9,6 +9,7 @@ OF_COMMANDS = {
     **dict.fromkeys(("run", "demo", "up", "arena", "bench"), "sim"),
     **dict.fromkeys(("dashboard", "replay", "record", "info", "check", "diff", "recover", "export"), "team"),
     "report": "report",
+    "sweep": "sweep",
     "foxglove": "foxglove",
     "bench allocation": "team",
     "bench log": "navigation",

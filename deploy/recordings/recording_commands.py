@@ -163,15 +163,18 @@ def report(
         Path | None,
         typer.Option("--output", "-o", help="Folder to write to; default: NAME_report beside the first recording."),
     ] = None,
+    forms: Annotated[
+        str, typer.Option("--figures", help="Formats of the figures' files, such as svg,pdf,png.")
+    ] = "svg",
     as_json: JsonOption = False,
 ) -> None:
-    """Write a page of plots of a run, or compare several: explored share, tracks, tasks, energy, batteries, faults."""
+    """Write a page of plots of a run, or compare several; those of several seeds by mean and interval."""
     from robrain.coordinator.recording.report.report import write_report
     from robrain.deploy.recordings.recording_display import progress, show_report
 
     folder = output if output is not None else recordings[0].with_name(f"{recordings[0].stem}_report")
     with progress("reading and drawing", quiet=as_json) as show:
-        written = write_report(recordings, folder, show)
+        written = write_report(recordings, folder, show, forms=[form.strip() for form in forms.split(",")])
     _tell(written, lambda: show_report(written.page, written.figures), as_json=as_json)
 
 

@@ -44,6 +44,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Accuracy of the team's map at the end; None if nothing was mapped."""
     explored_curve: list[tuple[float, float]]
     """Pairs of sim_time_s and explored fraction."""
+    explored_percent_s: dict[int, float] = {}
+    """Simulated time at which 50, 90, 95 and 99 % were first explored; without those that the run did not reach."""
     distance_m: float
     energy_j: float
     collisions: int

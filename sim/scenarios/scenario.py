@@ -39,6 +39,7 @@ from robrain.sim.scenarios.scenario_file import (
     ScenarioTable,
     ScenarioTables,
     TeamTable,
+    parse_scenario,
     read_builtin,
     read_scenario_file,
     written_scenario,
@@ -49,6 +50,8 @@ from robrain.sim.world.fault_injection import FaultSpec
 from robrain.sim.world.world import World, build_world
 
 CURVE_STEP_S = 5.0
+MILESTONES_PERCENT = (50, 90, 95, 99)
+"""Explored shares whose times a result tells."""
 MAX_SEED = (1 << 63) - 1
 
 
@@ -121,6 +124,21 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         """A scenario TOML (ScenarioError naming file and key if it is wrong)."""
         path = Path(path)
         return cls._from_tables(*read_scenario_file(path), base=path.parent)
+
+    @classmethod
+    def from_toml(cls, text: str, where: str = "scenario", *, base: Path | str = ".") -> Self:
+        """A scenario from the text of a scenario TOML.
+
+        Args:
+            text: the TOML.
+            where: name of the text in errors.
+            base: folder to which `[map] file` is relative.
+
+        Raises:
+            ScenarioError: naming `where`, key and what was expected.
+
+        """
+        return cls._from_tables(parse_scenario(text, where), text, base=Path(base))
 
     @classmethod
     def from_map(cls, path: Path | str, *, robots: int = 4, motes: int = 0) -> Self:
@@ -275,7 +293,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 on_open(run.listening_at)
             setup_time_s = setup.wall_time_s
             pacer = Pacer(speed)
-            ended, curve = _drive(run, until, limit_s, pacer, on_progress)
+            ended, curve, milestones = _drive(run, until, limit_s, pacer, on_progress)
             wall_time_s = pacer.wall_time_s
             run.arena.accuracy.measure_map()
             truth, left = run.truth, run.floor_left()
@@ -296,6 +314,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             floor_left=left,
             map_accuracy=truth.map_accuracy,
             explored_curve=curve,
+            explored_percent_s=milestones,
             distance_m=sum(robot.distance_m for robot in truth.robots),
             energy_j=sum(robot.energy_j for robot in truth.robots),
             collisions=sum(robot.collisions for robot in truth.robots),
@@ -364,8 +383,9 @@ def _drive(
     time_limit_s: float,
     pacer: Pacer,
     on_progress: Callable[[Progress], None] | None,
-) -> tuple[str, list[tuple[float, float]]]:
+) -> tuple[str, list[tuple[float, float]], dict[int, float]]:
     curve: list[tuple[float, float]] = [(0.0, 0.0)]
+    milestones: dict[int, float] = {}
     told_s = -1.0
     with StopOnInterrupt() as interrupt:
         while True:
@@ -373,6 +393,8 @@ def _drive(
             sim_time_s, explored = run.sim_time_s, run.explored_fraction
             if sim_time_s - curve[-1][0] >= CURVE_STEP_S - 1e-9:
                 curve.append((round(sim_time_s, 3), explored))
+            while len(milestones) < len(MILESTONES_PERCENT) and 100 * explored >= MILESTONES_PERCENT[len(milestones)]:
+                milestones[MILESTONES_PERCENT[len(milestones)]] = round(sim_time_s, 3)
             if on_progress is not None and pacer.wall_time_s - told_s > 0.1:
                 told_s = pacer.wall_time_s
                 on_progress(Progress(sim_time_s, told_s, explored, run.messages))
@@ -384,7 +406,7 @@ def _drive(
         curve.append((round(sim_time_s, 3), explored))
     if on_progress is not None:
         on_progress(Progress(sim_time_s, pacer.wall_time_s, explored, run.messages))
-    return ended, curve
+    return ended, curve, milestones
 
 
 def why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:

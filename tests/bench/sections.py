@@ -94,6 +94,12 @@ SECTIONS = {
         "the same world.",
         "tests.bench.real_time_factor:measure",
     ),
+    "sweep": Section(
+        "Sweeps",
+        "`robrain sweep`: 30 runs of 60 simulated seconds in the depot, by one process and by two; the start of the "
+        "processes and the figures are included.",
+        "tests.bench.sweep:measure",
+    ),
     "robot_cost": Section(
         "What a robot costs",
         "CPU per robot and simulated second: eight robots exploring the depot, all stock plugins, 15 s after a "

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.system
 WORKS = ""
 COMMANDS: list[tuple[str, list[str], str]] = [
     ("run", ["depot"], "sim"),
+    ("sweep", ["depot"], "sim"),
     ("demo", ["--headless"], "sim"),
     ("up", ["depot"], "sim"),
     ("arena", ["depot"], "sim"),

@@ -2,7 +2,7 @@
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -47,6 +47,8 @@ STYLE: Any = {
     "savefig.facecolor": "white",
     "text.parse_math": False,  # a dollar in a robot's name is a dollar
     "lines.linewidth": 1.6,
+    "svg.hashsalt": "robrain",  # names in the file are equal each time
+    "pdf.fonttype": 42,  # letters stay letters: a reader can search and edit them
 }
 
 
@@ -89,14 +91,21 @@ def legend(axes: Axes, count: int) -> None:
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
-def nothing(axes: Axes, text: str) -> None:
-    """Say in words that there is nothing to draw."""
-    axes.set_axis_off()
-    axes.text(0.5, 0.5, text, ha="center", va="center", color=FAINT, fontsize=12, transform=axes.transAxes)
+FORMATS: Mapping[str, dict[str, Any]] = {
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+"""Formats of figures, each with the metadata that is left out, because it differs with time and version."""
+
+
+def picture(figure: Figure, form: str = "svg") -> bytes:
+    """The figure in one of `FORMATS`; the same figure gives the same bytes. Call it within `figure_style`."""
+    out = io.BytesIO()
+    figure.savefig(out, format=form, metadata=FORMATS[form])
+    return out.getvalue()
 
 
 def png(figure: Figure) -> bytes:
     """The figure as a PNG; the same figure gives the same bytes."""
-    out = io.BytesIO()
-    figure.savefig(out, format="png", metadata={"Software": None})
-    return out.getvalue()
+    return picture(figure, "png")

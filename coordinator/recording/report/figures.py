@@ -9,6 +9,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.recording.report.figure_style import (
@@ -23,7 +24,6 @@ from robrain.coordinator.recording.report.figure_style import (
     legend,
     line_look,
     new_figure,
-    nothing,
     time_axis,
 )
 from robrain.coordinator.recording.report.run_data import RobotRun, RunData, TaskRun
@@ -47,15 +47,13 @@ HAPPENING_COLORS = {
 SILENT_WIDTH = 4.0
 
 
-def explored_figure(runs: list[RunData]) -> Figure:
-    """Explored share over time, a line for each run; known area where no arena tells the share."""
+def explored_figure(runs: list[RunData]) -> Figure | None:
+    """Explored share over time, a line for each run; known area where no arena tells the share; None without both."""
+    shares, curves = explored_curves(runs)
+    if not any(curves):
+        return None
     figure = new_figure()
     axes = figure.add_subplot()
-    shares = any(run.explored for run in runs)
-    curves = [run.explored if shares else run.known_m2 for run in runs]
-    if not any(curves):
-        nothing(axes, "nothing was told of what is explored")
-        return figure
     unit_s = time_axis(axes, max(run.duration_s for run in runs))
     for index, (run, curve) in enumerate(zip(runs, curves, strict=True)):
         if curve:
@@ -68,10 +66,19 @@ def explored_figure(runs: list[RunData]) -> Figure:
     return figure
 
 
-def trajectory_figure(run: RunData) -> Figure:
-    """Where the robots went, on the map as it was at the end."""
+def explored_curves(runs: list[RunData]) -> tuple[bool, list[list[tuple[float, float]]]]:
+    """Whether an arena tells the explored share, and the shares of each run or else the known areas."""
+    shares = any(run.explored for run in runs)
+    return shares, [run.explored if shares else run.known_m2 for run in runs]
+
+
+def trajectory_figure(run: RunData) -> Figure | None:
+    """Where the robots went, on the map as it was at the end; None without map, poses and motes."""
     grid = run.map.grid
     bounds = run.map.known_bounds_m()
+    has_poses = any(np.isfinite(np.array(robot.x_m)).any() for robot in run.robots.values())
+    if bounds is None and not has_poses and not any(mote.place for mote in run.motes.values()):
+        return None
     aspect = 0.6 if bounds is None else (bounds[3] - bounds[1]) / max(bounds[2] - bounds[0], 1e-6)
     figure = new_figure(9.0, min(max(7.4 * aspect + 0.8, 3.5), 9.0))
     axes = figure.add_subplot()
@@ -112,34 +119,9 @@ def trajectory_figure(run: RunData) -> Figure:
     return figure
 
 
-def energy_figure(run: RunData) -> Figure:
-    """Energy by the robots' own models against what was measured: over the run, and for each task."""
-    figure = new_figure(9.0, 4.2)
-    left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
+def energy_figure(run: RunData) -> Figure | None:
+    """Energy by the robots' own models against what was measured: over the run, and for tasks; None without both."""
     robots = [robot for robot in _robots(run) if robot.measured_j and robot.measured_j[-1] > 0]
-    if robots:
-        unit_s = time_axis(left, run.duration_s)
-        for index, robot in enumerate(robots):
-            color = line_look(index)["color"]
-            times = np.array(robot.t_s) / unit_s
-            left.plot(times, np.array(robot.measured_j) / 1000, color=color, label=label(robot.name))
-            left.plot(times, np.array(robot.predicted_j) / 1000, color=color, linestyle="--", linewidth=1.2)
-        handles = [Line2D([], [], color=line_look(index)["color"]) for index in range(len(robots))]
-        names = [label(robot.name) for robot in robots]
-        if len(robots) > NAMED_MAX:
-            handles, names = [], []
-        handles += [Line2D([], [], color=INK), Line2D([], [], color=INK, linestyle="--")]
-        left.legend(handles, [*names, "measured", "by the model"], loc="upper left", ncols=2 if len(robots) > 3 else 1)
-        left.set_ylabel("Energy (kJ)")
-        left.set_ylim(bottom=0)
-    else:
-        nothing(left, "no battery was heard of")
-    left.set_title("Energy, measured and by the model")
-    _predicted_against_measured(right, run)
-    return figure
-
-
-def _predicted_against_measured(axes: Axes, run: RunData) -> None:
     pairs = np.array(
         [
             (task.predicted_j, task.measured_j)
@@ -147,10 +129,38 @@ def _predicted_against_measured(axes: Axes, run: RunData) -> None:
             if task.predicted_j is not None and task.measured_j is not None and task.state == "done"
         ]
     )
+    widths = [1.5] * bool(robots) + [1.0] * bool(pairs.size)
+    if not widths:
+        return None
+    figure = new_figure(9.0, 4.2)
+    panels = list(figure.subplots(1, len(widths), width_ratios=widths, squeeze=False)[0])
+    if robots:
+        _draw_energy(panels[0], run, robots)
+    if pairs.size:
+        _predicted_against_measured(panels[-1], pairs)
+    return figure
+
+
+def _draw_energy(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
+    unit_s = time_axis(axes, run.duration_s)
+    for index, robot in enumerate(robots):
+        color = line_look(index)["color"]
+        times = np.array(robot.t_s) / unit_s
+        axes.plot(times, np.array(robot.measured_j) / 1000, color=color, label=label(robot.name))
+        axes.plot(times, np.array(robot.predicted_j) / 1000, color=color, linestyle="--", linewidth=1.2)
+    handles = [Line2D([], [], color=line_look(index)["color"]) for index in range(len(robots))]
+    names = [label(robot.name) for robot in robots]
+    if len(robots) > NAMED_MAX:
+        handles, names = [], []
+    handles += [Line2D([], [], color=INK), Line2D([], [], color=INK, linestyle="--")]
+    axes.legend(handles, [*names, "measured", "by the model"], loc="upper left", ncols=2 if len(robots) > 3 else 1)
+    axes.set_ylabel("Energy (kJ)")
+    axes.set_ylim(bottom=0)
+    axes.set_title("Energy, measured and by the model")
+
+
+def _predicted_against_measured(axes: Axes, pairs: NDArray[np.float64]) -> None:
     axes.set_title("Tasks: predicted, measured")
-    if not pairs.size:
-        nothing(axes, "no task tells both")
-        return
     most = float(pairs.max()) * 1.05 + 1e-9
     axes.plot([0, most], [0, most], color=FAINT, linewidth=1.0)
     axes.plot(*pairs.T, "o", color=NEUTRAL, markersize=5, alpha=0.8)
@@ -163,19 +173,18 @@ def _predicted_against_measured(axes: Axes, run: RunData) -> None:
     axes.set_ylim(0, most)
 
 
-def task_figure(run: RunData) -> Figure:
-    """Who did what when: a row for each robot, coloured by how the task ended."""
+def task_figure(run: RunData) -> Figure | None:
+    """Who did what when: a row for each robot, coloured by how the task ended; None if no robot was at a task."""
     spans: dict[str, list[tuple[TaskRun, float, float]]] = defaultdict(list)
     for task in run.tasks.values():
         for robot, start_s, end_s in task.spans:
             spans[robot].append((task, start_s, end_s if end_s is not None else run.duration_s))
     robots = sorted(spans, key=natural_key)[:BARS_MAX]
+    if not robots:
+        return None
     figure = new_figure(9.0, min(1.5 + 0.42 * max(len(robots), 3), 12.0))
     axes = figure.add_subplot()
     axes.set_title("Tasks by robot")
-    if not robots:
-        nothing(axes, "no robot was at a task")
-        return figure
     unit_s = time_axis(axes, run.duration_s)
     for row, robot in enumerate(robots):
         for task, start_s, end_s in spans[robot]:
@@ -194,15 +203,14 @@ def task_figure(run: RunData) -> Figure:
     return figure
 
 
-def battery_figure(run: RunData) -> Figure:
-    """State of charge of each robot, with its own 95 % interval."""
+def battery_figure(run: RunData) -> Figure | None:
+    """State of charge of each robot, with its own 95 % interval; None if no battery was heard of."""
+    robots = [robot for robot in _robots(run) if np.isfinite(np.array(robot.soc)).any()]
+    if not robots:
+        return None
     figure = new_figure()
     axes = figure.add_subplot()
     axes.set_title("State of charge, with the robots' own 95 % interval")
-    robots = [robot for robot in _robots(run) if np.isfinite(np.array(robot.soc)).any()]
-    if not robots:
-        nothing(axes, "no battery was heard of")
-        return figure
     unit_s = time_axis(axes, run.duration_s)
     lowest, highest = 100.0, 0.0
     for index, robot in enumerate(robots):
@@ -223,17 +231,15 @@ def battery_figure(run: RunData) -> Figure:
     return figure
 
 
-def mote_figure(run: RunData) -> Figure:
-    """Supply of the motes over time, and when each was heard."""
+def mote_figure(run: RunData) -> Figure | None:
+    """Supply of the motes over time, and when each was heard; None if none was."""
+    motes = sorted((mote for mote in run.motes.values() if len(mote.t_s)), key=lambda mote: natural_key(mote.name))
+    if not motes:
+        return None
     figure = new_figure(9.0, 4.4)
     left, right = figure.subplots(1, 2)
     left.set_title("Supply of the motes")
     right.set_title("When each mote was heard")
-    motes = sorted((mote for mote in run.motes.values() if len(mote.t_s)), key=lambda mote: natural_key(mote.name))
-    if not motes:
-        nothing(left, "no mote was heard")
-        nothing(right, "no mote was heard")
-        return figure
     unit_s = time_axis(left, run.duration_s)
     time_axis(right, run.duration_s)
     for mote in motes:
@@ -253,20 +259,18 @@ def mote_figure(run: RunData) -> Figure:
     return figure
 
 
-def traffic_figure(run: RunData) -> Figure:
-    """Messages and bytes of each topic."""
+def traffic_figure(run: RunData) -> Figure | None:
+    """Messages and bytes of each topic; None if nothing was recorded."""
     counted: dict[str, list[int]] = defaultdict(lambda: [0, 0])
     for key in run.contents.keys:
         if key.topic:
             counted[key.topic][0] += key.messages
             counted[key.topic][1] += key.bytes
     topics = sorted(counted, key=lambda topic: counted[topic][1])[-BARS_MAX:]
+    if not topics:
+        return None
     figure = new_figure(9.0, 1.4 + 0.3 * max(len(topics), 3))
     left, right = figure.subplots(1, 2, sharey=True)
-    if not topics:
-        nothing(left, "nothing was recorded")
-        nothing(right, "")
-        return figure
     for axes, column, scale, title, unit in ((left, 0, 1, "Messages", ""), (right, 1, 1000, "Bytes", " kB")):
         values = np.array([counted[topic][column] for topic in topics]) / scale
         axes.barh(range(len(topics)), values, color=NEUTRAL, height=0.65)
@@ -281,19 +285,21 @@ def traffic_figure(run: RunData) -> Figure:
     return figure
 
 
-def happenings_figure(run: RunData) -> Figure:
-    """Faults and recoveries: bars from when something went wrong until it was well, marks for what has no duration."""
+def happenings_figure(run: RunData) -> Figure | None:
+    """Faults and recoveries: bars from when something went wrong until it was well, marks for what has no duration.
+
+    None if nothing went wrong.
+    """
     subjects = sorted({happening.subject for happening in run.happenings if happening.lasts}, key=natural_key)[
         :BARS_MAX
     ]
     points = [happening for happening in run.happenings if not happening.lasts]
     rows = subjects + ["tasks and log"] * bool(points)
+    if not rows:
+        return None
     figure = new_figure(9.0, 1.4 + 0.36 * max(len(rows), 2))
     axes = figure.add_subplot()
     axes.set_title("Faults and recoveries")
-    if not rows:
-        nothing(axes, "nothing went wrong")
-        return figure
     unit_s = time_axis(axes, run.duration_s)
     least_s = 0.004 * run.duration_s
     lanes = {(happening.subject, happening.kind) for happening in run.happenings if happening.lasts}
@@ -329,26 +335,34 @@ def _supply_color(voltage_v: float) -> str:
     return GOOD if voltage_v >= 2.7 else WARN if voltage_v >= 2.4 else BAD
 
 
-def accuracy_figure(run: RunData) -> Figure:
-    """Position errors and share of wrong map cells over time; without ground truth, the agreement with the map."""
-    figure = new_figure(9.0, 4.2)
+def accuracy_figure(run: RunData) -> Figure | None:
+    """Position errors and share of wrong map cells over time; without ground truth, the agreement with the map.
+
+    None if neither was recorded.
+    """
     robots = _robots(run)
-    if not any(robot.error_m for robot in robots):
+    has_errors = any(robot.error_m for robot in robots)
+    if not has_errors and not any(np.isfinite(robot.agreement).any() for robot in robots):
+        return None
+    figure = new_figure(9.0, 4.2)
+    if not has_errors:
         _draw_agreement(figure.add_subplot(), run, robots)
         return figure
-    left, right = figure.subplots(1, 2)
+    left, *more = figure.subplots(1, 2 if run.map_accuracy else 1, squeeze=False)[0]
     _draw_errors(left, run, robots)
+    if more:
+        _draw_map_errors(more[0], run)
+    return figure
+
+
+def _draw_map_errors(right: Axes, run: RunData) -> None:
     right.set_title("Occupied cells off the true walls")
-    if not run.map_accuracy:
-        nothing(right, "nothing was mapped")
-        return figure
     unit_s = time_axis(right, run.duration_s)
     times = np.array([t_s for t_s, _ in run.map_accuracy]) / unit_s
     percent = [100 * each.share_off for _, each in run.map_accuracy]
     right.step(times, percent, where="post", color=INK, linewidth=1.4)
     right.set_ylabel("% of the occupied cells")
     right.set_ylim(0, max(1.0, 1.1 * max(percent)))
-    return figure
 
 
 def _draw_errors(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
@@ -370,9 +384,6 @@ def _draw_errors(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
 
 def _draw_agreement(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
     axes.set_title("Lidar on the map")
-    if not any(np.isfinite(robot.agreement).any() for robot in robots):
-        nothing(axes, "no robot reported how its scans agree with the map")
-        return
     unit_s = time_axis(axes, run.duration_s)
     for index, robot in enumerate(robots):
         times, percent = np.array(robot.t_s) / unit_s, 100 * np.array(robot.agreement)

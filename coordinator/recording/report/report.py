@@ -1,11 +1,11 @@
-"""A report on one run or several: one HTML page that needs nothing else, and its figures as PNGs.
+"""A report on one run or several: one HTML page that needs nothing else, and its figures as SVG, PDF or PNG.
 
 The page has no script and forbids any (Content-Security-Policy); every text out of a recording passes `safe_html`.
 """
 
 import base64
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -14,16 +14,28 @@ from matplotlib.figure import Figure
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.report import figures
-from robrain.coordinator.recording.report.figure_style import figure_style, png
+from robrain.coordinator.recording.report.figure_style import FORMATS, figure_style, picture
 from robrain.coordinator.recording.report.figures import accuracy_figure
+from robrain.coordinator.recording.report.mean_interval import MeanInterval
 from robrain.coordinator.recording.report.run_data import RunData, read_run
-from robrain.coordinator.recording.report.run_totals import comparison_figure, totals
+from robrain.coordinator.recording.report.run_groups import (
+    RunGroup,
+    group_runs,
+    grouped_comparison_figure,
+    grouped_explored_figure,
+    has_several_seeds,
+)
+from robrain.coordinator.recording.report.run_totals import COMPARED, comparison_figure, totals
 from robrain.coordinator.recording.report.two_runs import TwoRuns, outcome_of, words_of
 from robrain.protocol.wire.border.safe_text import safe_html
 
 ROWS_MAX = 300
 """Rows of a table in the page."""
-FIGURES: dict[str, Callable[[RunData], Figure]] = {
+SECTIONS_MAX = 6
+"""With more runs of several seeds than this, the page compares them and has no section for each."""
+VECTOR = "svg"
+"""Format of the figures in the page."""
+FIGURES: dict[str, Callable[[RunData], Figure | None]] = {
     "explored": lambda run: figures.explored_figure([run]),
     "trajectories": figures.trajectory_figure,
     "accuracy": accuracy_figure,
@@ -34,7 +46,7 @@ FIGURES: dict[str, Callable[[RunData], Figure]] = {
     "faults": figures.happenings_figure,
     "traffic": figures.traffic_figure,
 }
-"""Name of each figure, and how it is drawn."""
+"""Name of each figure, and how it is drawn; one for which nothing was recorded is left out."""
 CAPTIONS = {
     "explored": "What the team has seen of the floor that can be reached.",
     "trajectories": "Where each robot believed to be, on the map as it was at the end.",
@@ -49,7 +61,8 @@ CAPTIONS = {
     "faults": "Halts, plugins that do not run, robots that are lost or silent, until they were well again; hatched "
     "where they were not. Crosses are tasks that failed, strokes are errors in the log.",
     "traffic": "What went over the wire and was recorded.",
-    "comparison": "Totals of each run.",
+    "comparison": "Totals of each run; with several seeds, each run as a point, and the mean with its 95 % interval "
+    "by Student's t.",
 }
 """What each figure shows."""
 
@@ -78,36 +91,63 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     figures: list[Path]
 
 
+class _Pictures:
+    """Draws figures in all wanted formats, and gives their places in the page."""
+
+    def __init__(self, forms: Sequence[str]) -> None:
+        self.files: dict[str, bytes] = {}
+        """Contents by file name."""
+        self._forms = forms
+
+    def add(self, name: str, figure: Figure, prefix: str = "") -> str:
+        """Keep a figure, and show it in the page."""
+        for form in self._forms:
+            self.files[f"{prefix}{name}.{form}"] = picture(figure, form)
+        data = self.files.get(f"{prefix}{name}.{VECTOR}") or picture(figure, VECTOR)
+        source = f"data:image/svg+xml;base64,{base64.b64encode(data).decode()}"
+        return f'<figure><img src="{source}" alt="{name}"><figcaption>{CAPTIONS[name]}</figcaption></figure>'
+
+
 def write_report(
-    recordings: Sequence[Path], folder: Path, on_progress: Callable[[float], None] | None = None
+    recordings: Sequence[Path],
+    folder: Path,
+    on_progress: Callable[[float], None] | None = None,
+    *,
+    forms: Sequence[str] = (VECTOR,),
 ) -> Report:
-    """Write `folder/report.html` and a PNG for each figure; those of an earlier report there are replaced.
+    """Write `folder/report.html` and a file for each figure; those of an earlier report there are replaced.
 
     Args:
-        recordings: one, or several that are compared.
+        recordings: one, or several that are compared; those of several seeds by mean and interval.
         folder: made if it is not there.
         on_progress: told the share that is done, 0 to 1.
+        forms: formats of the figures' files: `svg`, `pdf`, `png`.
 
     Raises:
-        RecordingError: a recording cannot be read, or the folder cannot be written.
+        RecordingError: a recording cannot be read, a format is unknown, or the folder cannot be written.
     """
+    if unknown := [form for form in forms if form not in FORMATS]:
+        raise RecordingError(folder, f"expected figures as {', '.join(FORMATS)}; got {unknown[0]!r}")
     show = on_progress or (lambda _share: None)
     steps = len(recordings) + 1
     runs = []
     for done, path in enumerate(recordings):
         # mypy cannot infer a lambda with a default.
         runs.append(read_run(path, lambda share, done=done: show((done + share) / steps)))  # type: ignore[misc]
-    pictures: list[tuple[str, bytes]] = []
+    pictures = _Pictures(forms)
     several = len(runs) > 1
+    groups = group_runs(runs)
     with figure_style():
-        sections = [_run_section(run, number if several else None, pictures) for number, run in enumerate(runs, 1)]
-        comparison = _comparison(runs, pictures) if several else ""
+        comparison = _comparison(runs, groups, pictures) if several else ""
+        is_long = has_several_seeds(groups) and len(runs) > SECTIONS_MAX
+        told = [] if is_long else list(enumerate(runs, 1))
+        sections = [_run_section(run, number if several else None, pictures) for number, run in told]
     page = _page(runs, comparison + "".join(sections))
     paths = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, data in pictures:
-            paths.append(folder / f"{name}.png")
+        for name, data in pictures.files.items():
+            paths.append(folder / name)
             paths[-1].write_bytes(data)
         (folder / "report.html").write_text(page, encoding="utf-8")
     except OSError as error:
@@ -127,17 +167,20 @@ def _page(runs: Sequence[RunData], body: str) -> str:
     )
 
 
-def _run_section(run: RunData, number: int | None, pictures: list[tuple[str, bytes]]) -> str:
-    drawn = []
+def _run_section(run: RunData, number: int | None, pictures: _Pictures) -> str:
+    drawn, missing = [], []
     for name, draw in FIGURES.items():
         if number is not None and name == "explored":
             continue  # it is in the comparison
-        data = png(draw(run))
-        pictures.append((name if number is None else f"run{number}_{name}", data))
-        drawn.append(_picture(name, data))
+        figure = draw(run)
+        if figure is None:
+            missing.append(name)
+        else:
+            drawn.append(pictures.add(name, figure, "" if number is None else f"run{number}_"))
     heading = "" if number is None else f"<h2>{safe_html(run.name, 200)}</h2>"
+    left_out = f"<p>Nothing was recorded to draw of: {', '.join(missing)}.</p>" if missing else ""
     tables = _happenings(run) + _tasks(run) + _origin(run)
-    return heading + _lead(run) + _tiles(run) + _positions(run) + "".join(drawn) + tables
+    return heading + _lead(run) + _tiles(run) + _positions(run) + "".join(drawn) + left_out + tables
 
 
 def _lead(run: RunData) -> str:
@@ -154,22 +197,60 @@ def _tiles(run: RunData) -> str:
     return f'<div class="tiles">{"".join(tiles)}</div>'
 
 
-def _comparison(runs: Sequence[RunData], pictures: list[tuple[str, bytes]]) -> str:
+def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _Pictures) -> str:
+    if has_several_seeds(groups):
+        table = _group_table(groups) + _seed_table(runs)
+        drawn = {"explored": grouped_explored_figure(groups), "comparison": grouped_comparison_figure(groups)}
+    else:
+        table = _run_table(runs)
+        drawn = {"explored": figures.explored_figure(list(runs)), "comparison": comparison_figure(list(runs))}
+    shown = [pictures.add(name, figure) for name, figure in drawn.items() if figure is not None]
+    sides = _who_did_what(runs[0], runs[1]) if len(runs) == 2 else ""
+    return f"<h2>Compared</h2>{table}{''.join(shown)}{sides}"
+
+
+def _run_table(runs: Sequence[RunData]) -> str:
     compared = [totals(run) for run in runs]
-    head = "".join(f'<th class="number">{safe_html(run.name, 60)}</th>' for run in runs)
-    rows = "".join(
-        f"<tr><th>{name}</th>{''.join(f'<td class=number>{_number(total[name])}</td>' for total in compared)}</tr>"
-        for name in compared[0]
+    names = [run.name for run in runs]
+    rows = {total: [_number(each[total]) for each in compared] for total in compared[0]}
+    return _total_table(names, rows)
+
+
+def _group_table(groups: Sequence[RunGroup]) -> str:
+    names = [f"{group.name} ({len(group.runs)} seeds)" if len(group.runs) > 1 else group.name for group in groups]
+    rows = {
+        total: [_mean_words(group.mean(total), len(group.runs)) for group in groups]
+        for total in totals(groups[0].runs[0])
+    }
+    return _total_table(names, rows)
+
+
+def _total_table(names: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
+    head = "".join(f'<th class="number">{safe_html(name, 60)}</th>' for name in names)
+    body = "".join(
+        f"<tr><th>{total}</th>{''.join(f'<td class=number>{cell}</td>' for cell in cells)}</tr>"
+        for total, cells in rows.items()
     )
-    explored = png(figures.explored_figure(list(runs)))
-    bars = png(comparison_figure(list(runs)))
-    pictures += [("explored", explored), ("comparison", bars)]
-    return (
-        f"<h2>Compared</h2><table><tr><th></th>{head}</tr>{rows}</table>"
-        + _picture("explored", explored)
-        + _picture("comparison", bars)
-        + (_who_did_what(runs[0], runs[1]) if len(runs) == 2 else "")
-    )
+    return f"<table><tr><th></th>{head}</tr>{body}</table>"
+
+
+def _seed_table(runs: Sequence[RunData]) -> str:
+    head = ("run", "*seed", *(f"*{total}" for total in COMPARED))
+    rows = []
+    for run in runs:
+        told = totals(run)
+        rows.append((run.name, run.contents.run.get("seed", "–"), *(_number(told[total]) for total in COMPARED)))
+    return _details(f"Runs ({len(rows)})", head, rows)
+
+
+def _mean_words(mean: MeanInterval | None, runs: int) -> str:
+    if mean is None:
+        return "–"
+    few = f" ({mean.n} of {runs})" if mean.n < runs else ""
+    if not mean.half_width:
+        return _number(mean.mean) + few
+    digits = max(0, 1 - math.floor(math.log10(mean.half_width)))
+    return f"{mean.mean:,.{digits}f} ± {mean.half_width:,.{digits}f}{few}"
 
 
 def _who_did_what(one: RunData, two: RunData) -> str:
@@ -251,11 +332,6 @@ def _details(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, 
     more = f"<p>The first {ROWS_MAX} of {len(rows)}.</p>" if len(rows) > ROWS_MAX else ""
     table = f"<summary>{title}</summary><table><tr>{heads}</tr>{body}</table>{more}"
     return f"<details{' open' if is_open else ''}>{table}</details>"
-
-
-def _picture(name: str, data: bytes) -> str:
-    source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
-    return f'<figure><img src="{source}" alt="{name}"><figcaption>{CAPTIONS[name]}</figcaption></figure>'
 
 
 def _number(value: float | None) -> str:

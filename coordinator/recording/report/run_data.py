@@ -9,8 +9,9 @@ from typing import Any
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.drawing.robot_history import model_power_w
 from robrain.coordinator.recording.reader.contents import RecordingContents, read_contents
-from robrain.coordinator.recording.reader.reading import read_messages, topic_named_by
+from robrain.coordinator.recording.reader.reading import read_front, read_messages, topic_named_by
 from robrain.coordinator.recording.report.happenings import Happening, Happenings
+from robrain.coordinator.recording.writer.provenance import SCENARIO_ATTACHMENT
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.border.codec import BadPayload
@@ -107,6 +108,8 @@ class RunData:
     tasks: dict[str, TaskRun] = field(default_factory=dict)
     map: MapView = field(default_factory=MapView)
     happenings: list[Happening] = field(default_factory=list)
+    scenario_toml: bytes = b""
+    """Scenario file of the run; empty if there is none in the recording."""
 
     @property
     def name(self) -> str:
@@ -125,7 +128,9 @@ def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> 
         return None if on_progress is None else lambda share: on_progress(first + share / 2)
 
     contents = read_contents(path, half(0.0))
-    gather = _Gather(RunData(path, contents, contents.info.duration_s))
+    _, attachments = read_front(path)
+    scenario_toml = attachments.get(SCENARIO_ATTACHMENT, b"")
+    gather = _Gather(RunData(path, contents, contents.info.duration_s, scenario_toml=scenario_toml))
     start_ns = contents.info.start_ns
     for recorded in read_messages(path, half(0.5)):
         topic = topic_named_by(recorded.topic_key)

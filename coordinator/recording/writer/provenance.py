@@ -7,7 +7,7 @@ import base64
 import os
 import platform
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 
 import msgspec
@@ -134,10 +134,10 @@ def unpacked(manifests: Mapping[str, str]) -> dict[str, str]:
         raise ValueError(f"the manifests do not unpack: {error}") from error
 
 
-def software_versions() -> dict[str, str]:
-    """Version of Python and of each of `PACKAGES`; those that are not installed are left out."""
+def software_versions(more: Sequence[str] = ()) -> dict[str, str]:
+    """Version of Python, of each of `PACKAGES` and of `more`; those that are not installed are left out."""
     versions = {"python": platform.python_version()}
-    for package in PACKAGES:
+    for package in (*PACKAGES, *more):
         try:
             versions[package] = version(package)
         except PackageNotFoundError:

@@ -13,8 +13,10 @@ from PIL import Image
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.replay.html_player import write_html
 from robrain.coordinator.recording.report.happenings import Happenings
+from robrain.coordinator.recording.report.mean_interval import mean_interval
 from robrain.coordinator.recording.report.report import FIGURES, write_report
 from robrain.coordinator.recording.report.run_data import read_run
+from robrain.coordinator.recording.report.run_groups import group_runs
 from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -71,12 +73,14 @@ class Page(HTMLParser):
         self.said.append(data)
 
 
-def test_a_report_is_one_page_with_all_figures_and_each_as_a_png(run: Path, tmp_path: Path) -> None:
+def test_a_report_is_one_page_with_all_figures_and_each_as_a_file(run: Path, tmp_path: Path) -> None:
     shares: list[float] = []
-    report = write_report([run], tmp_path / "out", shares.append)
+    report = write_report([run], tmp_path / "out", shares.append, forms=("png",))
     page = Page(report.page.read_text())
-    assert len(page.sources) == len(FIGURES) == len(report.figures)
-    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert len(page.sources) == len(report.figures)
+    assert {path.stem for path in report.figures} == set(FIGURES) - {"faults"}  # there was none
+    assert "Nothing was recorded to draw of: faults." in report.page.read_text()
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
     for path in report.figures:
         picture = Image.open(BytesIO(path.read_bytes()))
         assert picture.width > 800
@@ -118,7 +122,62 @@ def test_several_runs_are_compared_on_one_page(run: Path, tmp_path: Path) -> Non
     report = write_report([run, other], tmp_path / "out")
     text = report.page.read_text()
     assert "Compared" in text
-    assert {"explored.png", "comparison.png", "run1_tasks.png", "run2_tasks.png"} <= {p.name for p in report.figures}
+    assert {"explored.svg", "comparison.svg", "run1_energy.svg", "run2_energy.svg"} <= {p.name for p in report.figures}
+
+
+@pytest.fixture(scope="module")
+def of_seeds(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("seeds")
+    paths = []
+    for robots in (1, 2):
+        for seed in (1, 2, 3):
+            paths.append(folder / f"robots={robots}-seed{seed}.mcap")
+            scenario = Scenario.builtin("arena_small").replace(robots=robots, motes=0, seed=seed)
+            scenario.run(time_limit_s=3.0, record=paths[-1])
+    return paths
+
+
+def test_runs_of_several_seeds_are_compared_by_mean_and_interval(of_seeds: list[Path], tmp_path: Path) -> None:
+    text = write_report(of_seeds, tmp_path).page.read_text()
+    table = text[text.index("<h2>Compared</h2>") : text.index("</table>")]
+    assert "robots=1 (3 seeds)" in table
+    assert "robots=2 (3 seeds)" in table
+    totals_m = [totals(read_run(path))["Distance (m)"] for path in of_seeds[:3]]
+    found = mean_interval([each for each in totals_m if each is not None])
+    assert found is not None
+    assert found.half_width is not None
+    told = re.search(r"<th>Distance \(m\)</th><td class=number>([\d.]+) ± ([\d.]+)</td>", table)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(found.mean, abs=0.1 * found.half_width)
+    assert float(told[2]) == pytest.approx(found.half_width, rel=0.05)
+    assert "<summary>Runs (6)</summary>" in text
+
+
+def test_the_groups_are_runs_that_differ_in_their_seed_alone(of_seeds: list[Path], tmp_path: Path) -> None:
+    runs = [read_run(path) for path in of_seeds]
+    assert [(group.name, len(group.runs)) for group in group_runs(runs)] == [("robots=1", 3), ("robots=2", 3)]
+    again = group_runs([*runs[:2], runs[0]])
+    assert [len(group.runs) for group in again] == [2, 1]  # a seed that comes twice stands alone
+    other = tmp_path / "short.mcap"
+    Scenario.builtin("depot").replace(robots=1, motes=0).run(time_limit_s=1.0, record=other)
+    assert [len(group.runs) for group in group_runs([runs[0], read_run(other)])] == [1, 1]
+
+
+def test_many_runs_of_several_seeds_have_no_section_each(of_seeds: list[Path], tmp_path: Path) -> None:
+    more = tmp_path / "robots=2-seed4.mcap"
+    Scenario.builtin("arena_small").replace(robots=2, motes=0, seed=4).run(time_limit_s=1.0, record=more)
+    report = write_report([*of_seeds, more], tmp_path / "out")
+    assert sorted(path.name for path in report.figures) == ["comparison.svg", "explored.svg"]
+
+
+def test_figures_are_written_in_the_formats_asked_for(run: Path, tmp_path: Path) -> None:
+    report = write_report([run], tmp_path, forms=("svg", "pdf"))
+    assert {path.suffix for path in report.figures} == {".svg", ".pdf"}
+    assert (tmp_path / "energy.pdf").read_bytes().startswith(b"%PDF")
+    assert (tmp_path / "energy.svg").read_text().startswith("<?xml")
+    with pytest.raises(RecordingError, match="expected figures as svg, pdf, png; got 'bmp'"):
+        write_report([run], tmp_path / "none", forms=("bmp",))
+    assert not (tmp_path / "none").exists()
 
 
 def test_equal_recordings_make_equal_reports(run: Path, tmp_path: Path) -> None:
@@ -128,7 +187,8 @@ def test_equal_recordings_make_equal_reports(run: Path, tmp_path: Path) -> None:
 
 def test_a_recording_of_nothing_makes_a_report_that_says_so(tmp_path: Path) -> None:
     report = write_report([write(tmp_path / "empty.mcap", [])], tmp_path / "out")
-    assert len(report.figures) == len(FIGURES)
+    assert report.figures == []
+    assert f"Nothing was recorded to draw of: {', '.join(FIGURES)}." in report.page.read_text()
 
 
 def test_a_report_on_what_is_no_recording_leaves_nothing(tmp_path: Path) -> None:
@@ -171,7 +231,7 @@ def test_hostile_texts_stay_texts_in_the_report(tmp_path: Path) -> None:
     page = Page(text)
     assert not page.tags & {"script", "b onclick", "iframe", "object", "embed", "form", "svg"}
     assert not {name for name in page.attributes if name.startswith("on")}
-    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in page.sources)
     assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e\u2066]", text)
     assert any("<script>alert(1)</script>" in said for said in page.said)  # shown, as the text that it is
 

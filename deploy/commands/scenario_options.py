@@ -1,0 +1,16 @@
+"""Arguments and options of the commands that simulate a scenario."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
+MapOption = Annotated[
+    Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format instead of a scenario.")
+]
+RobotsOption = Annotated[int | None, typer.Option(help="Number of robots.")]
+MotesOption = Annotated[int | None, typer.Option(help="Number of sensor motes.")]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of all random numbers.")]
+UntilOption = Annotated[str | None, typer.Option(help="Stop when this share is explored, such as explored=0.95.")]
+TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after this many simulated seconds.")]

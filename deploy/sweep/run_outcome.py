@@ -1,0 +1,111 @@
+"""What a sweep keeps of a run: what depends on scenario and seed alone, apart from what depends on the machine."""
+
+from enum import StrEnum
+
+import msgspec
+
+from robrain.sim.lockstep.result import RunResult
+
+
+class RunState(StrEnum):
+    """How a run of a sweep stands."""
+
+    DONE = "done"
+    FAILED = "failed"
+    """It raised an error, or its process died; the next call of the sweep tries it again."""
+    INTERRUPTED = "interrupted"
+    """The sweep was interrupted while it ran; the next call runs it again."""
+    NOT_RUN = "not_run"
+    """It has not begun."""
+
+
+class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
+    """Results of a run that are equal on every machine; None where there is nothing to measure."""
+
+    robots: int
+    motes: int
+    ended: str
+    """`explored`, `nothing_left` or `time_limit`."""
+    sim_time_s: float
+    explored_share: float
+    explored_50_s: float | None = None
+    """Simulated time at which 50 % of the reachable floor was explored; None if the run ended before."""
+    explored_90_s: float | None = None
+    explored_95_s: float | None = None
+    explored_99_s: float | None = None
+    distance_m: float
+    """Of all robots together, the next two as well."""
+    energy_j: float
+    collisions: int
+    wall_overlap_m: float
+    map_cells_off_share: float | None = None
+    """Share of the map's occupied cells that are off the true walls."""
+    map_walls_doubled_m: float | None = None
+    position_rmse_m: float | None = None
+    """Of the worst robot, the next one as well."""
+    position_error_max_m: float | None = None
+    lost_s: float | None = None
+    """Of all robots together, the next one as well."""
+    silent_divergence_s: float | None = None
+    messages: int
+    mote_readings: int
+    robot_distance_m: tuple[float, ...]
+    """By robot, the next two as well."""
+    robot_energy_j: tuple[float, ...]
+    robot_collisions: tuple[int, ...]
+    curve_t_s: tuple[float, ...]
+    """Simulated times of `curve_explored_share`."""
+    curve_explored_share: tuple[float, ...]
+    digest: str
+    """SHA-256 over every message of the run."""
+
+
+class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One run that has ended, as the journal of a sweep keeps it."""
+
+    run: str
+    """Name of the run."""
+    state: RunState
+    error: str = ""
+    """Why it failed."""
+    outcome: RunOutcome | None = None
+    """None unless it is done."""
+    wall_time_s: float = 0.0
+    recording: str | None = None
+    """File name below `recordings/`."""
+
+
+def outcome_of(result: RunResult) -> RunOutcome:
+    """The part of a result that is equal on every machine."""
+    of_map = result.map_accuracy
+    told = [robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None]
+    reached = result.explored_percent_s
+    return RunOutcome(
+        robots=result.robots,
+        motes=result.motes,
+        ended=result.ended,
+        sim_time_s=result.sim_time_s,
+        explored_share=result.explored_fraction,
+        explored_50_s=reached.get(50),
+        explored_90_s=reached.get(90),
+        explored_95_s=reached.get(95),
+        explored_99_s=reached.get(99),
+        distance_m=result.distance_m,
+        energy_j=result.energy_j,
+        collisions=result.collisions,
+        wall_overlap_m=result.wall_overlap_m,
+        map_cells_off_share=of_map.share_off if of_map is not None else None,
+        map_walls_doubled_m=of_map.doubled_walls_m if of_map is not None else None,
+        position_rmse_m=max((each.rmse_m for each in told if each.rmse_m is not None), default=None),
+        position_error_max_m=max((each.max_error_m for each in told if each.max_error_m is not None), default=None),
+        lost_s=sum(each.lost_s for each in told) if told else None,
+        silent_divergence_s=sum(each.silent_divergence_s for each in told) if told else None,
+        messages=result.messages,
+        mote_readings=result.mote_readings,
+        robot_distance_m=tuple(robot.distance_m for robot in result.per_robot),
+        robot_energy_j=tuple(robot.energy_j for robot in result.per_robot),
+        robot_collisions=tuple(robot.collisions for robot in result.per_robot),
+        curve_t_s=tuple(time_s for time_s, _ in result.explored_curve),
+        curve_explored_share=tuple(share for _, share in result.explored_curve),
+        digest=result.digest,
+    )

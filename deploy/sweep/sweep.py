@@ -1,0 +1,238 @@
+"""`robrain sweep`: runs a scenario with many seeds and settings on all cores or on a cluster, and writes what came out.
+
+import robrain
+
+if __name__ == "__main__":  # the runs are made in other processes, which import this file
+    depot = robrain.Scenario.builtin("depot")
+    swept = robrain.sweep(depot, range(1, 31), vary={"robots": [1, 2, 4]}, output="team_sizes")
+    print(swept.table().groupby("robots")["explored_90_s"].mean())
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pandas as pd
+
+from robrain.deploy.errors import UsageError
+from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.sweep.crew import Crew, DaskCrew, LocalCrew
+from robrain.deploy.sweep.execution import execute
+from robrain.deploy.sweep.figures import figure_files
+from robrain.deploy.sweep.folder import RECORDINGS, SETTINGS, SweepFolder
+from robrain.deploy.sweep.manifest import Session, earlier_sessions, identity_of, new_session, write_manifest
+from robrain.deploy.sweep.plan import DEFAULT_LIMIT, SweepPlan, make_plan
+from robrain.deploy.sweep.run_outcome import RunRecord, RunState
+from robrain.deploy.sweep.summary import SweepSummary, summarise, summary_csv
+from robrain.deploy.sweep.table import parquet_bytes, table_of
+from robrain.deploy.sweep.worker import RunTask
+from robrain.sim.lockstep.pacing import StopOnInterrupt
+from robrain.sim.scenarios.scenario import Scenario
+
+TABLE = "table.parquet"
+SUMMARY = "summary.json"
+SUMMARY_CSV = "summary.csv"
+
+
+class SweepOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """How a sweep is run; nothing here changes what its runs do."""
+
+    output: Path
+    workers: int | None = None
+    """Processes; one for each core if None."""
+    dask: str | None = None
+    """Address of a Dask scheduler, whose workers run everything."""
+    record: bool = False
+    """Record each run below `recordings/`."""
+    command: tuple[str, ...] = ()
+    """The command line, for the manifest."""
+    quiet: bool = True
+    """Do not tell of kernels that are compiled."""
+
+
+class SweepProgress(msgspec.Struct, frozen=True, kw_only=True):
+    """How far a sweep is."""
+
+    ended: int
+    """Runs that are done or have failed, those of earlier calls included."""
+    failed: int
+    total: int
+    before: int
+    """Runs that earlier calls had done."""
+    workers: str
+    last: RunRecord | None = None
+    """The run that has just ended."""
+
+
+class SweepResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What a sweep has written."""
+
+    folder: Path
+    interrupted: bool
+    summary: SweepSummary
+    errors: list[tuple[str, str]]
+    """Name and error of each run that failed."""
+    files: list[Path]
+
+    def table(self) -> pd.DataFrame:
+        """The table: a row for each run."""
+        return pd.read_parquet(self.folder / TABLE)
+
+
+def sweep(
+    scenario: Scenario,
+    seeds: Sequence[int],
+    *,
+    vary: Mapping[str, Sequence[Any]] | None = None,
+    output: Path | str,
+    workers: int | None = None,
+    dask: str | None = None,
+    record: bool = False,
+    limit: int = DEFAULT_LIMIT,
+) -> SweepResult:
+    """Run a scenario with every seed and every combination of values, or continue where an earlier call ended.
+
+    Call it below `if __name__ == "__main__":`, because its processes import the script.
+
+    Args:
+        scenario: what all runs share.
+        seeds: each combination runs with each of them.
+        vary: values by key: `robots`, `motes`, `map`, `strategy`, `method`, `objective`, `until`, `time_limit`, or
+            TABLE.KEY of a scenario file.
+        output: folder for table, summary, figures and manifest.
+        workers: processes; one for each core if None.
+        dask: address of a Dask scheduler, whose workers are used instead.
+        record: record each run.
+        limit: greatest number of runs.
+
+    Raises:
+        UsageError: a key is unknown, a value wrong, or there are more runs than `limit`.
+        SweepError: the folder holds another sweep, or cannot be written.
+
+    """
+    plan = make_plan(scenario, seeds, vary or {}, limit=limit)
+    options = SweepOptions(
+        output=Path(output), workers=workers, dask=dask, record=record, command=("python", *map(str, sys.argv))
+    )
+    return run_sweep(plan, options)
+
+
+def run_sweep(
+    plan: SweepPlan, options: SweepOptions, on_progress: Callable[[SweepProgress], None] = lambda _progress: None
+) -> SweepResult:
+    """Run what the folder does not have yet, to the end or to Ctrl-C, and write table, summary, figures and manifest.
+
+    Raises:
+        UsageError: an option is wrong, or no cluster answers.
+        SweepError: the folder holds another sweep, or cannot be written.
+
+    """
+    workers = _checked_workers(options)
+    who = f"dask {options.dask}" if options.dask is not None else f"{workers} process{'es' if workers > 1 else ''}"
+    identity = identity_of(plan, record=options.record)
+    with SweepFolder(options.output, identity) as folder:
+        for setting in plan.settings:
+            folder.write(f"{SETTINGS}/{setting.name}.toml", setting.toml.encode())
+        sessions = earlier_sessions(folder)
+        session = new_session(options.command, who, datetime.now(UTC).isoformat(timespec="seconds"))
+        write_manifest(folder, plan, [*sessions, session], identity.versions, {})
+        began_s = time.monotonic()
+        counter = _Counter(plan, folder, who, on_progress)
+        with StopOnInterrupt() as interrupt:
+            if tasks := _tasks(plan, folder, options):
+                with closing(_crew(options, workers)) as crew:
+                    execute(tasks, crew, counter.take, lambda: interrupt.requested)
+        session = msgspec.structs.replace(session, wall_time_s=round(time.monotonic() - began_s, 3), runs=counter.taken)
+        return _finish(folder, plan, [*sessions, session], identity.versions, is_interrupted=interrupt.requested)
+
+
+class _Counter:
+    """Keeps each record, and reports the progress."""
+
+    def __init__(
+        self, plan: SweepPlan, folder: SweepFolder, workers: str, on_progress: Callable[[SweepProgress], None]
+    ) -> None:
+        self.taken = 0
+        self._folder = folder
+        self._total = len(plan.runs())
+        self._before = self._count(RunState.DONE)
+        self._workers = workers
+        self._show = on_progress
+        self._failed = 0
+        self._tell(None)
+
+    def take(self, record: RunRecord) -> None:
+        """A run has ended."""
+        self._folder.add(record)
+        self.taken += 1
+        self._failed += record.state is RunState.FAILED
+        self._tell(record)
+
+    def _tell(self, last: RunRecord | None) -> None:
+        self._show(
+            SweepProgress(
+                ended=self._count(RunState.DONE) + self._failed,
+                failed=self._failed,
+                total=self._total,
+                before=self._before,
+                workers=self._workers,
+                last=last,
+            )
+        )
+
+    def _count(self, state: RunState) -> int:
+        return sum(record.state is state for record in self._folder.records.values())
+
+
+def _tasks(plan: SweepPlan, folder: SweepFolder, options: SweepOptions) -> list[RunTask]:
+    """What is still to be run."""
+    tasks = []
+    recordings = (folder.path / RECORDINGS).resolve()
+    for run in plan.runs():
+        record = folder.records.get(run.name)
+        if record is None or record.state is not RunState.DONE:
+            recording = str(recordings / f"{run.name}.mcap") if options.record else None
+            toml = plan.settings[run.setting].toml
+            tasks.append(RunTask(run=run.name, toml=toml, seed=run.seed, recording=recording))
+    return tasks
+
+
+def _finish(
+    folder: SweepFolder, plan: SweepPlan, sessions: list[Session], versions: Mapping[str, str], *, is_interrupted: bool
+) -> SweepResult:
+    summary = summarise(plan, folder.records)
+    files = {
+        TABLE: parquet_bytes(table_of(plan, folder.records)),
+        SUMMARY: msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n",
+        SUMMARY_CSV: summary_csv(summary),
+        **figure_files(plan, folder.records, summary),
+    }
+    paths = [folder.write(name, data) for name, data in files.items()]
+    write_manifest(folder, plan, sessions, versions, files)
+    errors = [(each.run, each.error) for each in folder.records.values() if each.state is RunState.FAILED]
+    return SweepResult(
+        folder=folder.path, interrupted=is_interrupted, summary=summary, errors=sorted(errors), files=paths
+    )
+
+
+def _checked_workers(options: SweepOptions) -> int:
+    if options.workers is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if options.dask is not None:
+        raise UsageError("--workers: leave it out with --dask; the cluster has its own workers")
+    if options.workers < 1:
+        raise UsageError(f"--workers {options.workers}: expected at least 1")
+    return options.workers
+
+
+def _crew(options: SweepOptions, workers: int) -> Crew:
+    if options.dask is not None:
+        return DaskCrew(options.dask)
+    prepare_kernels(quiet=options.quiet)  # once, instead of in each process
+    return LocalCrew(workers)

@@ -1,0 +1,119 @@
+"""`robrain sweep` as a person uses it: what it prints, and what Ctrl-C and a kill leave."""
+
+import json
+import os
+import re
+import signal
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.waiting import PATIENCE_S, until
+
+pytestmark = pytest.mark.system
+
+OWN = {"PYTHONUNBUFFERED": "1"}
+"""An interpreter of its own, whose processes can be started anew by their program."""
+WORDS = ("sweep", "arena_small", "--vary", "robots=1,2", "--time-limit", "6", "--output", "out", "--workers", "2")
+SEEDS = ("--seeds", "1..4")
+
+
+def finished(folder: Path) -> list[str]:
+    """Names of the runs that the journal has as done, in its order."""
+    path = folder / "out" / "runs.jsonl"
+    lines = path.read_bytes().split(b"\n")[1:-1] if path.exists() else []
+    records = [json.loads(line) for line in lines]
+    return [record["run"] for record in records if record["state"] == "done"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The table of the same sweep without an interruption."""
+    from robrain import Scenario
+    from robrain.deploy.sweep.sweep import sweep
+
+    folder = tmp_path_factory.mktemp("whole") / "out"
+    scenario = Scenario.builtin("arena_small").replace(time_limit_s=6.0)
+    sweep(scenario, [1, 2, 3, 4], vary={"robots": [1, 2]}, output=folder, workers=2)
+    return (folder / "table.parquet").read_bytes()
+
+
+def test_it_says_how_many_runs_there_are_and_prints_means_and_differences(commands) -> None:
+    done = commands.run(*WORDS, "--seeds", "1,2", **OWN)
+    assert done.returncode == 0, done.stderr
+    assert "arena_small: 4 runs (2 settings × 2 seeds), 2 processes" in done.stderr
+    assert "arena_small: mean ± 95 % interval" in done.stdout
+    assert "difference from robots=1, by seed" in done.stdout
+    assert "written to out: table.parquet, summary.json, summary.csv, figures" in done.stdout
+    again = commands.run(*WORDS, "--seeds", "1,2", "--json", **OWN)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert json.loads(again.stdout)["summary"]["settings"][0]["runs"] == {"done": 2}
+
+
+def test_a_run_that_fails_is_told_and_gives_the_exit_status(commands) -> None:
+    done = commands.run("sweep", "arena_small", "--vary", "robots=1,900", "--seeds", "1", "--time-limit", "2", **OWN)
+    assert done.returncode == 1
+    assert "left out: of 2 runs, 1 failed" in done.stdout
+    assert "2-robots=900-seed1: " in done.stdout
+    assert "written to runs/arena_small-sweep:" in done.stdout
+
+
+def test_killed_and_called_again_it_loses_nothing_and_does_nothing_twice(commands, whole: bytes) -> None:
+    process = commands.start(*WORDS, *SEEDS, **OWN)
+    until(lambda: len(finished(commands.folder)) >= 2, "two runs", pause_s=0.02)
+    workers = psutil.Process(process.pid).children(recursive=True)
+    process.kill()
+    process.wait(PATIENCE_S)
+    before = finished(commands.folder)
+    assert 2 <= len(before) < 8
+    assert not (commands.folder / "out" / "table.parquet").exists()
+    until(lambda: not any(worker.is_running() and worker.status() != "zombie" for worker in workers), "orphans ended")
+    done = commands.run(*WORDS, *SEEDS, **OWN)
+    assert done.returncode == 0, done.stderr
+    assert f"8 runs (2 settings × 4 seeds), {len(before)} of them done already" in done.stderr
+    after = finished(commands.folder)
+    assert after[: len(before)] == before
+    assert len(after) == len(set(after)) == 8
+    assert (commands.folder / "out" / "table.parquet").read_bytes() == whole
+
+
+@pytest.mark.parametrize("everyone", [True, False], ids=["at a terminal", "the command alone"])
+def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes, everyone: bool) -> None:
+    process = commands.start(*WORDS, *SEEDS, **OWN)
+    until(lambda: len(finished(commands.folder)) >= 1, "a run", pause_s=0.02)
+    if everyone:
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130, said
+    assert "Traceback" not in said
+    assert "interrupted: the same command continues" in said
+    ended = finished(commands.folder)
+    assert 1 <= len(ended) < 8
+    states = [run["state"] for run in json.loads((commands.folder / "out" / "sweep.json").read_text())["runs"]]
+    assert (states.count("done"), set(states) <= {"done", "interrupted", "not_run"}) == (len(ended), True)
+    assert (commands.folder / "out" / "table.parquet").exists()
+    again = commands.run(*WORDS, *SEEDS, **OWN)
+    assert again.returncode == 0, again.stderr
+    assert (commands.folder / "out" / "table.parquet").read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--seeds", "x"], "--seeds x: expected numbers and ranges"),
+        (["--vary", "robtos=1"], "--vary robtos: expected one of robots, .*did you mean robots"),
+        (["--limit", "5"], r"--limit 5: these are 10 runs \(1 settings × 10 seeds\)"),
+        (["--limit", "0"], "--limit 0: expected at least 1"),
+        (["--until", "explored=2"], "--until 'explored=2': expected"),
+        (["--robots", "0"], "--robots 0: expected at least 1"),
+        (["--workers", "0"], "--workers 0: expected at least 1"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_leaves_nothing(commands, words: list[str], why: str) -> None:
+    done = commands.run("sweep", "arena_small", "--output", "out", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(f"robrain: .*{why}.*\n", done.stderr), done.stderr
+    assert not (commands.folder / "out").exists()
