@@ -131,9 +131,6 @@ class FaultDesk:
         elapsed_s = (now_ns - self._looked_ns) / NS_PER_S
         self._looked_ns = now_ns
         for plugin in self._registry.plugins.values():
-            instance = plugin.instance
-            if instance is None or not instance.code.events:
-                continue
             dropped = 0
             for event in plugin.events().values():
                 dropped += event.dropped

@@ -167,7 +167,8 @@ class ManagedPlugin:
 
     def events(self) -> dict[str, Event[Any]]:
         """The events of the instance, by name; none if there is no instance."""
-        return self.instance.events() if self.instance is not None else {}
+        instance = self.instance
+        return instance.events() if instance is not None and instance.code.events else {}
 
     @property
     def settings(self) -> dict[str, Any]:
