@@ -51,8 +51,8 @@ PARTS: list[tuple[type, str, str]] = [
     (Publisher, "put", "wire: encode, put, deliver"),
     (Publisher, "put_bytes", "wire: encode, put, deliver"),
     (Inbox, "drain", "wire: decode"),
-    (ZenohBus, "send", "CAN: send and deliver"),
-    (ZenohBus, "recv", "CAN: receive"),
+    (ZenohBus, "send_data", "CAN: send and deliver"),
+    (ZenohBus, "take_frames", "CAN: receive"),
 ]
 """Class, method, part."""
 RESTING = {

@@ -91,8 +91,14 @@ SECTIONS = {
     "real_time_factor": Section(
         "Real-time factor",
         "Lockstep runs of 20 simulated seconds in the depot with 24 motes, one core, against the bare pymunk loop of "
-        "the same world.",
+        "the same world. The calibration loop tells how fast the machine is at the moment.",
         "tests.bench.real_time_factor:measure",
+    ),
+    "peers": Section(
+        "Beside ir-sim",
+        "ir-sim moves robots and their lidars alone, a step each turn of the lidar; robrain runs in the depot with "
+        "everything on.",
+        "tests.bench.peers:measure",
     ),
     "sweep": Section(
         "Sweeps",

@@ -293,9 +293,9 @@ def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_ha
     field.run(1.0)
     assert field.get("s").robot == "mote:m1"
     desk = field.team.coordinator.motes
-    assert not desk.step(field.team.clock.now_ns() + to_ns(0.5), nullcontext())
+    assert not desk.step(field.team.clock.now_ns() + to_ns(0.5), lambda _now_ns: nullcontext())
     assert field.get("s").robot == "mote:m1"
-    assert not desk.step(field.team.clock.now_ns() + to_ns(3.0), nullcontext())
+    assert not desk.step(field.team.clock.now_ns() + to_ns(3.0), lambda _now_ns: nullcontext())
     assert field.get("s").state is TaskState.FAILED
 
 

@@ -1,0 +1,82 @@
+"""Whole robots of robrain beside the bare simulation of ir-sim, in one run on one machine.
+
+ir-sim (Han, https://github.com/hanruihua/ir-sim) moves round robots and their lidars; it has no plugins, no wire, no
+mapping and no planning. It steps once a lidar turn, where the arena takes ten steps of physics.
+"""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+
+from robrain import Scenario
+from robrain.deploy.bench.figure import Figure, timing
+from robrain.protocol.model.warm_up import warm_up
+from tests.bench.real_time_factor import whole_run_ms
+
+TEAMS = (10, 100)
+STEPS = {10: 100, 100: 15}
+"""Steps of ir-sim that are timed."""
+TURN_S = 0.2
+"""A turn of the lidar, which is ir-sim's step."""
+
+WORLD = {
+    "width": 36,
+    "height": 24,
+    "step_time": TURN_S,
+    "sample_time": TURN_S,
+    "collision_mode": "unobstructed",
+    "control_mode": "auto",
+}
+INSIDE = {"range_low": [1, 1, -3.14], "range_high": [35, 23, 3.14]}
+LIDAR = {"type": "lidar2d", "range_min": 0, "range_max": 6, "angle_range": 6.28318, "number": 180}
+ROBOTS = {
+    "kinematics": {"name": "omni"},
+    "distribution": {"name": "random", **INSIDE},
+    "shape": {"name": "circle", "radius": 0.2},
+    "vel_max": [0.6, 0.6],
+    "behavior": {"name": "dash", "wander": True, **INSIDE},
+    "sensors": [LIDAR],
+}
+SHELVES = {
+    "number": 20,
+    "distribution": {"name": "random", "range_low": [2, 2, -3.14], "range_high": [34, 22, 3.14]},
+    "shape": [{"name": "rectangle", "length": 2, "width": 0.5}],
+}
+SCRIPT = """
+import sys, time
+import irsim
+env = irsim.make(sys.argv[1], display=False, log_level="ERROR")
+env.step()
+began_s = time.perf_counter()
+for _ in range(int(sys.argv[2])):
+    env.step()
+print("seconds", time.perf_counter() - began_s)
+"""
+
+
+def measure() -> Iterator[Figure]:
+    """Three figures for each team size."""
+    warm_up()
+    for robots in TEAMS:
+        whole_ms, _ = whole_run_ms(Scenario.builtin("depot").replace(robots=robots).world(), simulated_s=200.0 / robots)
+        bare_ms = _peer_ms(robots)
+        team = f"{robots} robots with lidar"
+        yield timing(f"{team}: real-time factor of ir-sim, simulation alone", 1000.0 / bare_ms, "×")
+        yield timing(f"{team}: real-time factor of robrain, whole stack", 1000.0 / whole_ms, "×")
+        yield timing(f"{team}: robrain's factor over ir-sim's", bare_ms / whole_ms, "×")
+
+
+def _peer_ms(robots: int) -> float:
+    """Milliseconds of ir-sim for each simulated second, in a process of its own: it changes matplotlib's settings."""
+    world = {"world": WORLD, "robot": [{"number": robots, **ROBOTS}], "obstacle": [SHELVES]}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "world.yaml"
+        path.write_bytes(msgspec.json.encode(world))  # JSON is YAML
+        command = [sys.executable, "-c", SCRIPT, str(path), str(STEPS[robots])]
+        said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=folder).stdout
+    seconds = next(float(line.split()[1]) for line in said.splitlines() if line.startswith("seconds "))
+    return 1000.0 * seconds / (STEPS[robots] * TURN_S)
