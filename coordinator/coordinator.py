@@ -138,7 +138,7 @@ class Coordinator:
         stage = self._guard.stage
         if stage("answers", False, self.lifecycle.hear_answers, now_ns):
             self._decide_due_ns = now_ns
-        if (self.halts.has_heard or self.halts.is_halted) and stage("halts", True, self.halts.hear):
+        if stage("halts", True, self.halts.hear):
             self._summary_due_ns = now_ns
         looks = has_heard or self._requests.has_changed or now_ns >= self._look_due_ns
         if looks:

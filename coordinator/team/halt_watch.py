@@ -41,14 +41,9 @@ class HaltWatch:
         """Whether the team is to stand."""
         return self._latch.is_held
 
-    @property
-    def has_heard(self) -> bool:
-        """Whether `hear` may have something to follow."""
-        return self._arrivals.has_some
-
     def hear(self) -> bool:
         """Follow what has come; True if there is news for the team."""
-        heard = self._arrivals.drain()
+        heard = self._arrivals.drain() if self._arrivals.has_some else []
         if not heard and not self.is_halted:
             return False
         self._guard.messages(heard, self._take)
