@@ -133,7 +133,7 @@ class Coordinator:
         now_ns = self._wire.clock.now_ns()
         if self._wire.has_waiting:
             self._wire.serve()
-        has_heard = len(self._inbox) > 0
+        has_heard = self._inbox.has_some
         self._hear(now_ns)
         stage = self._guard.stage
         if stage("answers", False, self.lifecycle.hear_answers, now_ns):

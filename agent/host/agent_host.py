@@ -176,8 +176,9 @@ class AgentHost:
     def step(self) -> None:
         """What the host itself does, and in lockstep the steps of all plugins that are due."""
         now_ns = self.clock.now_ns()
-        if self.halting.has_heard:
-            self.halting.hear()
+        halting = self.halting
+        if halting.arrivals.has_some or halting.summaries.has_some:
+            halting.hear()
         if self._inbox.has_some and self._inbox.drain():
             self.desk.coordinator_heard_ns = now_ns
         for wire in self._wires:

@@ -49,12 +49,13 @@ class HaltDesk:
 
     def __init__(self, manager: PluginManager, wire: Endpoint, tell_state: Callable[[], None]) -> None:
         live = wire.drive is Drive.LIVE
-        self._arrivals, self._summaries = Inbox(), Inbox()
+        self.arrivals, self.summaries = Inbox(), Inbox()
+        """Halts, and the coordinator's summaries: `hear` has something to do if one of them has some."""
         if live:
             # At once, on the thread of the subscription: to hand over to another one would cost several ms in a process
             # that is kept busy, as that thread must first be given a processor, and then Python's own lock.
-            self._arrivals.on_arrival = self.hear
-            self._arrivals.acts_at_once = True
+            self.arrivals.on_arrival = self.hear
+            self.arrivals.acts_at_once = True
         self._manager = manager
         self._robot = manager.robot
         self._wire = wire
@@ -72,8 +73,8 @@ class HaltDesk:
 
     def listen(self) -> None:
         """Hear of halts from now on; of one that is in force, by asking the coordinator if there is one."""
-        self._wire.subscribe(self._arrivals, HALT)
-        self._wire.subscribe(self._summaries, COORDINATOR_STATE)
+        self._wire.subscribe(self.arrivals, HALT)
+        self._wire.subscribe(self.summaries, COORDINATOR_STATE)
         try:
             status = self._wire.ask(COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S)
         except (CallError, NobodyThere) as error:
@@ -95,23 +96,18 @@ class HaltDesk:
         if self._pool is not None:
             self._pool.stand_by(min(THREADS, self._manager.most_to_halt()))
 
-    @property
-    def has_heard(self) -> bool:
-        """Whether `hear` has something to do."""
-        return self._arrivals.has_some or self._summaries.has_some
-
     def hear(self) -> None:
         """Halt or resume as the team was told to, in the order of arrival.
 
         The host's step does this. In live a halt itself does not wait for it, only the coordinator's summary does.
         """
-        if not self.has_heard:
+        if not self.arrivals.has_some and not self.summaries.has_some:
             return
         with self._acting:
             if self._is_closed:
                 return
-            self._guard.messages(self._arrivals.drain(), self._take)
-            self._guard.messages(self._summaries.drain(), self._take)
+            self._guard.messages(self.arrivals.drain(), self._take)
+            self._guard.messages(self.summaries.drain(), self._take)
 
     def _take(self, received: Received) -> None:
         message = received.message

@@ -53,7 +53,9 @@ class Publisher:
         if len(encoded) > self.topic.payloads.max_bytes:
             raise ValueError(self.topic.payloads.too_large(len(encoded)))
         self._seq += 1
-        self.put_bytes(encoded)
+        self._declared.put(encoded)
+        if self._exchange is not None:
+            self._exchange.deliver(self.topic, self.key, encoded)
 
     def put_bytes(self, payload: bytes) -> None:
         """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""

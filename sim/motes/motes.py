@@ -88,7 +88,7 @@ class MoteField:
     def step(self, robots: Sequence[RobotBody]) -> None:
         """Go on by a tick: base stations' packets reach motes; motes whose time has come sense and send."""
         self._tick += 1
-        if len(self._inbox):
+        if self._inbox.has_some:
             self._look_where_robots_are(robots)
             for received in self._inbox.drain():
                 self._from_robot(received.names["robot"], received.message)

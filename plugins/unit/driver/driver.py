@@ -344,7 +344,8 @@ class Driver(Unit):
         heading_rad = wrap_angle_rad(pose.yaw_rad + math.atan2(wanted.left_m_s, wanted.forward_m_s))
         free_m = self._lookout.free_m(pose, heading_rad)
         self._note(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else "")
-        self._go_towards(pose, heading_rad, min(speed_m_s, limits.speed_m_s), free_m)
+        ahead_m = self._way.ahead(math.cos(heading_rad), math.sin(heading_rad))
+        self._go_towards(pose, heading_rad, min(speed_m_s, limits.speed_m_s), free_m, ahead_m)
         self._turn.follow(max(-limits.turn_rate_rad_s, min(limits.turn_rate_rad_s, wanted.yaw_rad_s)), 0.0)
         self._moc.drive(self._twist(pose))
 
@@ -396,7 +397,7 @@ class Driver(Unit):
         self._note(IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else "")
         ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
-        self._go_towards(pose, heading_rad, min(limits.speed_m_s, path.fastest_m_s, path_m_s), free_m)
+        self._go_towards(pose, heading_rad, min(limits.speed_m_s, path.fastest_m_s, path_m_s), free_m, ahead_m)
         self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
         return self._twist(pose)
 
@@ -428,14 +429,17 @@ class Driver(Unit):
         self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
         return self._twist(pose)
 
-    def _go_towards(self, pose: Pose2D, heading_rad: float, speed_m_s: float, free_m: float) -> None:
-        """Go on by a period towards this velocity, frame odom, or slower if what is ahead demands it."""
+    def _go_towards(self, pose: Pose2D, heading_rad: float, speed_m_s: float, free_m: float, ahead_m: float) -> None:
+        """Go on by a period towards this velocity, frame odom, or slower if what is ahead demands it.
+
+        `ahead_m` is driven there before a wish to slow down has its effect, see `Ramp.ahead`.
+        """
         way, limits = self._way, self.parameters
         if self._goes_too_fast(pose):
             way.brake(limits.braking_m_s2)
             return
         cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-        to_stop_m_s = speed_to_stop(free_m - way.ahead(cos, sin), limits.acceleration_m_s2, DELAY_S)
+        to_stop_m_s = speed_to_stop(free_m - ahead_m, limits.acceleration_m_s2, DELAY_S)
         way.follow(min(speed_m_s, to_stop_m_s) * cos, min(speed_m_s, to_stop_m_s) * sin)
 
     def _twist(self, pose: Pose2D) -> Twist2D:
@@ -449,7 +453,7 @@ class Driver(Unit):
     def _goes_too_fast(self, pose: Pose2D) -> bool:
         """Whether it cannot stop as smoothly as it should before what lies where it really goes, as past a corner."""
         way = self._way
-        if way.speed < SLOW_M_S:
+        if math.hypot(way.x, way.y) < SLOW_M_S:
             return False
         free_m = self._lookout.free_m(pose, math.atan2(way.y, way.x))
         return way.stopping(DELAY_S) > free_m + SPARE_M

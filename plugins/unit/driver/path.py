@@ -196,7 +196,7 @@ class Ramp:
         An S-curve from v to rest takes v²/(2a) + v·a/(2j) (Biagiotti, Melchiorri: Trajectory Planning for Automatic
         Machines and Robots, 2008, section 3.4, for speeds that reach the full deceleration; more than lower ones take).
         """
-        speed, limits = self.speed, self.limits
+        speed, limits = math.hypot(self.x, self.y), self.limits
         lag_s = limits.acceleration / (2.0 * limits.jerk) + delay_s
         return speed * (speed / (2.0 * limits.acceleration) + lag_s)
 

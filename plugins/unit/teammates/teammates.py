@@ -275,7 +275,7 @@ class Teammates(Unit):
 
     def _hear(self) -> int:
         now_ns = self.env.clock.now_ns()
-        if now_ns < self._next_ns or not len(self._inbox):
+        if now_ns < self._next_ns or not self._inbox.has_some:
             return now_ns
         self._next_ns = now_ns + HEAR_NS
         count = len(self._known)
