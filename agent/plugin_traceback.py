@@ -14,7 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from robrain.agent.errors import short_path
+from robrain.agent.errors import PackageMissing, short_path
 
 MOST_CHARACTERS = 4000
 MOST_FRAMES = 20
@@ -60,7 +60,12 @@ def where_raised(error: BaseException) -> str:
 
 
 def plugin_traceback(error: BaseException) -> str:
-    """The traceback from the plugin's first frame, at most `MOST_CHARACTERS`; empty if no plugin was involved."""
+    """The traceback from the plugin's first frame, at most `MOST_CHARACTERS`.
+
+    Empty if no plugin was involved, or it only lacks a package: its author is not to blame.
+    """
+    if isinstance(error, PackageMissing):
+        return ""
     for cause in _causes(error):
         frames = _frames(cause)
         source = _not_python(cause)

@@ -10,6 +10,7 @@ OF_COMMANDS = {
     **dict.fromkeys(("dashboard", "replay", "record", "info", "check", "diff", "recover", "export"), "team"),
     "report": "report",
     "sweep": "sweep",
+    "fork": "sim,team",
     "foxglove": "foxglove",
     "bench allocation": "team",
     "bench log": "navigation",

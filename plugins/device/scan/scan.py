@@ -73,7 +73,7 @@ class ScanDevice(Device):
         if self._doubt:
             board.doubted_scan = self._ranges_mm
             self._fail(self._doubt)
-        if board.has_scanned and now_ns - self._heard_ns > to_ns(self.parameters.silent_s):
+        if board.has_scanned and now_ns - self._heard_ns >= to_ns(self.parameters.silent_s):
             silent_s = (now_ns - self._heard_ns) / NS_PER_S
             what = "no turn" if board.doubted_scan is None else "nothing but the turn that it froze in"
             self._fail(f"the lidar has sent {what} for {silent_s:.1f} s")
