@@ -69,7 +69,7 @@ def test_a_dashboard_that_only_looks_on_does_not_change_a_run(commands) -> None:
 def test_ctrl_c_closes_the_recording(commands) -> None:
     process = commands.start("run", "depot", "--speed", "1", "--record", "cut.mcap")
     path = commands.folder / "cut.mcap"
-    until(lambda: process.poll() is not None or (path.exists() and path.stat().st_size >= 20_000))
+    until(lambda: process.poll() is not None or (path.exists() and path.stat().st_size >= 60_000))
     process.send_signal(signal.SIGINT)
     assert process.wait(PATIENCE_S) == 130
     with path.open("rb") as stream:
@@ -79,7 +79,7 @@ def test_ctrl_c_closes_the_recording(commands) -> None:
         counted = sum(1 for _ in reader.iter_messages())
         attachments = {attachment.name for attachment in reader.iter_attachments()}
     assert counted == len(list(read_messages(path))) > 0
-    assert attachments == {"scenario.toml", "map.png"}
+    assert attachments == {"scenario.toml", "setup.toml", "map.png"}
 
 
 def test_demo_for_servers_runs_records_and_says_how_to_replay(commands) -> None:
