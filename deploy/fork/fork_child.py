@@ -102,7 +102,7 @@ class ForkChild:
         self._children, self._page = Children(), None
         self._last, self._failure, self._now_s, self._at_s = None, "", 0.0, at_s
         self._output = _free_name(fork_name(self._recording, at_s))
-        words = ["fork", str(self._recording), "--at", f"{at_s:.2f}", "--out", str(self._output)]
+        words = ["fork", str(self._recording), "--at", f"{at_s:.2f}", "--output", str(self._output)]
         for robot in without:
             words += ["--without", robot]
         words += ["--task", task] if task else []

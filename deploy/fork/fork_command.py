@@ -42,7 +42,7 @@ def fork(
         float | None, typer.Option(help="Go on for so long; default: until the recorded run would have ended.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--out", "-o", help="MCAP file to write; default: NAME.fork-TIME.mcap beside it.")
+        Path | None, typer.Option("--output", "-o", help="MCAP file to write; default: NAME.fork-TIME.mcap beside it.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     as_json: JsonOption = False,

@@ -110,9 +110,9 @@ def _check(
         raise UsageError(f"--seconds {seconds:g}: expected a number above 0")
     check_changes([*recorded.changes, *changes], recorded.scenario)
     if output.exists() and output.samefile(recorded.path):
-        raise UsageError(f"--out {output}: it is the recording itself; give another name")
+        raise UsageError(f"--output {output}: it is the recording itself; give another name")
     if output.exists() and not overwrite:
-        raise UsageError(f"--out {output}: it exists already; give another name, or add --overwrite")
+        raise UsageError(f"--output {output}: it exists already; give another name, or add --overwrite")
     check_writable(output)
 
 

@@ -54,7 +54,7 @@ def test_wrong_command_line_is_one_sentence(commands) -> None:
         (("--at", "noon"), "--at noon: expected a time of the run"),
         (("--at", "0.5", "--without", "r7"), "--without r7: there is no such robot; there are r1 to r2"),
         (("--at", "0.5", "--task", "visit"), "a task to visit needs --at"),
-        (("--at", "0.5", "--out", "x.bag"), "give a file name that ends in .mcap"),
+        (("--at", "0.5", "--output", "x.bag"), "give a file name that ends in .mcap"),
     ):
         done = commands.run("fork", "run.mcap", *words)
         assert done.returncode == 2
@@ -66,7 +66,7 @@ def test_wrong_command_line_is_one_sentence(commands) -> None:
 
 def test_interrupted_fork_closes_its_recording(commands) -> None:
     recorded(commands)
-    words = ("fork", "run.mcap", "--at", "1s", "--seconds", "100000", "--out", "fork.mcap", "--json", "--progress")
+    words = ("fork", "run.mcap", "--at", "1s", "--seconds", "100000", "--output", "fork.mcap", "--json", "--progress")
     process = commands.start(*words)
     commands.line_with(process, '"progress":{"now_s":2')
     process.send_signal(signal.SIGINT)
