@@ -165,9 +165,9 @@ class AgentHost:
         self.halting.started()
         wire, robot = self._wire, self.name
         wire.subscribe(self._inbox, COORDINATOR_STATE)
-        wire.answer(ROBOT_PLUGINS, self._tell_plugins, serve=Serve.POOL, at_once=("plugins",), robot=robot)
+        wire.answer(ROBOT_PLUGINS, self._tell_plugins, serve=Serve.SHARED, at_once=("plugins",), robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
-        wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.POOL, at_once=AT_ONCE, robot=robot)
+        wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.SHARED, at_once=AT_ONCE, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_COSTS, self._costs, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)

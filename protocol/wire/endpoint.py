@@ -16,7 +16,7 @@ import msgspec
 import zenoh
 from zenoh import ext
 
-from robrain.protocol.wire.answers.answering import Answering
+from robrain.protocol.wire.answers.answering import Answering, SharedQueue
 from robrain.protocol.wire.answers.later import Later, call_error, read_reply
 from robrain.protocol.wire.answers.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
 from robrain.protocol.wire.border.border import Border, Heard
@@ -101,7 +101,8 @@ class Endpoint:
         self._pending: deque[_Waiting] = deque()
         self._closing = False
         self._workers = workers
-        self._answering: Answering[tuple[Any, ...]] | None = None
+        self._answering: list[Answering[tuple[Any, ...]]] = []
+        self._shared: SharedQueue[tuple[Any, ...]] | None = None
 
     def publisher(self, topic: Topic[Any], **names: str) -> Publisher:
         """A publisher of one concrete key."""
@@ -225,8 +226,9 @@ class Endpoint:
         """
         own_key = topic.key(self.team, **names) if set(names) == set(topic.fields) else None
         selector = topic.selector(self.team, **names)
-        if self.drive is Drive.LIVE and serve is Serve.POOL:
-            self._answer_on_threads(selector, at_once, topic, own_key, handler)
+        if self.drive is Drive.LIVE and serve in (Serve.POOL, Serve.SHARED):
+            answer_on_threads = self._answer_on_threads if serve is Serve.POOL else self._answer_on_shared_threads
+            answer_on_threads(selector, at_once, topic, own_key, handler)
             return
 
         def take(query: zenoh.Query) -> None:
@@ -238,13 +240,29 @@ class Endpoint:
         self._entities.append(self.session.declare_queryable(selector, callback))
 
     def _answer_on_threads(self, selector: str, at_once: Sequence[str], *of_query: Any) -> None:
-        if self._answering is None:
-            self._answering = Answering("answer", self._answer_one, self._refuse_one, self._workers)
-        answering = self._answering
+        queryable: Any = self.session.declare_queryable(selector, zenoh.handlers.FifoChannel(PENDING_QUERIES))
+        recv = queryable.handler.recv
+
+        def receive() -> tuple[Any, ...] | None:
+            try:
+                return (at_once, recv(), *of_query)
+            except zenoh.ZError:  # undeclared, and nothing waits any more
+                return None
+
+        self._entities.append(queryable)
+        name = f"answer-{of_query[0].name}"
+        self._answering.append(Answering(name, receive, self._answer_one, self._refuse_one, self._workers))
+
+    def _answer_on_shared_threads(self, selector: str, at_once: Sequence[str], *of_query: Any) -> None:
+        if self._shared is None:
+            self._shared = SharedQueue()
+            receive, limit = self._shared.receive, self._workers
+            self._answering.append(Answering("answer", receive, self._answer_one, self._refuse_one, limit, 1))
+        shared = self._shared
 
         def take(query: zenoh.Query) -> None:
-            if answering.waiting < PENDING_QUERIES:
-                answering.put((at_once, query, *of_query))
+            if shared.waiting < PENDING_QUERIES:
+                shared.put((at_once, query, *of_query))
             else:
                 self._refuse(query, f"{PENDING_QUERIES} queries wait already")
 
@@ -447,11 +465,14 @@ class Endpoint:
             self.session.undeclare(self._declared_keys.popitem()[1])
         while self._pending:
             self._reply(*self._pending.popleft())
-        answering, self._answering = self._answering, None
-        if answering is not None:  # what waits there is answered `unloaded` as well
+        if self._shared is not None:
+            self._shared.end()
+            self._shared = None
+        for answering in self._answering:  # what waits there is answered `unloaded` as well
             stuck = answering.join(STUCK_TIMEOUT_S)
             if stuck:
                 logger.warning("answers that do not come back are left behind: %s", ", ".join(stuck))
+        self._answering.clear()
 
     @property
     def is_closed(self) -> bool:

@@ -21,6 +21,8 @@ class Serve(StrEnum):
 
     AT_ONCE = "at_once"
     """On the thread that Zenoh gives the queryable; one after the other."""
+    SHARED = "shared"
+    """As POOL, on threads that the endpoint's queries of this kind share: for what is asked rarely."""
     POOL = "pool"
     """On threads of its own, several at a time; `busy` when there are too many."""
     IN_STEP = "in_step"

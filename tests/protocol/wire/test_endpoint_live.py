@@ -114,7 +114,7 @@ def test_presence_follows_tokens_across_the_network(team):
     assert [(change.names["robot"], change.present) for change in changes] == [("r1", True), ("r1", False)]
 
 
-@pytest.mark.parametrize("serve", [Serve.AT_ONCE, Serve.POOL])
+@pytest.mark.parametrize("serve", [Serve.AT_ONCE, Serve.POOL, Serve.SHARED])
 def test_errors_of_calls_carry_their_code_across_the_network(team, serve):
     def refuse(request):
         raise CallError(ErrorCode.BUSY, "mocdevice is held by driver", request.names["plugin"])
@@ -222,5 +222,5 @@ def test_the_end_does_not_wait_for_ever_for_an_answer_that_is_stuck(one_at_a_tim
     robot, _, outcomes, _ = one_at_a_time
     robot.close()
     (warning,) = caplog.messages
-    assert re.fullmatch(r"answers that do not come back are left behind: answer-[12]", warning)
+    assert re.fullmatch(r"answers that do not come back are left behind: answer-robot_call-[12]", warning)
     assert outcomes == {}
