@@ -11,8 +11,8 @@ from robrain.protocol.wire.border.border import Border, Heard, Received
 NOTHING = b"null"
 """An empty reply: JSON null."""
 
-Sample = tuple[Heard, str, bytes, list[Received]]
-"""Topic, key, payload, and what the payload decodes to, once somebody has read it: inboxes share samples."""
+Sample = tuple[Heard, str, bytes, list[Received] | None]
+"""Topic, key, payload, and what the payload decodes to, once somebody has read it; None if no other inbox has it."""
 
 
 class Inbox:
@@ -64,7 +64,7 @@ class Inbox:
 
         """
         self.outside += outside
-        return self.take((topic, key, payload, []))
+        return self.take((topic, key, payload, None))
 
     def take(self, sample: Sample) -> bool:
         """Take in a sample that other inboxes may hold as well; as `append`."""
@@ -113,7 +113,7 @@ class Inbox:
             if received is None:
                 self.refused += 1
                 continue
-            if not shared:
+            if shared is not None and not shared:
                 shared.append(received)
             read.append(received)
         return read
