@@ -86,7 +86,7 @@ class PluginThreads:
         self._threads: set[threading.Thread] = set()
         self._waiting = self._begun = 0
         self._watches: list[float] = []
-        """When those that wait wake by themselves; the others sleep until they are told."""
+        """Times at which waiting threads wake by themselves; the others sleep until they are notified."""
         self._stopping = False
 
     def follow(self) -> None:

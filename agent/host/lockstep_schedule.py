@@ -21,7 +21,7 @@ class LockstepSchedule:
         self._plugins: list[ManagedPlugin] = []
         self._known: dict[str, ManagedPlugin] = {}
         self._wanted = bytearray()
-        """For each plugin, whether the pass is to look at it: set by its mailbox and when its step is due."""
+        """For each plugin, 1 if the next pass must visit it: set by its mailbox and when its step is due."""
         self._due: list[tuple[int, int]] = []
         """A heap of due times and plugins; an entry may be void, as a plugin's `due_ns` counts."""
         self._queued: list[int] = []

@@ -1,4 +1,4 @@
-"""What a robot tells of its plugins."""
+"""The description of a plugin that a robot publishes."""
 
 import zlib
 

@@ -43,7 +43,7 @@ class Subscription:
 
 
 class Exchange:
-    """The subscriptions of one session of a lockstep run, and what of theirs each key reaches."""
+    """The subscriptions of one session of a lockstep run, and those that each key reaches."""
 
     _of_session: ClassVar["WeakValueDictionary[str, Exchange]"] = WeakValueDictionary()
 

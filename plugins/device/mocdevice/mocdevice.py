@@ -225,7 +225,7 @@ class MocDevice(Device):
             self._broken = BusFault(self.env.plugin, f"the CAN bus takes no frames: {error}")
 
     def _catch_up(self) -> None:
-        """Read what has arrived. What is wrong is told by the device's own step: a caller is not to blame."""
+        """Read the frames that have arrived. The device's own step raises a fault of the bus, never a caller's call."""
         port = self._port
         if port is None or self._broken is not None:
             return
