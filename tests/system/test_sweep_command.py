@@ -14,7 +14,7 @@ from tests.waiting import PATIENCE_S, until
 pytestmark = pytest.mark.system
 
 OWN = {"PYTHONUNBUFFERED": "1"}
-"""A separate interpreter, so that spawned workers can import the main module."""
+"""Environment with which a command starts in a fresh interpreter, as the workers that it spawns require."""
 WORDS = ("sweep", "arena_small", "--vary", "robots=1,2", "--time-limit", "6", "--output", "out", "--workers", "2")
 SEEDS = ("--seeds", "1..4")
 
