@@ -1,6 +1,7 @@
 """Exchange of submaps and loop closures between the mappers of a team."""
 
 import logging
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -30,6 +31,7 @@ from robrain.protocol.wire.messages.map_patch import (
     to_message,
     whole_map,
 )
+from robrain.protocol.wire.messages.shared_patches import SharedSteps
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
@@ -56,6 +58,7 @@ class MapHearing:
         """Submaps that the others had before this robot started; only while its start is checked."""
         self._robot = robot
         self._atlas = atlas
+        self._shared = SharedSteps(atlas)
         self._desk = desk
         self._frames = frames
         self._inbox = Inbox(capacity=INBOX_MAX)
@@ -98,13 +101,26 @@ class MapHearing:
                 # Catch up with a robot that was there before; one that has just started has nothing to tell.
                 self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
         self._allowed_ms = map_stamp_ms(self._wire.clock.now_ns()) + AHEAD_MAX_MS
-        self._guard.messages(self._inbox.drain(), self._take)
+        self._take_all(self._inbox.drain())
 
     def whole(self) -> MapPatch | None:
         """The robot's own submaps, and those of robots that are absent or were restarted."""
         others = self._met - {self._robot}
         keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
         return whole_map(self._robot, self._atlas, keys)
+
+    def _take_all(self, received: Sequence[Received]) -> None:
+        """Take messages in, one after the other; successive patches of which only cells are new are drawn at once."""
+        heard = self._met - {self._robot} if self.others is None else set()
+        for one in received:
+            message = one.message
+            is_patch = one.topic is ROBOT_MAP and not message.parts and message.observed_ms <= self._allowed_ms
+            tells_variances = is_patch and (message.variance_m2 > 0.0 or message.variance_rad2 > 0.0)
+            if is_patch and not tells_variances and message.robot in heard and self._shared.take(message):
+                continue
+            self._shared.flush()
+            self._guard.messages((one,), self._take)
+        self._shared.flush()
 
     def _take(self, received: Received) -> None:
         message: MapPatch | Closures = received.message

@@ -39,23 +39,47 @@ VIEWS = np.array(
 """(256, 2) unit vector of each direction `view`. Computed by the C library, because digests depend on it."""
 SURFACES_MAX = 1 << 16
 """Surfaces of one submap."""
+NO_CELLS: NDArray[np.int8] = np.zeros((0, 0), np.int8)
+NO_TIMES: NDArray[np.int32] = np.zeros((0, 0), np.int32)
+"""Evidence and stamps of every submap that has no cells yet, so that all share what its first patch makes of it."""
 
 
-class Told(NamedTuple):
-    """Tiles of a submap for which a patch has statements."""
+class Tiles(NamedTuple):
+    """Tiles of a submap."""
 
+    at: NDArray[np.int32]
+    """(n, 2) row and column of each, in tiles from the submap's first cell."""
+    stamps_ms: NDArray[np.int32]
+    """(n,) latest observation in each."""
+    cells: NDArray[np.int8]
+    """(n, 8, 8) evidence."""
+
+
+class SubmapStep(NamedTuple):
+    """What a patch makes of a submap: a value, so that all who hold the submap's cells before can share those after."""
+
+    before: NDArray[np.int8]
+    """The evidence to which the patch was applied, by identity."""
     row: int
     column: int
-    """Of the first tile."""
-    tiles: NDArray[np.bool_]
-    """(h, w) from there."""
+    evidence: NDArray[np.int8]
+    stamp_ms: NDArray[np.int32]
+    occupied: int
+    """As those of `Submap`, after the patch."""
+    told: Tiles
+    """The tiles for which the patch has statements, after it."""
+    is_newest: bool
+    """Whether the patch was observed after all that was known of the tiles that it touches."""
+    box: tuple[int, int, int, int]
+    """The patch in whole tiles: first row, first column, past-the-end row and column, in the frame `local`."""
 
 
 class Submap:
     """Cells that one robot saw on a few metres of its path.
 
     `evidence` int8 (h, w) holds `SAYS_FREE`, `SAYS_OCCUPIED` or 0; (`row`, `column`) of its first cell are counted
-    from the origin of the team's grid. `stamp_ms` int32 (h / 8, w / 8) is the latest observation in each tile.
+    from the origin of the team's grid. `stamp_ms` int32 (h / 8, w / 8) is the latest observation in each tile. Nobody
+    writes into these arrays: each patch makes new ones, which the submaps of several robots may share.
     """
 
     def __init__(self, T_arena_local: Pose2D = IDENTITY, frame: MapFrame = ARENA) -> None:
@@ -63,8 +87,7 @@ class Submap:
         """Where the submap's frame lies in `frame`."""
         self.frame = frame
         self.row = self.column = 0
-        self.evidence: NDArray[np.int8] = np.zeros((0, 0), np.int8)
-        self.stamp_ms: NDArray[np.int32] = np.zeros((0, 0), np.int32)
+        self.evidence, self.stamp_ms = NO_CELLS, NO_TIMES
         self.surfaces: NDArray[np.void] | None = None
         """(n,) of `SURFACE`; None until the submap is finished."""
         self.version = 0
@@ -88,18 +111,34 @@ class Submap:
 
         """
         self.growth(row, column, cells.shape, stamp_ms)
-        self.take_checked(row, column, cells, stamp_ms)
+        self.become(self.after(row, column, cells, stamp_ms))
 
-    def take_checked(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> Told:
-        """As `take`, for cells that `growth` has checked; returns which tiles they have changed."""
+    def after(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> SubmapStep:
+        """What cells that `growth` has checked make of the submap, which itself stays as it is; arguments as `take`."""
+        height, width = cells.shape
+        latest_ms = latest(self.stamp_ms, row - self.row, column - self.column, height, width)
         stamps_ms = np.full((1, 1), stamp_ms, np.int32) if isinstance(stamp_ms, int) else kernel_array(stamp_ms, INT32)
-        self._cover(row, column, *cells.shape)
-        more, tiles = take_cells(
-            self.evidence, self.stamp_ms, row - self.row, column - self.column, kernel_array(cells, INT8), stamps_ms
+        first_row, first_column, evidence, tiles_ms = self._covering(row, column, height, width)
+        more, at, told_ms, told = take_cells(
+            evidence, tiles_ms, row - first_row, column - first_column, kernel_array(cells, INT8), stamps_ms
         )
-        self.occupied += more
+        return SubmapStep(
+            self.evidence,
+            first_row,
+            first_column,
+            evidence,
+            tiles_ms,
+            self.occupied + more,
+            Tiles(at, told_ms, told),
+            latest_ms < 0 or (isinstance(stamp_ms, int) and stamp_ms > latest_ms),
+            (_tile_down(row), _tile_down(column), -_tile_down(-row - height), -_tile_down(-column - width)),
+        )
+
+    def become(self, step: SubmapStep) -> None:
+        """Be as a patch has made the submap, whose `evidence` is `step.before`."""
+        self.row, self.column, self.evidence, self.stamp_ms = step.row, step.column, step.evidence, step.stamp_ms
+        self.occupied = step.occupied
         self.version += 1
-        return Told((row - self.row) // TILE_CELLS, (column - self.column) // TILE_CELLS, tiles)
 
     def growth(self, row: int, column: int, shape: tuple[int, ...], stamp_ms: int | NDArray[np.int32]) -> int:
         """Number of cells by which `take` would enlarge the submap; arguments and errors are those of `take`."""
@@ -122,11 +161,6 @@ class Submap:
     def size(self) -> int:
         """Bytes of the cells and surfaces."""
         return self.evidence.nbytes + (0 if self.surfaces is None else self.surfaces.nbytes)
-
-    def latest_ms(self, row: int, column: int, height: int, width: int) -> int:
-        """Latest observation in the tiles that a box of cells touches; −1 if there is none."""
-        latest_ms: int = latest(self.stamp_ms, row - self.row, column - self.column, height, width)
-        return latest_ms
 
     def classes(self) -> NDArray[np.int8]:
         """The cells as classes of an `OccupancyGrid`, int8 (h, w), a new array."""
@@ -188,10 +222,12 @@ class Submap:
             end_column = max(end_column, self.column + self.evidence.shape[1])
         return first_row, first_column, end_row, end_column
 
-    def _cover(self, row: int, column: int, height: int, width: int) -> None:
-        """Enlarge the box to contain these cells."""
+    def _covering(
+        self, row: int, column: int, height: int, width: int
+    ) -> tuple[int, int, NDArray[np.int8], NDArray[np.int32]]:
+        """First row and column, and copies of evidence and stamps, of the box enlarged to contain these cells."""
         if self._holds(row, column, height, width):
-            return
+            return self.row, self.column, self.evidence.copy(), self.stamp_ms.copy()
         first_row, first_column, end_row, end_column = self._box_with(row, column, height, width)
         rows, columns = end_row - first_row, end_column - first_column
         evidence = np.zeros((rows, columns), np.int8)
@@ -203,7 +239,7 @@ class Submap:
             tile_row, tile_column = at_row // TILE_CELLS, at_column // TILE_CELLS
             tiles = self.stamp_ms.shape
             stamp_ms[tile_row : tile_row + tiles[0], tile_column : tile_column + tiles[1]] = self.stamp_ms
-        self.row, self.column, self.evidence, self.stamp_ms = first_row, first_column, evidence, stamp_ms
+        return first_row, first_column, evidence, stamp_ms
 
 
 def moved_box(
@@ -230,6 +266,10 @@ def _up(cell: int) -> int:
     return -(-cell // BLOCK_CELLS) * BLOCK_CELLS
 
 
+def _tile_down(cell: int) -> int:
+    return cell // TILE_CELLS * TILE_CELLS
+
+
 @njit(cache=True, nogil=True)
 def latest(stamps_ms: NDArray[np.int32], row: int, column: int, height: int, width: int) -> int:
     """The latest of the tiles that a box of cells touches; −1 if there is none."""
@@ -250,10 +290,12 @@ def take_cells(
     first_column: int,
     cells: NDArray[np.int8],
     said_ms: NDArray[np.int32],
-) -> tuple[int, NDArray[np.bool_]]:
-    """Increase in the number of occupied cells, and the tiles of the box for which there are statements.
+) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int8]]:
+    """Take cells into the arrays of a submap; `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles.
 
-    `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles.
+    Returns:
+        The increase in the number of occupied cells, and the tiles for which there are statements, as in `Tiles`.
+
     """
     more = 0
     is_one = said_ms.shape[0] == 1 and said_ms.shape[1] == 1
@@ -284,4 +326,16 @@ def take_cells(
                 is_told[tile_row - first_tile_row, n] = latest_ms[n] >= 0
                 stamps_ms[tile_row, first_tile + n] = max(stamps_ms[tile_row, first_tile + n], latest_ms[n])
             latest_ms[:] = -1
-    return more, is_told
+    at = np.empty((np.count_nonzero(is_told), 2), np.int32)
+    told_ms = np.empty(at.shape[0], np.int32)
+    told = np.empty((at.shape[0], TILE_CELLS, TILE_CELLS), np.int8)
+    n = 0
+    for i in range(is_told.shape[0]):
+        for j in range(tiles):
+            if is_told[i, j]:
+                row, column = first_tile_row + i, first_tile + j
+                at[n, 0], at[n, 1], told_ms[n] = row, column, stamps_ms[row, column]
+                top, left = row * TILE_CELLS, column * TILE_CELLS
+                told[n] = evidence[top : top + TILE_CELLS, left : left + TILE_CELLS]
+                n += 1
+    return more, at, told_ms, told

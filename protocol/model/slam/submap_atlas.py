@@ -6,6 +6,7 @@ submap that moves is erased at its old pose and drawn at the new one, by nearest
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,8 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
-from robrain.protocol.model.numeric.kernel_array import INT8, kernel_array
-from robrain.protocol.model.slam.submap import IDENTITY, TILE_CELLS, Submap, Told, moved_box
-from robrain.protocol.model.slam.submap_drawing_kernels import Box, draw, take_and_draw
+from robrain.protocol.model.slam.submap import IDENTITY, Submap, SubmapStep, moved_box
+from robrain.protocol.model.slam.submap_drawing_kernels import Box, draw, draw_tiles
 
 SUBMAPS_MAX = 8192
 """Largest number of submaps of an atlas; further ones are refused."""
@@ -25,19 +25,16 @@ CELLS_MAX = 1 << 27
 
 SubmapKey = tuple[str, int]
 """Name of a robot and number of its submap."""
-ALL = Told(0, 0, np.empty((0, 0), np.bool_))
-"""All tiles of a submap."""
 
 
-class _Placed(NamedTuple):
+class SubmapPlace(NamedTuple):
     """Where the cells of a submap lie in the grid, and what that was computed from."""
 
     at: Pose2D
-    row: int
-    column: int
-    motion: tuple[float, float, float, float]
-    """cos, sin, x and y of `at`."""
-    lookup: tuple[float, float, float, float]
+    first: tuple[int, int]
+    """Row and column of the submap's first cell."""
+    numbers: tuple[float, ...]
+    """`motion`: cos, sin, x and y of `at`; then `lookup`: as `SubmapAtlas._lookup` returns it."""
 
 
 class SubmapAtlas:
@@ -68,7 +65,7 @@ class SubmapAtlas:
         )
         """The same in cells from the origin."""
         self._measures = (float(geometry.resolution_m), float(geometry.origin_x_m), float(geometry.origin_y_m))
-        self._placed: dict[SubmapKey, _Placed] = {}
+        self._places: dict[SubmapKey, SubmapPlace] = {}
 
     def take(
         self,
@@ -89,70 +86,69 @@ class SubmapAtlas:
                 changed.
 
         """
-        submap = self.submaps.get(key)
-        if submap is not None and isinstance(stamp_ms, int) and 0 <= stamp_ms <= LAST_STAMP_MS:
-            first_row, first_column = row - submap.row, column - submap.column
-            height, width = submap.evidence.shape
-            rows, columns = cells.shape
-            is_within = 0 <= first_row <= height - rows and 0 <= first_column <= width - columns
-            if is_within and submap.frame == self.frame:
-                return self._take_within(key, submap, row, column, cells, stamp_ms)
         self.check(key, (row, column, cells.shape, stamp_ms), None, share)
-        return self.take_checked(key, row, column, cells, stamp_ms)
+        return self.take_step(key, self.shaped(key).after(row, column, cells, stamp_ms))
 
-    def take_checked(
-        self, key: SubmapKey, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
-    ) -> int:
-        """As `take`, for cells that `check` has checked."""
+    def shaped(self, key: SubmapKey) -> Submap:
+        """The submap as it is; where there is none yet, an empty one at the pose that was told of it."""
         submap = self.submaps.get(key)
-        if submap is None:
-            submap = Submap(*self._poses.get(key, (IDENTITY, ARENA)))
-        before = submap.size
-        latest_ms = submap.latest_ms(row, column, *cells.shape)
-        told = submap.take_checked(row, column, cells, stamp_ms)
-        self._size += submap.size - before
-        self.submaps[key] = submap
-        self._poses.pop(key, None)
-        # Whole tiles: the time has changed for each of their cells.
-        height, width = cells.shape
-        box = _down(row), _down(column), -_down(-row - height), -_down(-column - width)
-        moved = self._moved(submap.T_arena_local, box)
-        if latest_ms < 0 or (isinstance(stamp_ms, int) and stamp_ms > latest_ms):
-            return self._draw(submap, moved, told)
-        return self._redraw_counted(moved)
+        return Submap(*self._poses.get(key, (IDENTITY, ARENA))) if submap is None else submap
 
-    def _take_within(
-        self, key: SubmapKey, submap: Submap, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int
-    ) -> int:
-        """As `take_checked`, for cells within the box of a submap that is drawn: one kernel does all of it."""
-        placed = self._placed.get(key)
-        at = submap.T_arena_local
-        if placed is None or placed.at is not at or (placed.row, placed.column) != (submap.row, submap.column):
-            cos, sin = math.cos(at.yaw_rad), math.sin(at.yaw_rad)
-            motion = cos, sin, float(at.x_m), float(at.y_m)
-            placed = self._placed[key] = _Placed(at, submap.row, submap.column, motion, self._lookup(submap))
+    def take_step(self, key: SubmapKey, step: SubmapStep) -> int:
+        """Take what a patch, which `check` has checked, makes of `shaped(key)`; returns as `take`."""
+        if step.is_newest:
+            return self.take_steps([(key, step)])
+        submap = self._become(key, step)
+        return self._redraw_counted(self._moved(submap.T_arena_local, step.box)) if submap.frame == self.frame else 0
+
+    def take_steps(self, steps: Sequence[tuple[SubmapKey, SubmapStep]]) -> int:
+        """As `take_step` for one after the other, all of them newest: drawn by one kernel."""
+        begins, firsts, places, at, stamps_ms, cells = [0], [], [], [], [], []
+        for key, step in steps:
+            submap = self._become(key, step)
+            told = step.told
+            if submap.frame == self.frame and len(told.at):
+                place = self._places.get(key)
+                here, first = submap.T_arena_local, (step.row, step.column)
+                if place is None or place.at is not here or place.first != first:
+                    place = self._places[key] = self._place(submap)
+                begins.append(begins[-1] + len(told.at))
+                firsts.append(first)
+                places.append(place.numbers)
+                at.append(told.at)
+                stamps_ms.append(told.stamps_ms)
+                cells.append(told.cells)
+        if not firsts:
+            return 0
+        is_one = len(firsts) == 1
         grid = self.grid
-        more, is_drawn, changed, discovered, box = take_and_draw(
+        changed, discovered = draw_tiles(
             grid.log_odds,
             grid.stamp_ms,
-            submap.evidence,
-            submap.stamp_ms,
-            row,
-            column,
-            (submap.row, submap.column),
-            cells if cells.dtype is INT8 and cells.flags.carray else kernel_array(cells, INT8),
-            stamp_ms,
-            placed.lookup,
-            placed.motion,
             self._measures,
+            np.array(begins),
+            np.array(firsts),
+            np.array(places),
+            at[0] if is_one else np.concatenate(at),
+            stamps_ms[0] if is_one else np.concatenate(stamps_ms),
+            cells[0] if is_one else np.concatenate(cells),
         )
-        submap.occupied += more
-        submap.version += 1
-        if not is_drawn:
-            return self._redraw_counted(box)
-        if changed:
-            grid.count_drawn(changed, discovered)
+        grid.count_drawn(changed, discovered)
         return int(changed)
+
+    def _become(self, key: SubmapKey, step: SubmapStep) -> Submap:
+        submap = self.submaps.get(key)
+        if submap is None:
+            submap = self.submaps[key] = self.shaped(key)
+            self._poses.pop(key, None)
+        self._size += step.evidence.nbytes - submap.evidence.nbytes
+        submap.become(step)
+        return submap
+
+    def _place(self, submap: Submap) -> SubmapPlace:
+        at = submap.T_arena_local
+        motion = math.cos(at.yaw_rad), math.sin(at.yaw_rad), at.x_m, at.y_m
+        return SubmapPlace(at, (submap.row, submap.column), (*motion, *self._lookup(submap)))
 
     def _redraw_counted(self, moved: Box) -> int:
         """Redraw a box where cells have been taken that may not be drawn on top: they are not newer than all others.
@@ -266,7 +262,7 @@ class SubmapAtlas:
     def withdraw(self, key: SubmapKey) -> None:
         """Remove a submap that is wrong."""
         self._poses.pop(key, None)
-        self._placed.pop(key, None)
+        self._places.pop(key, None)
         submap = self.submaps.pop(key, None)
         if submap is not None:
             self._size -= submap.size
@@ -276,7 +272,7 @@ class SubmapAtlas:
         """Remove all submaps."""
         self.submaps.clear()
         self._poses.clear()
-        self._placed.clear()
+        self._places.clear()
         self._size = 0
         self.grid.forget()
 
@@ -290,23 +286,15 @@ class SubmapAtlas:
         height, width = self.grid.geometry.shape
         return max(box[0], 0), max(box[1], 0), min(box[2], height), min(box[3], width)
 
-    def _draw(self, submap: Submap, box: Box, told: Told = ALL) -> int:
-        """Draw a submap's cells within a box of the grid, or some of its tiles; returns how many classes changed."""
+    def _draw(self, submap: Submap, box: Box) -> None:
+        """Draw a submap's cells within a box of the grid."""
         if box[0] >= box[2] or box[1] >= box[3] or submap.is_empty or submap.frame != self.frame:
-            return 0
+            return
         grid = self.grid
         changed, discovered = draw(
-            grid.log_odds,
-            grid.stamp_ms,
-            box,
-            submap.evidence,
-            submap.stamp_ms,
-            self._lookup(submap),
-            (told.row, told.column),
-            told.tiles,
+            grid.log_odds, grid.stamp_ms, box, submap.evidence, submap.stamp_ms, self._lookup(submap)
         )
         grid.count_drawn(changed, discovered)
-        return changed
 
     def _redraw(self, box: Box) -> None:
         """Erase a box of the grid and draw all submaps there."""
@@ -331,10 +319,6 @@ class SubmapAtlas:
         at_x = (T_local_arena.x_m + cos * x_m - sin * y_m - geometry.origin_x_m) / geometry.resolution_m
         at_y = (T_local_arena.y_m + sin * x_m + cos * y_m - geometry.origin_y_m) / geometry.resolution_m
         return cos, sin, at_y - submap.row, at_x - submap.column
-
-
-def _down(cell: int) -> int:
-    return cell // TILE_CELLS * TILE_CELLS
 
 
 def _cells_of(box: Box) -> int:

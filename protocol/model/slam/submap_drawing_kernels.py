@@ -6,54 +6,71 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.protocol.model.slam.submap import TILE_CELLS, latest, take_cells
+from robrain.protocol.model.slam.submap import TILE_CELLS
 
 Box = tuple[int, int, int, int]
 """First row, first column, past-the-end row, past-the-end column."""
 
 
 @njit(cache=True, nogil=True)
-def take_and_draw(
+def draw_tiles(
     log_odds: NDArray[np.int8],
     stamps_ms: NDArray[np.int32],
-    evidence: NDArray[np.int8],
-    tile_stamps_ms: NDArray[np.int32],
-    row: int,
-    column: int,
-    first: tuple[int, int],
-    cells: NDArray[np.int8],
-    stamp_ms: int,
-    lookup: tuple[float, float, float, float],
-    motion: tuple[float, float, float, float],
     grid: tuple[float, float, float],
-) -> tuple[int, bool, int, int, Box]:
-    """Take cells at (row, column) into a submap that begins at `first`, and draw them if that is right.
+    begins: NDArray[np.int64],
+    firsts: NDArray[np.int64],
+    places: NDArray[np.float64],
+    at: NDArray[np.int32],
+    tiles_ms: NDArray[np.int32],
+    cells: NDArray[np.int8],
+) -> tuple[int, int]:
+    """Draw tiles of one submap after the other.
+
+    Args:
+        log_odds: of the team's grid.
+        stamps_ms: likewise.
+        grid: its resolution and origin, metres.
+        begins: (submaps + 1,) where each submap's tiles begin in the next arrays but two.
+        firsts: (submaps, 2) row and column of each submap's first cell.
+        places: (submaps, 8) where it lies: `motion` and `lookup` of `SubmapPlace`.
+        at: (tiles, 2) as in `Tiles`.
+        tiles_ms: (tiles,) likewise.
+        cells: (tiles, 8, 8) likewise.
 
     Returns:
-        More occupied cells; whether they were drawn; changed classes and newly known cells; the box of the team's grid.
+        Numbers of changed classes and of newly known cells.
 
     """
-    height, width = cells.shape
-    first_row, first_column = row - first[0], column - first[1]
-    before_ms = latest(tile_stamps_ms, first_row, first_column, height, width)
-    said_ms = np.full((1, 1), stamp_ms, np.int32)
-    more, tiles = take_cells(evidence, tile_stamps_ms, first_row, first_column, cells, said_ms)
-    # Whole tiles: the time has changed for each of their cells.
-    top, left = row // TILE_CELLS * TILE_CELLS, column // TILE_CELLS * TILE_CELLS
-    bottom, right = -(-(row + height) // TILE_CELLS) * TILE_CELLS, -(-(column + width) // TILE_CELLS) * TILE_CELLS
-    cos, sin, x_m, y_m = motion
-    if cos != 1.0 or sin != 0.0 or x_m != 0.0 or y_m != 0.0:
-        top, left, bottom, right = _box_after(motion, (top, left, bottom, right), grid)
-    top, left = max(top, 0), max(left, 0)
-    bottom, right = min(bottom, log_odds.shape[0]), min(right, log_odds.shape[1])
-    box = (top, left, bottom, right)
-    if before_ms >= 0 and stamp_ms <= before_ms:
-        return more, False, 0, 0, box
-    if top >= bottom or left >= right:
-        return more, True, 0, 0, box
-    told = (first_row // TILE_CELLS, first_column // TILE_CELLS)
-    changed, discovered = draw(log_odds, stamps_ms, box, evidence, tile_stamps_ms, lookup, told, tiles)
-    return more, True, changed, discovered, box
+    changed, discovered = 0, 0
+    for submap in range(begins.shape[0] - 1):
+        first_row, first_column = firsts[submap]
+        cos, sin, x_m, y_m, lookup_cos, lookup_sin, lookup_row, lookup_column = places[submap]
+        is_turned = lookup_cos != 1.0 or lookup_sin != 0.0
+        down, right = math.floor(lookup_row), math.floor(lookup_column)
+        is_shifted = not is_turned and max(abs(lookup_row - down - 0.5), abs(lookup_column - right - 0.5)) < 0.25
+        for tile in range(begins[submap], begins[submap + 1]):
+            top, left = at[tile, 0] * TILE_CELLS, at[tile, 1] * TILE_CELLS
+            bottom, end = top + TILE_CELLS, left + TILE_CELLS
+            if is_shifted:
+                box = top - down, left - right, bottom - down, end - right
+            else:
+                box = (first_row + top, first_column + left, first_row + bottom, first_column + end)
+                box = _box_after((cos, sin, x_m, y_m), box, grid)
+            for i in range(max(box[0], 0), min(box[2], log_odds.shape[0])):
+                for j in range(max(box[1], 0), min(box[3], log_odds.shape[1])):
+                    if is_shifted:
+                        row, column = i + down, j + right
+                    else:
+                        row = math.floor(lookup_row + lookup_cos * i + lookup_sin * j)
+                        column = math.floor(lookup_column - lookup_sin * i + lookup_cos * j)
+                        if row < top or column < left or row >= bottom or column >= end:
+                            continue
+                    flips, finds = _lay(
+                        log_odds, stamps_ms, i, j, cells[tile, row - top, column - left], tiles_ms[tile]
+                    )
+                    changed += flips
+                    discovered += finds
+    return changed, discovered
 
 
 @njit(cache=True, nogil=True)
@@ -80,16 +97,14 @@ def draw(
     evidence: NDArray[np.int8],
     tile_stamps_ms: NDArray[np.int32],
     lookup: tuple[float, float, float, float],
-    first_told: tuple[int, int],
-    told: NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """Numbers of changed classes and of newly known cells. At least the tiles `told` are drawn; all if it is empty."""
+    """Draw a submap's cells within a box of the grid; numbers of changed classes and of newly known cells."""
     cos, sin, first_row, first_column = lookup
     height, width = evidence.shape
     down, right = math.floor(first_row), math.floor(first_column)
     is_middle = max(abs(first_row - down - 0.5), abs(first_column - right - 0.5)) < 0.25
     if cos == 1.0 and sin == 0.0 and is_middle:
-        return _draw_tiles(log_odds, stamps_ms, box, evidence, tile_stamps_ms, down, right, first_told, told)
+        return _draw_shifted(log_odds, stamps_ms, box, evidence, tile_stamps_ms, down, right)
     changed, discovered = 0, 0
     for i in range(box[0], box[2]):
         for j in range(box[1], box[3]):
@@ -105,7 +120,7 @@ def draw(
 
 
 @njit(cache=True, nogil=True)
-def _draw_tiles(
+def _draw_shifted(
     log_odds: NDArray[np.int8],
     stamps_ms: NDArray[np.int32],
     box: tuple[int, int, int, int],
@@ -113,28 +128,15 @@ def _draw_tiles(
     tile_stamps_ms: NDArray[np.int32],
     down: int,
     right: int,
-    first_told: tuple[int, int],
-    told: NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """As `_draw`, for a submap that is shifted by whole cells: cell (i, j) is the submap's (down + i, right + j)."""
+    """As `draw`, for a submap that is shifted by whole cells: cell (i, j) is the submap's (down + i, right + j)."""
     changed, discovered = 0, 0
-    first_row, end_row = max(box[0] + down, 0), min(box[2] + down, evidence.shape[0])
-    first_column, end_column = max(box[1] + right, 0), min(box[3] + right, evidence.shape[1])
-    for tile_row in range(first_row // TILE_CELLS, (end_row - 1) // TILE_CELLS + 1):
-        for tile_column in range(first_column // TILE_CELLS, (end_column - 1) // TILE_CELLS + 1):
-            if told.size > 0:
-                up, along = tile_row - first_told[0], tile_column - first_told[1]
-                if up < 0 or along < 0 or up >= told.shape[0] or along >= told.shape[1] or not told[up, along]:
-                    continue
-            stamp_ms = tile_stamps_ms[tile_row, tile_column]
-            top, left = tile_row * TILE_CELLS, tile_column * TILE_CELLS
-            for row in range(max(top, first_row), min(top + TILE_CELLS, end_row)):
-                for column in range(max(left, first_column), min(left + TILE_CELLS, end_column)):
-                    flips, finds = _lay(
-                        log_odds, stamps_ms, row - down, column - right, evidence[row, column], stamp_ms
-                    )
-                    changed += flips
-                    discovered += finds
+    for row in range(max(box[0] + down, 0), min(box[2] + down, evidence.shape[0])):
+        for column in range(max(box[1] + right, 0), min(box[3] + right, evidence.shape[1])):
+            stamp_ms = tile_stamps_ms[row // TILE_CELLS, column // TILE_CELLS]
+            flips, finds = _lay(log_odds, stamps_ms, row - down, column - right, evidence[row, column], stamp_ms)
+            changed += flips
+            discovered += finds
     return changed, discovered
 
 

@@ -14,6 +14,7 @@ from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, PatchCel
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.shared_patches import step_of
 
 NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
@@ -195,17 +196,10 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     # A refused patch must change nothing, so all checks come first.
     statements = _statements_of(patch, atlas.grid.geometry) if patch.rows or patch.columns or patch.cells else None
     surfaces = _surfaces_of(patch) if patch.surfaces else None
-    submap = atlas.submaps.get(key)
-    stays = submap is not None and submap.T_arena_local == patch.T_arena_local and submap.frame == patch.frame
-    if stays and surfaces is None:
-        if statements is None:
-            return 0
-        cells, stamp_ms = statements
-        return atlas.take(key, patch.row, patch.column, cells, stamp_ms, TOLD_SHARE)
     box = None if statements is None else (patch.row, patch.column, statements[0].shape, statements[1])
     atlas.check(key, box, surfaces, TOLD_SHARE)
     atlas.move(key, patch.T_arena_local, patch.frame)
-    changed = 0 if statements is None else atlas.take_checked(key, patch.row, patch.column, *statements)
+    changed = 0 if statements is None else atlas.take_step(key, step_of(patch, atlas, key, *statements))
     if surfaces is not None:
         atlas.take_surfaces(key, surfaces)
     return changed

@@ -57,7 +57,7 @@ def test_a_surface_lies_in_its_cell_where_it_was_told_and_was_seen_from_there() 
     ),
     st.tuples(st.integers(-90, 90), st.integers(-90, 90), st.integers(1, 20), st.integers(1, 20)),
 )
-def test_a_box_was_seen_last_when_the_latest_of_its_tiles_was(
+def test_a_patch_is_newest_when_it_is_later_than_all_tiles_that_it_touches(
     told: list[tuple[int, int, int, int, int]], box: tuple[int, int, int, int]
 ) -> None:
     submap, latest = Submap(), {}
@@ -73,14 +73,29 @@ def test_a_box_was_seen_last_when_the_latest_of_its_tiles_was(
     inside = [
         latest.get((i, j), 0) for i, j in tiles if first_row <= 8 * i < end_row and first_column <= 8 * j < end_column
     ]
-    assert submap.latest_ms(*box) == max(inside, default=-1)
+    cells, last_ms = np.full((height, width), FREE, np.int8), max(inside, default=-1)
+    assert submap.after(row, column, cells, last_ms + 1).is_newest
+    assert submap.after(row, column, cells, max(last_ms, 0)).is_newest == (last_ms < 0)
+
+
+def test_a_step_leaves_the_submap_that_it_was_computed_from_as_it_was() -> None:
+    submap, cells = Submap(), np.full((3, 3), OCCUPIED, np.int8)
+    submap.take(0, 0, np.full((3, 3), FREE, np.int8), 1)
+    step = submap.after(0, 0, cells, 2)
+    assert (submap.evidence[:3, :3] < 0).all()
+    assert submap.stamp_ms[0, 0] == 1
+    assert submap.occupied == 0
+    submap.become(step)
+    assert (submap.evidence[:3, :3] > 0).all()
+    assert submap.stamp_ms[0, 0] == 2
+    assert submap.occupied == 9
 
 
 def test_nothing_was_seen_of_a_submap_without_cells() -> None:
     submap = Submap()
     assert submap.is_empty
     assert (submap.size, submap.occupied, submap.version) == (0, 0, 0)
-    assert submap.latest_ms(0, 0, 8, 8) == -1
+    assert submap.after(0, 0, np.full((8, 8), FREE, np.int8), 0).is_newest
     assert submap.box == (0, 0, 0, 0)
 
 

@@ -1,0 +1,115 @@
+"""Maps of several robots of one process: what a patch does to a submap is computed once, and the maps are the same."""
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
+from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_patch import pose_message, take_message, to_message
+from robrain.protocol.wire.messages.shared_patches import SharedSteps
+
+TEAM = GridGeometry(0.5, -3.0, 2.0, 40, 32)
+CLASS = st.sampled_from([FREE, OCCUPIED, UNKNOWN])
+CELLS = arrays(np.int8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=CLASS)
+PLACE = st.one_of(
+    st.just(IDENTITY), st.builds(Pose2D, st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.floats(-3.1, 3.1))
+)
+
+
+def patch(robot, row, column, cells, stamp_ms, place=IDENTITY):
+    return to_message(robot, TEAM, PatchCells(row, column, cells, stamp_ms), 0, place)
+
+
+@st.composite
+def messages(draw):
+    """What two robots tell: mostly cells of their submaps, newer from one to the next; at times a submap moves."""
+    told, places = [], {"r1": draw(PLACE), "r2": IDENTITY}
+    for number in range(draw(st.integers(1, 12))):
+        robot = draw(st.sampled_from(["r1", "r2"]))
+        if draw(st.integers(0, 5)) == 0:
+            places[robot] = draw(PLACE)
+            told.append(pose_message(robot, TEAM, 0, places[robot]))
+        else:
+            at = draw(st.integers(-8, 40)), draw(st.integers(-8, 40))
+            told.append(patch(robot, *at, draw(CELLS), draw(st.integers(1, 3)) + number, places[robot]))
+    return told
+
+
+def take_together(atlas, told):
+    """As a mapper takes the messages of one step."""
+    shared, alone = SharedSteps(atlas), 0
+    for message in told:
+        if not shared.take(message):
+            alone += 1
+            shared.flush()
+            take_message(atlas, message)
+    shared.flush()
+    return alone
+
+
+def same(one, other):
+    assert np.array_equal(one.grid.classes(), other.grid.classes())
+    assert np.array_equal(one.grid.stamp_ms, other.grid.stamp_ms)
+    assert one.grid.known_count == other.grid.known_count
+    assert sorted(one.submaps) == sorted(other.submaps)
+    for key, submap in one.submaps.items():
+        its = other.submaps[key]
+        assert (submap.box, submap.occupied, submap.version, submap.size) == (
+            its.box,
+            its.occupied,
+            its.version,
+            its.size,
+        )
+        assert np.array_equal(submap.evidence, its.evidence)
+        assert np.array_equal(submap.stamp_ms, its.stamp_ms)
+
+
+@settings(deadline=None, max_examples=80)
+@given(messages())
+def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(told: list[MapPatch]) -> None:
+    alone, first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM), SubmapAtlas(TEAM)
+    for message in told:
+        take_message(alone, msgspec.structs.replace(message))
+    take_together(first, told)
+    take_together(second, told)
+    same(alone, first)
+    same(alone, second)
+    assert all(second.submaps[key].evidence is submap.evidence for key, submap in first.submaps.items())
+
+
+def test_the_second_who_hears_newer_cells_of_a_known_submap_computes_nothing() -> None:
+    cells = np.full((3, 3), OCCUPIED, np.int8)
+    told = [patch("r1", 4, 4 + number, cells, 10 + number) for number in range(5)]
+    first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM)
+    assert take_together(first, told) == 5
+    assert take_together(second, told) == 1  # the submap is new to it
+    assert second.grid.known_count == first.grid.known_count == 3 * 7
+
+
+@pytest.mark.parametrize("missed", [0, 1, 3])
+def test_who_has_missed_a_patch_does_not_take_what_others_made_of_the_next(missed: int) -> None:
+    told = [patch("r1", 4, 4 + 3 * number, np.full((3, 3), OCCUPIED, np.int8), 10 + number) for number in range(5)]
+    first, other = SubmapAtlas(TEAM), SubmapAtlas(TEAM)
+    take_together(first, told)
+    take_together(other, [message for number, message in enumerate(told) if number != missed])
+    assert first.grid.known_count == 45
+    assert other.grid.known_count == 36
+
+
+def test_a_robot_of_another_grid_does_not_take_what_was_computed_for_this_one() -> None:
+    cells = np.full((3, 3), OCCUPIED, np.int8)
+    told = [patch("r1", 4, 4, cells, 10), patch("r1", 4, 4, cells, 11)]
+    first, other = SubmapAtlas(TEAM), SubmapAtlas(GridGeometry(0.5, -3.0, 2.0, 41, 32))
+    take_together(first, told)
+    other.submaps[("r1", 0)] = first.submaps[("r1", 0)]
+    for message in told:
+        assert not SharedSteps(other).take(message)
+        with pytest.raises(ValueError, match="r1 maps"):
+            take_message(other, message)
