@@ -1,5 +1,7 @@
 """Maps of several robots of one process: what a patch does to a submap is computed once, and the maps are the same."""
 
+from copy import copy
+
 import msgspec
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
+from robrain.protocol.model.slam import submap_atlas
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.messages.map_messages import MapPatch
@@ -29,7 +32,7 @@ def patch(robot, row, column, cells, stamp_ms, place=IDENTITY):
 
 @st.composite
 def messages(draw):
-    """What two robots tell: mostly cells of their submaps, newer from one to the next; at times a submap moves."""
+    """What two robots tell: cells of their submaps, mostly newer from one to the next; at times a submap moves."""
     told, places = [], {"r1": draw(PLACE), "r2": IDENTITY}
     for number in range(draw(st.integers(1, 12))):
         robot = draw(st.sampled_from(["r1", "r2"]))
@@ -38,7 +41,9 @@ def messages(draw):
             told.append(pose_message(robot, TEAM, 0, places[robot]))
         else:
             at = draw(st.integers(-8, 40)), draw(st.integers(-8, 40))
-            told.append(patch(robot, *at, draw(CELLS), draw(st.integers(1, 3)) + number, places[robot]))
+            if draw(st.integers(0, 9)) == 0:
+                places[robot] = draw(PLACE)  # the patch itself says so
+            told.append(patch(robot, *at, draw(CELLS), draw(st.integers(0, 2)) + number // 2, places[robot]))
     return told
 
 
@@ -71,7 +76,7 @@ def same(one, other):
         assert np.array_equal(submap.stamp_ms, its.stamp_ms)
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=150)
 @given(messages())
 def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(told: list[MapPatch]) -> None:
     alone, first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM), SubmapAtlas(TEAM)
@@ -105,11 +110,22 @@ def test_who_has_missed_a_patch_does_not_take_what_others_made_of_the_next(misse
 
 def test_a_robot_of_another_grid_does_not_take_what_was_computed_for_this_one() -> None:
     cells = np.full((3, 3), OCCUPIED, np.int8)
-    told = [patch("r1", 4, 4, cells, 10), patch("r1", 4, 4, cells, 11)]
+    before, message = patch("r1", 4, 4, cells, 10), patch("r1", 4, 4, cells, 11)
     first, other = SubmapAtlas(TEAM), SubmapAtlas(GridGeometry(0.5, -3.0, 2.0, 41, 32))
+    take_message(first, before)
+    other.submaps["r1", 0] = copy(first.submaps["r1", 0])
+    take_message(first, message)
+    assert not SharedSteps(other).take(message)
+    with pytest.raises(ValueError, match="r1 maps"):
+        take_message(other, message)
+
+
+def test_a_step_that_enlarges_a_submap_is_taken_only_where_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = np.full((3, 3), OCCUPIED, np.int8)
+    told = [patch("r1", 4, 4, cells, 10), patch("r1", 40, 4, cells, 11)]
+    first, other = SubmapAtlas(TEAM), SubmapAtlas(TEAM)
     take_together(first, told)
-    other.submaps[("r1", 0)] = first.submaps[("r1", 0)]
-    for message in told:
-        assert not SharedSteps(other).take(message)
-        with pytest.raises(ValueError, match="r1 maps"):
-            take_message(other, message)
+    take_together(other, told[:1])
+    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 32 * 32)
+    with pytest.raises(ValueError, match="expected submaps of at most"):
+        take_together(other, told[1:])
