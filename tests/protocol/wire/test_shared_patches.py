@@ -129,3 +129,21 @@ def test_a_step_that_enlarges_a_submap_is_taken_only_where_there_is_room(monkeyp
     monkeypatch.setattr(submap_atlas, "CELLS_MAX", 32 * 32)
     with pytest.raises(ValueError, match="expected submaps of at most"):
         take_together(other, told[1:])
+
+
+SEEN = np.full((3, 3), OCCUPIED, np.int8)
+LATER = {
+    "as old as what it contradicts": patch("r1", 4, 4, np.full((3, 3), FREE, np.int8), 10),
+    "of a submap that has moved": patch("r1", 4, 4, SEEN, 11, Pose2D(1.0, 0.5, 0.0)),
+}
+
+
+@pytest.mark.parametrize("later", LATER.values(), ids=LATER)
+def test_a_patch_that_does_more_than_add_newer_cells_is_taken_alone(later: MapPatch) -> None:
+    alone, first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM), SubmapAtlas(TEAM)
+    told = [patch("r1", 4, 4, SEEN, 10), later]
+    for message in told:
+        take_message(alone, msgspec.structs.replace(message))
+    assert take_together(first, told) == take_together(second, told) == 2
+    same(alone, first)
+    same(alone, second)
