@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, OccupancyGrid
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import MAX_CELLS, geometry_of, take_message
+from robrain.protocol.wire.messages.map_patch import MAX_CELLS, take_message
+from robrain.protocol.wire.messages.shared_patches import geometry_of
 
 FAR_M = 1e6
 """What lies farther out than this is refused: it cannot be drawn, and would hide what can."""

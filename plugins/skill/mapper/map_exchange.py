@@ -111,7 +111,7 @@ class MapHearing:
 
     def _take_all(self, received: Sequence[Received]) -> None:
         """Take messages in, one after the other; successive patches of which only cells are new are drawn at once."""
-        heard = self._met - {self._robot} if self.others is None else set()
+        heard = self._met - {self._robot}
         for one in received:
             message = one.message
             is_patch = one.topic is ROBOT_MAP and not message.parts and message.observed_ms <= self._allowed_ms

@@ -195,8 +195,12 @@ class SubmapAtlas:
             more += (submap or Submap()).growth(*box)
         if surfaces is not None and (submap is not None or box is not None):
             more += surfaces.nbytes - (0 if submap is None or submap.surfaces is None else submap.surfaces.nbytes)
-        if more > 0 and self._size + more > share * CELLS_MAX:
+        if more > 0 and not self.has_room(more, share):
             raise ValueError(f"expected submaps of at most {share * CELLS_MAX:.0f} bytes in all")
+
+    def has_room(self, more: int, share: float) -> bool:
+        """Whether submaps may become so many bytes larger, if they may fill that share of the limit, 0 to 1."""
+        return self._size + more <= share * CELLS_MAX
 
     def take_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
         """Set the surfaces (n,) of `SURFACE` of a finished submap. Raises ValueError if there is no room for them."""

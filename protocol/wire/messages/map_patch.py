@@ -14,7 +14,7 @@ from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, PatchCel
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.shared_patches import step_of
+from robrain.protocol.wire.messages.shared_patches import TOLD_SHARE, geometry_of, step_of
 
 NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
@@ -22,8 +22,6 @@ MAX_CELLS = 1 << 24
 """Limit for the cells of a patch."""
 MESSAGE_CELLS_MAX = 1 << 27
 """Limit for the cells of all parts of a message: as many as an atlas holds."""
-TOLD_SHARE = 0.75
-"""Share of an atlas that messages may fill; the rest is reserved for the robot's own cells."""
 OUTSIDE_MAX = 2_000
 """Largest distance of a patch from the team's grid, in cells: 100 m at 0.05 m, more than any pose is wrong."""
 AHEAD_MAX_MS = 5_000
@@ -108,11 +106,6 @@ def whole_map(robot: str, atlas: SubmapAtlas, keys: Iterable[SubmapKey]) -> MapP
     geometry = atlas.grid.geometry
     parts = [submap_message(key, atlas.submaps[key], geometry) for key in keys]
     return joined_message(robot, geometry, parts) if parts else None
-
-
-def geometry_of(message: MapPatch) -> GridGeometry:
-    """The grid that a patch belongs to (ValueError if its numbers are no grid)."""
-    return GridGeometry(message.resolution_m, message.origin_x_m, message.origin_y_m, message.width, message.height)
 
 
 def is_near_grid(geometry: GridGeometry, row: int, column: int) -> bool:
