@@ -35,7 +35,7 @@ from robrain.protocol.can.payload import (
 from robrain.protocol.can.segment import Node, Segment
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.errors import BadName, WireError
-from robrain.protocol.wire.exchange import Exchange
+from robrain.protocol.wire.exchange import NOBODY, Exchange
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_session
@@ -232,7 +232,7 @@ class ZenohBus(can.BusABC):
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
         if self._segment is not None and self._exchange is not None:
             self._segment.deliver(payload, self)
-            if self._exchange.routes.get(self._key) != []:  # nobody but nodes hears most frames
+            if self._exchange.routes.get(self._key) is not NOBODY:  # nobody but nodes hears most frames
                 self._exchange.deliver(ARENA_CAN, self._key, payload)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:

@@ -4,13 +4,13 @@ Zenoh carries the same puts to other processes, and brings theirs. A message tha
 """
 
 from threading import get_ident
-from typing import Any, ClassVar
+from typing import ClassVar, NamedTuple
 from weakref import WeakValueDictionary
 
 import zenoh
 
 from robrain.protocol.wire.border.border import Heard
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.inbox import Inbox, Sample
 
 ROUTES_MAX = 65536
 """Keys whose subscriptions are remembered."""
@@ -42,6 +42,23 @@ class Subscription:
         self._exchange.remove(self)
 
 
+class Route(NamedTuple):
+    """What takes the samples of one key."""
+
+    topic: Heard | None
+    """The topic of those samples; None where there are none to take them."""
+    plain: list[Inbox]
+    """Inboxes that have subscribed to it."""
+    special: list[Inbox]
+    """Likewise, those that take samples in their own way."""
+    others: list[Subscription]
+    """What takes such keys as another topic."""
+
+
+NOBODY = Route(None, [], [], [])
+"""Of keys that nothing takes."""
+
+
 class Exchange:
     """The subscriptions of one session of a lockstep run, and those that each key reaches."""
 
@@ -50,7 +67,7 @@ class Exchange:
     def __init__(self) -> None:
         self._owner = get_ident()
         self._subscriptions: list[Subscription] = []
-        self.routes: dict[str, list[Subscription]] = {}
+        self.routes: dict[str, Route] = {}
         """What takes a key, for those that were delivered to."""
 
     @classmethod
@@ -77,24 +94,37 @@ class Exchange:
     def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
         """Hand a sample to all inboxes that take its key; all of them share what one of them decodes."""
         route = self.routes.get(key)
-        if route is None:
-            route = self._route(key)
-        if not route:
+        if route is NOBODY:
             return
-        sample: Any = (topic, key, payload, [])
+        if route is None or route.topic is not topic:
+            route = self._route(topic, key)
         if get_ident() == self._owner:
-            for subscription in route:
-                if subscription.topic is topic:
-                    subscription.inbox.take(sample)
-                else:
-                    subscription.inbox.append(subscription.topic, key, payload)
+            sample: Sample = (topic, key, payload, [])
+            if route.plain:
+                Inbox.put_into(route.plain, sample)
+            for inbox in route.special:
+                inbox.take(sample)
+            for subscription in route.others:
+                subscription.inbox.append(subscription.topic, key, payload)
         else:  # a thread of its own, such as a plugin's server: the run is not repeatable
-            for subscription in route:
+            for inbox in (*route.plain, *route.special):
+                inbox.append(topic, key, payload, outside=True)
+            for subscription in route.others:
                 subscription.inbox.append(subscription.topic, key, payload, outside=True)
 
-    def _route(self, key: str) -> list[Subscription]:
+    def _route(self, topic: Heard, key: str) -> Route:
         if len(self.routes) >= ROUTES_MAX:
             self.routes.clear()
         concrete = zenoh.KeyExpr(key)
-        route = self.routes[key] = [each for each in self._subscriptions if each.takes(concrete)]
+        taking = [each for each in self._subscriptions if each.takes(concrete)]
+        if not taking:
+            self.routes[key] = NOBODY
+            return NOBODY
+        inboxes = [each.inbox for each in taking if each.topic is topic]
+        route = self.routes[key] = Route(
+            topic,
+            [inbox for inbox in inboxes if type(inbox).take is Inbox.take],
+            [inbox for inbox in inboxes if type(inbox).take is not Inbox.take],
+            [each for each in taking if each.topic is not topic],
+        )
         return route

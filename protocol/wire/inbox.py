@@ -1,7 +1,7 @@
 """Bounded inboxes: where subscriptions put what arrives, until their component's next step."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import zenoh
@@ -68,24 +68,34 @@ class Inbox:
 
     def take(self, sample: Sample) -> bool:
         """Take in a sample that other inboxes may hold as well; as `append`."""
+        return Inbox.put_into((self,), sample) == 1
+
+    @staticmethod
+    def put_into(inboxes: Sequence["Inbox"], sample: Sample) -> int:
+        """Have inboxes that do not override `take` take in one sample; returns how many did."""
         topic, key, payload, _ = sample
-        self.received += 1
-        if len(payload) > topic.payloads.max_bytes and not self.border.admits(topic, key, payload):
-            self.refused += 1
-            return False
-        if topic.is_latest and not self.every:
-            if len(self._latest) >= self.capacity and key not in self._latest:
-                self.dropped += 1
-                return False
-            self._latest[key] = sample
-        else:
-            # The deque itself lets the oldest go: a popleft here could meet the owner's in `drain` on an empty deque.
-            self.dropped += len(self._every) == self.capacity
-            self._every.append(sample)
-        self.has_some = True
-        if self.on_arrival is not None:
-            self.on_arrival()
-        return True
+        is_large, is_latest, count = len(payload) > topic.payloads.max_bytes, topic.is_latest, 0
+        for inbox in inboxes:
+            inbox.received += 1
+            if is_large and not inbox.border.admits(topic, key, payload):
+                inbox.refused += 1
+                continue
+            if is_latest and not inbox.every:
+                latest = inbox._latest
+                if len(latest) >= inbox.capacity and key not in latest:
+                    inbox.dropped += 1
+                    continue
+                latest[key] = sample
+            else:
+                # The deque lets the oldest go itself: a popleft here could meet the owner's in `drain` on an empty one.
+                every = inbox._every
+                inbox.dropped += len(every) == inbox.capacity
+                every.append(sample)
+            count += 1
+            inbox.has_some = True
+            if inbox.on_arrival is not None:
+                inbox.on_arrival()
+        return count
 
     def __len__(self) -> int:
         return len(self._every) + len(self._latest)

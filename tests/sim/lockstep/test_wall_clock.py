@@ -12,7 +12,7 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.task_desk import TaskDesk
 from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.exchange import Exchange
 
 SECONDS = 5.0
 LONG_S, SHORT_S = 0.7, 0.002
@@ -20,11 +20,11 @@ PAUSED = {
     TaskDesk: "offer",
     ManagedPlugin: "step_in_turn",
     Coordinator: "step",
-    Inbox: "take",  # each subscription's callback
+    Exchange: "deliver",  # each message on its way to the inboxes
     Endpoint: "_reply",  # each handler of a query
 }
 """Functions that pause at random, each with the share of calls that pause."""
-SHARES = {"offer": 1.0, "step_in_turn": 0.02, "step": 0.2, "take": 0.02, "_reply": 0.5}
+SHARES = {"offer": 1.0, "step_in_turn": 0.02, "step": 0.2, "deliver": 0.02, "_reply": 0.5}
 
 
 def digest() -> str:
@@ -35,7 +35,7 @@ def digest() -> str:
     return team.transport.summary.digest
 
 
-def test_random_pauses_in_handlers_steps_and_callbacks_leave_the_digest_as_it_is(
+def test_random_pauses_in_handlers_steps_and_deliveries_leave_the_digest_as_it_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     wanted = digest()
