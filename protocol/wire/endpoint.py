@@ -9,16 +9,17 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from threading import get_ident
 from typing import Any
 
-import msgspec
 import zenoh
 from zenoh import ext
 
 from robrain.protocol.wire.answers.answering import Answering, SharedQueue
 from robrain.protocol.wire.answers.later import Later, call_error, read_reply
 from robrain.protocol.wire.answers.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
+from robrain.protocol.wire.answers.replying import reply_deferred, reply_error
 from robrain.protocol.wire.border.border import Border, Heard
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
@@ -29,10 +30,10 @@ from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
-from robrain.protocol.wire.serving import Drive, Handler, OnOutside, Request, Serve
+from robrain.protocol.wire.serving import Deferred, Drive, Handler, OnOutside, Request, Serve
 from robrain.protocol.wire.topic import JSON, Delivery, Q, Query, R, Token, Topic
 
-__all__ = ["Drive", "Endpoint", "Handler", "OnOutside", "Request", "Serve"]
+__all__ = ["Deferred", "Drive", "Endpoint", "Handler", "OnOutside", "Request", "Serve"]
 
 logger = logging.getLogger(__name__)
 
@@ -306,29 +307,36 @@ class Endpoint:
     def _refuse(self, query: zenoh.Query, why: str) -> None:
         self.refused_queries += 1
         with query:
-            _reply_error(query, CallError(ErrorCode.BUSY, why))
+            reply_error(query, CallError(ErrorCode.BUSY, why))
 
     def _reply(self, *waiting: *_Waiting) -> None:
         query, topic, own_key, handler = waiting
-        with query:
-            try:
-                if self._closing:
-                    raise CallError(ErrorCode.UNLOADED, "the component has stopped")
-                key = own_key or str(query.key_expr)
-                names = topic.parse(key)
-                if names is None:
-                    raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
-                payload = query.payload
-                asked = self.read_request(topic, key, payload.to_bytes() if payload is not None else b"")
-                result = handler(Request(names, asked, query.parameters.get(BY) or ""))
+        is_deferred = False
+        try:
+            if self._closing:
+                raise CallError(ErrorCode.UNLOADED, "the component has stopped")
+            key = own_key or str(query.key_expr)
+            names = topic.parse(key)
+            if names is None:
+                raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
+            payload = query.payload
+            asked = self.read_request(topic, key, payload.to_bytes() if payload is not None else b"")
+            result = handler(Request(names, asked, query.parameters.get(BY) or ""))
+            if isinstance(result, Deferred):
+                is_deferred = True
+                result.when(partial(reply_deferred, query, key, topic, result.reply))
+            else:
                 query.reply(key, topic.payloads.write(result), encoding=topic.encoding)
-            except CallError as error:
-                _reply_error(query, error)
-            except (Exception, SystemExit) as error:
-                # A handler may run foreign plugin code, which may even call exit(); a query that is not answered reads
-                # as "nobody there".
-                logger.exception("a handler of %s failed", topic.name)
-                _reply_error(query, CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
+        except CallError as error:
+            reply_error(query, error)
+        except (Exception, SystemExit) as error:
+            # A handler may run foreign plugin code, which may even call exit(); a query that is not answered reads
+            # as "nobody there".
+            logger.exception("a handler of %s failed", topic.name)
+            reply_error(query, CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
+        finally:
+            if not is_deferred:
+                query.drop()
 
     def read_request(self, topic: Query[Q, Any], key: str, payload: bytes) -> Q:
         """Decode a request (CallError if it is refused, which is counted)."""
@@ -490,7 +498,3 @@ class Endpoint:
     def _callback(self, function: Callable[[Any], None], *, waits: bool = True) -> "zenoh.handlers.Callback[Any]":
         """In live, a callback on a thread of its own if it may wait for anything, else on Zenoh's."""
         return zenoh.handlers.Callback(function, indirect=waits and self.drive is Drive.LIVE)
-
-
-def _reply_error(query: zenoh.Query, error: CallError) -> None:
-    query.reply_err(msgspec.json.encode(error.reply()), encoding=JSON)
