@@ -303,13 +303,13 @@ class Coordinator:
     def _hand_out_frontiers(self, up: list[Robot], now_ns: int) -> None:
         bound = [record.task.place for record in self.tasks.open if record.robot]
         planning = self.planning
-        free = [] if planning.has_unplanned() else self._idle(up)
-        idle = [robot for robot in free if not planning.is_reserved(robot.name, now_ns)]
-        why = PlanPending() if planning.has_unplanned() else TaskSoon()
-        self._kept_idle = {robot.name: why for robot in self._idle(up) if robot not in idle}
-        paused = [robot for robot in idle if self.lifecycle.backoff.robots.why(robot.name, now_ns)]
+        free, is_unplanned = self._idle(up), planning.has_unplanned()
+        idle = [robot for robot in free if not (is_unplanned or planning.is_reserved(robot.name, now_ns))]
+        why, names = PlanPending() if is_unplanned else TaskSoon(), {robot.name for robot in idle}
+        self._kept_idle = {robot.name: why for robot in free if robot.name not in names}
+        paused = {robot.name for robot in idle if self.lifecycle.backoff.robots.why(robot.name, now_ns)}
         if paused:
-            idle = [robot for robot in idle if robot not in paused]
+            idle = [robot for robot in idle if robot.name not in paused]
         choices = self.explorer.choose(idle, bound, now_ns) if idle else []
         if choices or paused or bound or self.explorer.has_failures or not up or self.team_map.version == 0:
             self._busy_ns = now_ns

@@ -12,7 +12,7 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.wire.reasons.tasks import Cancelled
@@ -58,7 +58,8 @@ class TaskRequests:
         wire.answer(TASK_KINDS, lambda _: capabilities.known_kinds(), serve=Serve.IN_STEP)
         wire.answer(TASK_WHY, self._why, serve=Serve.IN_STEP)
 
-    def _submit(self, request: Request[TaskSubmission]) -> TaskRecord:
+    def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
+        """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
         asked = request.asked
         word = msgspec.json.encode(msgspec.structs.replace(asked, by=""))
         known = self._book.find(asked.task.id)
@@ -67,7 +68,7 @@ class TaskRequests:
             if differs or known.own:
                 text = f"there is another task {asked.task.id}: {differs or 'one of the coordinator itself'}"
                 raise CallError(ErrorCode.REFUSED, text, differs)
-            return known
+            return self._once_on_disk(known)
         try:
             task = with_times(asked, self._clock.now_ns())
         except (ValueError, msgspec.ValidationError) as error:
@@ -80,7 +81,17 @@ class TaskRequests:
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {error}", str(error)) from error
         self.has_changed = True
-        return record
+        return self._once_on_disk(record)
+
+    def _once_on_disk(self, record: TaskRecord) -> Deferred[TaskRecord]:
+        def when(tell: Callable[[CallError | None], None]) -> None:
+            def told(error: JournalUnwritable | None) -> None:
+                text = f"task {record.task.id} is accepted, but a power cut may lose it: {error}"
+                tell(None if error is None else CallError(ErrorCode.FAILED, text, str(error)))
+
+            self._book.journal.when_on_disk(told)
+
+        return Deferred(record, when)
 
     def _why_impossible(self, task: Task) -> str:
         others: dict[str, TaskRecord] = {}

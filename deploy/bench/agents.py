@@ -7,15 +7,21 @@ agent, taken from a short lockstep run. Hub and coordinator are processes as `ro
 The age of a state is measured from its stamp to the stamp of the coordinator's summary, by one clock, so that
 everything in between counts: the hub, the coordinator's queue and its own step. So that the summary tells which state
 it speaks of, the state of charge carries the time: its share of `CYCLE_S`.
+
+The growth of the memory is the trend of the minutes' medians after `WARM_UP_S`, when everything that is done
+periodically has been done once. The allocator lets the process go up and down by some megabytes within a minute, and
+when all robots are asked anew for their plugins, a minute after they came, it goes up by five and stays there. A leak
+shows in the trend in full.
 """
 
 import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
+from statistics import linear_regression
 from typing import Any, NamedTuple
 
 import msgspec
@@ -46,17 +52,21 @@ from robrain.protocol.wire.topics import (
 
 ROBOTS = 1000
 PROCESSES = 4
-MINUTES = 1.0
+MINUTES = 10.0
 RATE_HZ = 10.0
 CYCLE_S = 1000.0
 TICK_S = 0.005
 SETTLING_S = 15.0
 """All are asked for their plugins, and those are read."""
+WARM_UP_S = 75.0
+"""The coordinator has asked all robots a second time for their plugins (`ASK_AGAIN_TOLD_NS`) and their chargers."""
+TREND_MINUTES_MIN = 3
+"""Fewer whole minutes tell no trend."""
 PATIENCE_S = 90.0
 CPU_BOUND = 50.0
 AGE_BOUND_MS = 200.0
 GROWTH_BOUND_MB = 2.0
-"""For ten minutes. What a process holds goes up and down by about as much."""
+"""For ten minutes."""
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
@@ -185,17 +195,33 @@ def _figures(robots: int, looks: list[Look], ages_s: np.ndarray[Any, Any], unsee
         f"{len(ages_s)} states, median {median_ms:.0f} ms, oldest {1e3 * ages_s.max():.0f} ms",
     )
     yield timing(f"{what}: robots that a summary did not show as up", unseen, beside=watched)
-    third = max(len(looks) // 3, 1)
-    first_mb = float(np.median([look.resident_mb for look in looks[:third]]))
-    last_mb = float(np.median([look.resident_mb for look in looks[-third:]]))
+    begin_mb, end_mb = looks[0].resident_mb, looks[-1].resident_mb
+    growth_mb = growth_in_ten_minutes_mb(looks)
+    if growth_mb is None:
+        yield timing(f"{what}: coordinator's memory", end_mb, "MB", beside=f"{watched} are too short for its growth")
+        return
     yield timing(
         f"{what}: growth of the coordinator's memory, for ten minutes",
-        (last_mb - first_mb) * 600.0 / (span_s * 2 / 3),
+        growth_mb,
         "MB",
         at_most(GROWTH_BOUND_MB),
-        f"last third of {watched} over the first; {looks[0].resident_mb:.0f} MB at the beginning, "
-        f"{looks[-1].resident_mb:.0f} MB at the end",
+        f"trend over {watched} after {WARM_UP_S:g} s; {begin_mb:.0f} MB at the beginning, {end_mb:.0f} MB at the end",
     )
+
+
+def growth_in_ten_minutes_mb(looks: Sequence[Look]) -> float | None:
+    """Ten times the least-squares slope of the medians of the whole minutes after `WARM_UP_S`; None if they are few."""
+    minutes: dict[int, list[float]] = {}
+    began_s = looks[0].at_s + WARM_UP_S
+    whole = int((looks[-1].at_s - began_s) // 60.0)
+    for look in looks:
+        minute = int((look.at_s - began_s) // 60.0)
+        if 0 <= minute < whole:
+            minutes.setdefault(minute, []).append(look.resident_mb)
+    if len(minutes) < TREND_MINUTES_MIN:
+        return None
+    medians_mb = [float(np.median(resident_mb)) for resident_mb in minutes.values()]
+    return 10.0 * linear_regression(list(minutes), medians_mb).slope
 
 
 # -- the agents' side ---------------------------------------------------------------------------------------------

@@ -98,7 +98,9 @@ def responses(
 @bench_app.command(help=BENCHES["agents"])
 def agents(
     robots: Annotated[int, typer.Option(help="Number of agents.")] = 1000,
-    minutes: Annotated[float, typer.Option(help="Duration of the measurement.")] = 1.0,
+    minutes: Annotated[
+        float, typer.Option(help="Duration of the measurement; the growth of memory is told from 5 minutes on.")
+    ] = 10.0,
     as_json: JsonOption = False,
 ) -> None:
     """Measure what many agents cost."""

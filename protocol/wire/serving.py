@@ -4,6 +4,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Generic, NamedTuple
 
+from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.topic import Q, R
 
 OnOutside = Callable[[str, bytes], None]
@@ -40,5 +41,14 @@ class Request(NamedTuple, Generic[Q]):
     """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`."""
 
 
-Handler = Callable[[Request[Q]], R | bytes]
+class Deferred(NamedTuple, Generic[R]):
+    """A reply that is sent later, so that nothing else waits for what it depends on."""
+
+    reply: R
+    when: Callable[[Callable[[CallError | None], None]], None]
+    """Takes a function that must be called once, on any thread: with None when the reply may be sent, or with the
+    error to send instead."""
+
+
+Handler = Callable[[Request[Q]], R | bytes | Deferred[R]]
 """Returns the reply (bytes go as they are), or raises CallError."""

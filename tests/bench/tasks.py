@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
+from threading import Event
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -35,9 +36,15 @@ def measure() -> list[Figure]:
 def _journal(folder: Path) -> list[Figure]:
     journal = Journal(folder / "changes.journal")
     book = TaskBook(VirtualClock(), 0, lambda _event: None, journal)
-    accept_ms = median(
-        _took_ms(lambda name=f"t{number}": book.add(_visit(name), asked=b"{}")) for number in range(ACCEPTED)
-    )
+    is_on_disk = Event()
+
+    def accept(name: str) -> None:
+        book.add(_visit(name), asked=b"{}")
+        is_on_disk.clear()
+        journal.when_on_disk(lambda _error: is_on_disk.set())
+        is_on_disk.wait()
+
+    accept_ms = median(_took_ms(lambda name=f"t{number}": accept(name)) for number in range(ACCEPTED))
     own_ms = median(_took_ms(lambda name=f"o{number}": book.add(_visit(name), own=True)) for number in range(ACCEPTED))
     changes = []
     for number in range(ACCEPTED):
@@ -58,7 +65,7 @@ def _restart(folder: Path) -> list[Figure]:
     journal = Journal(path)
     book = TaskBook(VirtualClock(), 0, lambda _event: None, journal)
     for number in range(TASKS):
-        book.add(_visit(f"t{number}"), own=number >= ACCEPTED)  # not all wait for the disk
+        book.add(_visit(f"t{number}"), own=number >= ACCEPTED)
     journal.close()
 
     def begin() -> None:

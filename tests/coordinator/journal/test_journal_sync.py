@@ -53,21 +53,11 @@ def queued(task_id: str, **fields: Any) -> TaskRecord:
     return TaskRecord(task=Task(id=task_id, kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.QUEUED, **fields)
 
 
-def test_task_that_was_accepted_is_on_the_disk_when_its_acceptance_returns(journal: Journal) -> None:
-    journal.accept(queued("t1"))
-    assert Watched.last.commits == [FULL]
-
-
-def test_task_of_the_coordinators_own_making_does_not_wait_for_the_disk(journal: Journal) -> None:
-    journal.accept(queued("t1", own=True))
-    assert Watched.last.commits == [NORMAL]
-
-
-def test_later_changes_do_not_wait_for_the_disk_and_what_is_accepted_after_them_does(journal: Journal) -> None:
+def test_no_change_of_a_task_waits_for_the_disk(journal: Journal) -> None:
     record = journal.accept(queued("t1"))
     journal.change(msgspec.structs.replace(record, state=TaskState.RUNNING, robot="r1"))
-    journal.accept(queued("t2"))
-    assert Watched.last.commits == [FULL, NORMAL, FULL]
+    journal.accept(queued("t2", own=True))
+    assert Watched.last.commits == [NORMAL] * 3
 
 
 def test_block_of_epochs_is_on_the_disk_before_the_first_of_them_is_given_out(journal: Journal) -> None:

@@ -9,7 +9,7 @@ import zenoh
 from robrain.protocol.wire import endpoint as endpoint_module
 from robrain.protocol.wire.answers.lockstep_query import LockstepReplies
 from robrain.protocol.wire.clock import VirtualClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer
@@ -228,6 +228,42 @@ def test_a_query_from_another_thread_waits_for_serve_and_is_told(wire):
     assert asker.reply().ok.payload.to_bytes() == b'"foo"'
     assert served_on == [threading.get_ident()]
     assert wire.outside == [(key, b"[1]")]
+
+
+@pytest.mark.parametrize("error", [None, CallError(ErrorCode.REFUSED, "no", "because")])
+def test_a_deferred_reply_is_sent_when_its_handler_says_so_from_any_thread(wire, error):
+    held = []
+    wire.robot.answer(ROBOT_PLUGINS, lambda _: Deferred([], held.append), robot="r1")
+    replies = []
+
+    def ask():
+        try:
+            replies.append(wire.other.ask(ROBOT_PLUGINS, robot="r1", timeout_s=PATIENCE_S))
+        except CallError as refused:
+            replies.append((refused.code, refused.message, refused.detail))
+
+    asker = threading.Thread(target=ask)
+    asker.start()
+    until(lambda: held, "the handler was not called", step=wire.robot.serve)
+    wire.robot.serve()  # the endpoint goes on meanwhile
+    asker.join(0.1)
+    assert replies == []
+    threading.Thread(target=held[0], args=(error,)).start()
+    asker.join(PATIENCE_S)
+    assert replies == [[] if error is None else (error.code, error.message, error.detail)]
+
+
+def test_a_deferred_reply_that_comes_after_the_session_has_closed_is_dropped():
+    session, held = open_lockstep_session(), []
+    robot = Endpoint(session, "t", VirtualClock(), Drive.LOCKSTEP)
+    robot.answer(ROBOT_PLUGINS, lambda _: Deferred([], held.append), robot="r1")
+    other = Endpoint(session, "t", VirtualClock(), Drive.LOCKSTEP)
+    later = threading.Thread(target=lambda: other.ask_into(Inbox(), ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1"))
+    later.start()
+    until(lambda: held, "the handler was not called", step=robot.serve)
+    later.join(PATIENCE_S)
+    session.close()
+    held[0](None)
 
 
 def test_queries_from_outside_are_answered_in_the_order_they_came(wire):

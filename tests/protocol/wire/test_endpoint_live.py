@@ -5,7 +5,9 @@ import threading
 import time
 
 import pytest
+import zenoh
 
+from robrain.protocol.wire import endpoint as endpoint_module
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
@@ -13,7 +15,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.plugin_messages import Event
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
 
 EVENT = {"robot": "r1", "plugin": "driver", "event": "arrived"}
@@ -63,6 +65,61 @@ def ask(endpoint, topic, payload=None, **names):
             if time.monotonic() > deadline_s:
                 raise
             time.sleep(0.005)
+
+
+class KeysAsked:
+    """A session that notes with what keys it is asked."""
+
+    def __init__(self, session):
+        self._session = session
+        self.keys = []
+
+    def __getattr__(self, name):
+        return getattr(self._session, name)
+
+    def get(self, key, *arguments, **options):
+        self.keys.append(key)
+        return self._session.get(key, *arguments, **options)
+
+
+def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(team):
+    told = []
+    for name in ("r1", "r2"):
+        team.join().answer(ROBOT_PLUGINS, lambda _: told.append(1) or [], robot=name)
+    asker, inbox = team.join(), Inbox()
+    asker.session = session = KeysAsked(asker.session)
+
+    def ask():
+        asker.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1")
+        inbox.drain()
+        return len(told) > 2
+
+    until(ask)
+    assert all(isinstance(key, zenoh.KeyExpr) for key in session.keys)
+    assert len({id(key) for key in session.keys}) == 1
+    later = asker.ask_later(ROBOT_PLUGINS, robot="r2")
+    until(lambda: later.take() is not None)
+    assert isinstance(session.keys[-1], zenoh.KeyExpr)
+    assert str(session.keys[-1]).endswith("/r2/plugins")
+
+
+@pytest.mark.parametrize("room", [0, 1])
+def test_keys_beyond_those_that_are_declared_are_asked_all_the_same(team, monkeypatch, room):
+    monkeypatch.setattr(endpoint_module, "DECLARED_KEYS", room)
+    team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
+    team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r2")
+    asker = team.join()
+    asker.session = session = KeysAsked(asker.session)
+    for name in ("r1", "r2"):
+        inbox = Inbox()
+
+        def ask(inbox=inbox, name=name):
+            asker.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot=name)
+            time.sleep(0.01)
+            return inbox.drain()
+
+        assert until(ask)[0].message == []
+    assert len({str(key) for key in session.keys if isinstance(key, zenoh.KeyExpr)}) == room
 
 
 def test_a_late_joiner_gets_what_was_said_losslessly_before(team):
