@@ -74,6 +74,8 @@ class KnownMate:
         """The last with a pose."""
         self.way: Floats | None = None
         """(N, 2) positions of the path that it drives; None if it has none."""
+        self.box: tuple[float, float, float, float] | None = None
+        """Around the whole path: least x and y, greatest x and y."""
         self.passed = 0
         """The position of it that it has passed."""
         self.bound: Point2D | None = None
@@ -117,7 +119,10 @@ def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> No
         has_way_left = known.teammate is not None and known.way is not None and len(known.way) - known.passed > AT_END
         if known.held_at_m is not None or not has_way_left:
             known.moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
-        known.way, known.bound = (path.derived(_positions), path.points[-1]) if path.points else (None, None)
+        if path.points:
+            known.way, known.box, known.bound = path.derived(_positions), path.derived(_box), path.points[-1]
+        else:
+            known.way = known.box = known.bound = None
         known.passed = 0
         if path.claim != known.claim:
             known.claim, known.rank = path.claim, path.claim.rank(known.name)
@@ -129,6 +134,12 @@ def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> No
 def _positions(path: PlannedPath) -> Floats:
     """(N, 2) positions along a path that is not empty."""
     return sample_way(np.array([(point.x_m, point.y_m) for point in path.points]), LONGEST_M)
+
+
+def _box(path: PlannedPath) -> tuple[float, float, float, float]:
+    """Least x and y, greatest x and y of a path that is not empty."""
+    xs, ys = [point.x_m for point in path.points], [point.y_m for point in path.points]
+    return min(xs), min(ys), max(xs), max(ys)
 
 
 def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:
@@ -204,6 +215,25 @@ def _rolling_on(mate: Teammate, *, is_fresh: bool) -> tuple[Floats, float]:
     return ahead, speed_m_s
 
 
+def may_be_near(mates: Iterable[KnownMate], place: Point2D, within_m: float) -> list[KnownMate]:
+    """All that are, may roll, or are bound within a distance of a place, and some others."""
+    x_m, y_m, found = place.x_m, place.y_m, []
+    for known in mates:
+        teammate, box = known.teammate, known.box
+        if teammate is None:
+            continue
+        pose, velocity = teammate.pose, teammate.velocity
+        reach_m = within_m + ROLLS_S * (abs(velocity.forward_m_s) + abs(velocity.left_m_s)) + STEP_M
+        is_here = abs(pose.x_m - x_m) <= reach_m and abs(pose.y_m - y_m) <= reach_m
+        if is_here or (
+            box is not None
+            and box[0] - within_m <= x_m <= box[2] + within_m
+            and box[1] - within_m <= y_m <= box[3] + within_m
+        ):
+            found.append(known)
+    return found
+
+
 def near(mates: Sequence[Mate], place: Point2D, within_m: float) -> list[Mate]:
     """Those that are, or are bound, within a distance of a place."""
     return list(itertools.compress(mates, any_within([mate.track for mate in mates], place, within_m)))
@@ -271,7 +301,7 @@ class Teammates(Unit):
         now_ns = self._hear()
         frame = self.env.board.frame
         here = [known for known in self._known.values() if known.frame == frame]
-        return near(reckon(here, now_ns, self._fresh_ns), place, within_m)
+        return near(reckon(may_be_near(here, place, within_m), now_ns, self._fresh_ns), place, within_m)
 
     def _hear(self) -> int:
         now_ns = self.env.clock.now_ns()

@@ -3,9 +3,11 @@
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robrain.plugins.unit.teammates.interface import Doing, Mate
-from robrain.plugins.unit.teammates.teammates import KnownMate, hear_paths, hear_states, near, reckon
+from robrain.plugins.unit.teammates.teammates import KnownMate, hear_paths, hear_states, may_be_near, near, reckon
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
 
@@ -130,3 +132,28 @@ def test_a_mate_waits_on_its_way_where_it_says(held_at_m: float, held_at: int) -
     mate.state(0.0, 0)
     mate.path(0, (0.0, 0.0), (4.0, 0.0), held_at_m=held_at_m)
     assert mate.at(0).track.held_at == held_at
+
+
+PLACE = st.builds(Point2D, st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))
+SPEED = st.floats(-2.0, 2.0)
+
+
+@settings(deadline=None, max_examples=200)
+@given(PLACE, st.lists(PLACE, max_size=4), st.builds(Twist2D, SPEED, SPEED), PLACE, st.floats(0.0, 6.0))
+def test_whoever_is_near_is_among_those_who_are_looked_at(
+    at: Point2D, path: list[Point2D], velocity: Twist2D, place: Point2D, within_m: float
+) -> None:
+    mate = Watched()
+    mate.state(at.x_m, 0, at.y_m, velocity=velocity)
+    if path:
+        mate.path(0, (at.x_m, at.y_m), *((point.x_m, point.y_m) for point in path))
+    if near([mate.at(0)], place, within_m):
+        assert may_be_near([mate.known], place, within_m) == [mate.known]
+
+
+def test_who_is_and_stays_beyond_reach_is_not_looked_at() -> None:
+    mate = Watched()
+    mate.path(0, (0.0, 0.0), (4.0, 3.0))
+    mate.state(0.0, 0)
+    for place, is_looked_at in (((-1.0, 0.0), True), ((-3.2, 0.0), False), ((4.0, 4.9), True), ((4.0, 5.1), False)):
+        assert bool(may_be_near([mate.known], Point2D(*place), 2.0)) is is_looked_at
