@@ -5,12 +5,12 @@ from pathlib import Path
 import msgspec
 
 from robrain.deploy.commands.options import above_zero, until_explored
-from robrain.deploy.commands.terminal import print_line, say
+from robrain.deploy.commands.terminal import say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.dashboard_process import go_on_with_recording, start_dashboard
+from robrain.deploy.processes.dashboard_process import StartingPage, begin_dashboard, go_on_with_recording
 from robrain.deploy.processes.live_process import LiveStop
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.run.preparing import Preparing
 from robrain.deploy.run.run_display import run_display, show_result
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.lockstep.result import RunResult
@@ -47,19 +47,17 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
     if speed < 0:
         raise UsageError(f"--speed {speed:g}: expected 0 (as fast as possible) or more")
     target = until if until is not None else scenario.until_explored
-    url = ""
-    with Children() as children:
+    page: StartingPage | None = None
+    with Children() as children, Preparing(quiet=options.quiet) as preparing:
 
         def open_dashboard(endpoints: list[str]) -> None:
-            nonlocal url
+            nonlocal page
             if options.dashboard:
-                url = start_dashboard(children, endpoints[0], DEFAULT_TEAM, options.port)
-                if not options.quiet:
-                    print_line(f"dashboard: {url}")
+                page = begin_dashboard(children, endpoints[0], DEFAULT_TEAM, options.port)
+            preparing.begin()
 
         if not options.quiet:
             say(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
-        prepare_kernels(quiet=options.quiet)
         with run_display(target, quiet=options.quiet) as display:
             result = scenario.run(
                 until_explored=until,
@@ -69,12 +67,14 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
                 listen="tcp/127.0.0.1:0" if options.dashboard else None,
                 on_progress=display.show,
                 on_open=open_dashboard,
+                before_start=lambda run: preparing.wait(run, page),
             )
         if not options.quiet:
             show_result(result)
-        if options.stay and url and options.record is not None and result.ended != "interrupted":
-            go_on_with_recording(children, url, options.record)
-            _stay(url)
+        if options.stay and page is not None and options.record is not None and result.ended != "interrupted":
+            preparing.close()
+            go_on_with_recording(children, page.url, options.record)
+            _stay(page.url)
     return result
 
 

@@ -468,6 +468,16 @@ ARENA_TRUTH = Topic(
     recorded=True,
     max_bytes=16_777_216,
 )
+ARENA_PREPARATION = Topic(
+    name="arena_preparation",
+    pattern="arena/preparation",
+    doc="Floor plan and places before a lockstep run begins, while its navigation is compiled",
+    by=Role.ARENA,
+    message=arena_messages.ArenaPreparation,
+    rate_hz=4,
+    delivery=Delivery.LATEST,
+    max_bytes=16_777_216,
+)
 ARENA_OUTSIDE = Topic(
     name="arena_outside",
     pattern="arena/outside",

@@ -26,6 +26,7 @@ from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
+from robrain.sim.lockstep.start_picture import StartPicture
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.world import World, manifest_texts
@@ -45,6 +46,7 @@ class LockstepRun:
         scenario_toml: its text, for the recording.
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
+        on_open: called with the endpoints of `listen` as soon as they are open.
         planning: objective and settings of the coordinator's planning.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: what it takes to make the run again, for the recording.
@@ -64,6 +66,7 @@ class LockstepRun:
         scenario_toml: str = "",
         team: str = DEFAULT_TEAM,
         listen: str | None = None,
+        on_open: Callable[[list[str]], None] | None = None,
         planning: PlanningPolicy | None = None,
         should_stop: Callable[[], bool] = lambda: False,
         setup: RunSetup | None = None,
@@ -84,6 +87,8 @@ class LockstepRun:
         self.session = open_lockstep_session(listen)
         self._closers.append(self.session.close)
         try:
+            if on_open is not None:
+                on_open(self.listening_at)
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
             self.close()
@@ -171,6 +176,10 @@ class LockstepRun:
     def digest(self) -> str:
         """Digest of all that was recorded so far."""
         return self._recorder.digest
+
+    def start_picture(self) -> StartPicture:
+        """What viewers see before the first tick; its caller closes it before that."""
+        return StartPicture(self._watcher, self.world.plan, self.truth)
 
     def follow(self, on_recorded: OnRecorded) -> None:
         """Have a function told of the messages that each tick records, and of those at the end."""

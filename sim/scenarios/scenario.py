@@ -261,6 +261,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         listen: str | None = None,
         on_progress: Callable[[Progress], None] | None = None,
         on_open: Callable[[list[str]], None] | None = None,
+        before_start: Callable[[LockstepRun], None] | None = None,
     ) -> RunResult:
         """Run the scenario in lockstep, to its end or to Ctrl-C.
 
@@ -271,7 +272,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             record: MCAP file to write.
             listen: loopback endpoint on which other processes may join, such as `tcp/127.0.0.1:0`.
             on_progress: called with the progress of the run.
-            on_open: called with the endpoints of `listen`, before the first tick.
+            on_open: called with the endpoints of `listen` as soon as they are open, before the robots are set up.
+            before_start: called with the run when it is set up, before the first tick.
 
         Raises:
             RobrainError: the scenario cannot be run; the text says why.
@@ -281,16 +283,16 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         limit_s = self.time_limit_s if time_limit_s is None else time_limit_s
         setup = Pacer(0.0)
         world = self.world()
-        warm_up()
         with StopOnInterrupt() as interrupt:  # an interrupt during the start would leave resources open
             run = self.replace(until_explored=until, time_limit_s=limit_s).open(
-                world, record=record, listen=listen, should_stop=lambda: interrupt.requested
+                world, record=record, listen=listen, on_open=on_open, should_stop=lambda: interrupt.requested
             )
         try:
             if interrupt.requested:
                 raise KeyboardInterrupt
-            if on_open is not None:
-                on_open(run.listening_at)
+            if before_start is not None:
+                before_start(run)
+            warm_up(only_at_start=True)
             setup_time_s = setup.wall_time_s
             pacer = Pacer(speed)
             ended, curve, milestones = _drive(run, until, limit_s, pacer, on_progress)
@@ -344,6 +346,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         *,
         record: Path | str | None = None,
         listen: str | None = None,
+        on_open: Callable[[list[str]], None] | None = None,
         should_stop: Callable[[], bool] = lambda: False,
         is_script: bool = False,
         fork: dict[str, str] | None = None,
@@ -354,6 +357,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             world: from `world()`.
             record: MCAP file to write.
             listen: loopback endpoint on which other processes may join.
+            on_open: called with the endpoints of `listen` as soon as they are open.
             should_stop: polled before each robot is set up; True ends the set-up.
             is_script: whether a script runs the team, for the recording.
             fork: what the recording says of its parent.
@@ -371,6 +375,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             scenario=self.name,
             scenario_toml=self.toml,
             listen=listen,
+            on_open=on_open,
             planning=self.planning,
             should_stop=should_stop,
             setup=setup,
