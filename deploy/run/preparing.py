@@ -27,11 +27,14 @@ class Preparing:
     """Compiles what is not compiled yet while a run is set up and shown. Use it in a `with` block.
 
     Args:
+        page: of the dashboard, or None.
         quiet: report nothing.
 
     """
 
-    def __init__(self, *, quiet: bool = False) -> None:
+    def __init__(self, page: StartingPage | None, *, quiet: bool = False) -> None:
+        self._page = page
+        self._url = ""
         self._quiet = quiet
         self._compiler: KernelCompiler | None = None
         self._closing = ExitStack()
@@ -45,7 +48,7 @@ class Preparing:
             if not self._quiet and not console.is_terminal:
                 say(f"{WORDS}: half a minute or so")
 
-    def wait(self, run: LockstepRun, page: StartingPage | None) -> None:
+    def wait(self, run: LockstepRun) -> None:
         """Show where everything is until the run can begin, and print the page's address when it is served.
 
         Raises:
@@ -54,18 +57,16 @@ class Preparing:
 
         """
         picture = run.start_picture()
-        shown_s, url = -math.inf, ""
+        shown_s = -math.inf
         if self._compiler is None:
             picture.show(*NOTHING)
             prepare_kernels(quiet=self._quiet, only_at_start=True)
         with StopOnInterrupt() as interrupt, _CompilingDisplay(quiet=self._quiet) as display:
-            while self._is_compiling or (page is not None and not url):
+            while self._waits_for_page() or self._is_compiling:
                 if interrupt.requested:
                     raise KeyboardInterrupt
                 if self._compiler is not None:
                     self._compiler.step()
-                if page is not None and not url and (url := page.url) and not self._quiet:
-                    print_line(f"dashboard: {url}")
                 if time.monotonic() - shown_s > SHOWN_S:
                     shown_s = time.monotonic()
                     progress = NOTHING if self._compiler is None else self._compiler.progress
@@ -87,6 +88,15 @@ class Preparing:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _waits_for_page(self) -> bool:
+        """Whether the page is not served yet; prints its address as soon as it is."""
+        if self._page is None or self._url:
+            return False
+        self._url = self._page.url
+        if self._url and not self._quiet:
+            print_line(f"dashboard: {self._url}")
+        return not self._url
 
     @property
     def _is_compiling(self) -> bool:

@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import zenoh
+
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.coordinator.coordinator import Coordinator
@@ -46,7 +48,7 @@ class LockstepRun:
         scenario_toml: its text, for the recording.
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
-        on_open: called with the endpoints of `listen` as soon as they are open.
+        session: an open lockstep session to use instead of one of its own; closed with the run.
         planning: objective and settings of the coordinator's planning.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: what it takes to make the run again, for the recording.
@@ -66,7 +68,7 @@ class LockstepRun:
         scenario_toml: str = "",
         team: str = DEFAULT_TEAM,
         listen: str | None = None,
-        on_open: Callable[[list[str]], None] | None = None,
+        session: zenoh.Session | None = None,
         planning: PlanningPolicy | None = None,
         should_stop: Callable[[], bool] = lambda: False,
         setup: RunSetup | None = None,
@@ -84,11 +86,9 @@ class LockstepRun:
         self._should_stop = should_stop
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
-        self.session = open_lockstep_session(listen)
+        self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
         try:
-            if on_open is not None:
-                on_open(self.listening_at)
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
             self.close()

@@ -94,6 +94,12 @@ SECTIONS = {
         "the same world. The calibration loop tells how fast the machine is at the moment.",
         "tests.bench.real_time_factor:measure",
     ),
+    "first_picture": Section(
+        "The start",
+        "`robrain demo` in a fresh clone, opened by a running Chromium as soon as the address is printed; a picture has the "
+        "colours of free floor and of each robot. Cold is without byte code and compiled kernels.",
+        "tests.bench.first_picture:measure",
+    ),
     "peers": Section(
         "Beside ir-sim",
         "ir-sim moves robots and their lidars alone, a step each turn of the lidar; robrain runs in the depot with "

@@ -1,0 +1,71 @@
+"""The start of `robrain run` and `robrain demo`: the page loads in its own process beside the simulation."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+import zenoh
+
+from robrain.deploy.processes.children import Children
+from robrain.deploy.processes.dashboard_process import StartingPage, begin_dashboard
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.session import listening_at, open_lockstep_session
+
+if TYPE_CHECKING:  # brings the simulation, which is loaded once the page's process has started
+    from robrain.sim.lockstep.result import RunResult
+    from robrain.sim.scenarios.scenario import Scenario
+
+
+class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """The options of a run, as the command line gives them."""
+
+    until: str | None = None
+    time_limit_s: float | None = None
+    speed: float | None = None
+    record: Path | None = None
+    dashboard: bool = False
+    port: int | None = None
+    quiet: bool = False
+    """Say nothing but errors."""
+    stay: bool = False
+    """Keep the dashboard up after the run, until Ctrl-C: it then shows the recording."""
+
+
+class Watched(NamedTuple):
+    """A page, and the session on which it follows the run."""
+
+    session: zenoh.Session
+    page: StartingPage
+
+
+def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResult":
+    """Run a scenario as its options say.
+
+    Args:
+        choose: loads the scenario.
+        options: of the command line.
+
+    Raises:
+        RobrainError: an option or the scenario is wrong, in words.
+
+    """
+    with Children() as children:
+        watched = _begin_page(children, options.port) if options.dashboard else None
+        try:
+            # Here: it takes seconds, in which the page's process loads as well.
+            from robrain.deploy.run.running import run_scenario
+
+            return run_scenario(choose(), options, children, watched)
+        finally:
+            if watched is not None and not watched.session.is_closed():
+                watched.session.close()
+
+
+def _begin_page(children: Children, port: int | None) -> Watched:
+    session = open_lockstep_session("tcp/127.0.0.1:0")
+    try:
+        return Watched(session, begin_dashboard(children, listening_at(session)[0], DEFAULT_TEAM, port))
+    except BaseException:
+        session.close()
+        raise
