@@ -96,6 +96,8 @@ class LockstepRun:
 
     def _build(self, team: str, record: Path | None, scenario: str, scenario_toml: str, setup: RunSetup | None) -> None:
         world = self.world
+        collector = CalmCollector()
+        self._closers.append(collector.release)
         self._watcher = self._endpoint(team)
         manifests = manifest_texts(world, team) if record is not None else {}
         provenance = Provenance(
@@ -116,6 +118,7 @@ class LockstepRun:
         self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
         self.hosts = []
         distributions = entry_point_places()
+        manifests_found: dict[Path, list[Path]] = {}
         for robot in world.robots:
             if self._should_stop():
                 raise KeyboardInterrupt
@@ -129,11 +132,12 @@ class LockstepRun:
                 on_outside=self._note_outside,
                 has_one_thread=True,
                 distributions=distributions,
+                manifests=manifests_found,
             )
             self._closers.append(host.close)
             host.start()
             self.hosts.append(host)
-        self._closers.append(CalmCollector().release)
+        collector.settle()
 
     @property
     def sim_time_s(self) -> float:

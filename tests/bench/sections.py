@@ -96,8 +96,8 @@ SECTIONS = {
     ),
     "first_picture": Section(
         "The start",
-        "`robrain demo` in a fresh clone, opened by a running Chromium as soon as the address is printed; a picture has "
-        "the colours of free floor and of each robot. Cold is without byte code and compiled kernels.",
+        "`robrain demo` in a fresh clone, opened by a running Chromium as soon as the address is printed; a picture "
+        "has the colours of free floor and of each robot. Cold is without byte code and compiled kernels.",
         "tests.bench.first_picture:measure",
     ),
     "peers": Section(
