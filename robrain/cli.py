@@ -102,7 +102,8 @@ def run(
 ) -> None:
     """Run a scenario in lockstep: repeatable, and as fast as possible."""
     from robrain.deploy.commands.recording_path import new_recording
-    from robrain.deploy.run.starting import RunOptions, start_run
+    from robrain.deploy.run.run_options import RunOptions
+    from robrain.deploy.run.starting import start_run
 
     def choose() -> "Scenario":
         from robrain.deploy.commands.options import choose_scenario
@@ -132,7 +133,8 @@ def demo(
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
     from robrain.deploy.commands.recording_path import next_recording
-    from robrain.deploy.run.starting import RunOptions, start_run
+    from robrain.deploy.run.run_options import RunOptions
+    from robrain.deploy.run.starting import start_run
 
     def choose() -> "Scenario":
         from robrain.deploy.commands.options import choose_scenario

@@ -25,8 +25,8 @@ WORDS = "compiling kernels, once on this computer"
 OURS = "robrain."
 
 PARTS: dict[str, Part] = {
-    "simulation": Part(warm_up_arena, at_start=True),
     **{name: part for name, part in model.PARTS.items() if part.at_start},
+    "simulation": Part(warm_up_arena, at_start=True),
     "exploration": Part(warm_up_exploration, at_start=True),
     "plans": Part(warm_up_allocation, at_start=False),
     **{name: part for name, part in model.PARTS.items() if not part.at_start},

@@ -10,7 +10,7 @@ from robrain.deploy.processes.dashboard_process import go_on_with_recording
 from robrain.deploy.processes.live_process import LiveStop
 from robrain.deploy.run.preparing import Preparing
 from robrain.deploy.run.run_display import run_display, show_result
-from robrain.deploy.run.starting import RunOptions, Watched
+from robrain.deploy.run.run_options import RunOptions, Watched
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.scenario import Scenario
 

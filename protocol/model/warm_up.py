@@ -259,6 +259,8 @@ def _small_kernels() -> None:
 
 
 PARTS: dict[str, Part] = {
+    "battery": Part(_battery, at_start=True),
+    "small kernels": Part(_small_kernels, at_start=True),
     "pose filter": Part(_pose_filter, at_start=True),
     "scans": Part(_scans, at_start=True),
     "surface match": Part(_surface_match, at_start=True),
@@ -269,13 +271,11 @@ PARTS: dict[str, Part] = {
     "frontiers": Part(_frontiers, at_start=True),
     "giving way": Part(_giving_way, at_start=True),
     "scans on the map": Part(_scans_on_map, at_start=True),
-    "battery": Part(_battery, at_start=True),
     "obstacles": Part(_obstacles, at_start=True),
-    "small kernels": Part(_small_kernels, at_start=True),
     "finding by motes": Part(_finding_by_motes, at_start=True),
     "scan matches": Part(_scan_matches, at_start=False),
     "place search": Part(_place_search, at_start=False),
     "escapes": Part(_escapes, at_start=False),
     "map overlap": Part(_map_overlap, at_start=False),
 }
-"""All parts, those at the start first, and in either group the longest first."""
+"""All parts, those at the start first: two short ones, so that progress is soon seen, then the longest."""

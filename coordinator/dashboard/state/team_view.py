@@ -327,14 +327,16 @@ class TeamView:
     def _take_preparation(self, preparation: ArenaPreparation, names: Names, now_s: float) -> None:
         if self.sim_time_s is not None:
             return
+        truth = preparation.truth
+        places: list[Point2D | Pose2D] = [robot.pose for robot in truth.robots]
+        for place in places + [mote.place for mote in truth.motes]:
+            _check_place(place)
         if self._plan is None:
-            self._plan = DrawnFloor(checked_geometry(preparation.floor), cells_of(preparation.floor))
+            self._plan = _plan_of(preparation.floor)
         self.preparation = preparation
-        for robot in preparation.truth.robots:
-            _check_place(robot.pose)
+        for robot in truth.robots:
             self._robot(robot.robot).start = robot.pose
-        for mote in preparation.truth.motes:
-            _check_place(mote.place)
+        for mote in truth.motes:
             self._mote(mote.mote).place = mote.place
 
     def _set_time(self, sim_time_s: float, now_s: float) -> None:
@@ -373,6 +375,14 @@ class TeamView:
         if mote is None:
             mote = self.motes[name] = MoteView(name)
         return mote
+
+
+def _plan_of(patch: MapPatch) -> DrawnFloor:
+    """A floor plan (ValueError if its cells do not fill its grid)."""
+    geometry, cells = checked_geometry(patch), cells_of(patch)
+    if cells.shape != geometry.shape:
+        raise ValueError(f"expected a plan of {geometry.shape} cells, got {cells.shape}")
+    return DrawnFloor(geometry, cells)
 
 
 def _check_place(place: Point2D | Pose2D | None) -> None:
