@@ -58,6 +58,19 @@ def prepare_kernels(*, quiet: bool = False, only_at_start: bool = False) -> int:
     return len(notice.compiled)
 
 
+def load_kernels() -> bool:
+    """Load the kernels that a team uses at first; False as soon as one of them is not compiled."""
+    remove_stale_caches(_folders())
+    with _LISTENING(COMPILING, _Refusal()):
+        try:
+            for part in PARTS.values():
+                if part.at_start:
+                    part.warm_up()
+        except _NotCompiledError:
+            return False
+    return True
+
+
 def are_cached() -> bool:
     """Whether all kernels are compiled for the sources and the version of numba as they are."""
     remove_stale_caches(_folders())
@@ -91,6 +104,21 @@ def remove_stale_caches(folders: Iterable[Path]) -> list[Path]:
             index.unlink(missing_ok=True)
             removed.append(index)
     return removed
+
+
+class _NotCompiledError(Exception):
+    """A kernel would have to be compiled."""
+
+
+class _Refusal(event.Listener):
+    """Ends whatever calls a kernel that is not compiled."""
+
+    def on_start(self, event: event.Event) -> None:
+        """Numba starts to compile a function."""
+        raise _NotCompiledError
+
+    def on_end(self, event: event.Event) -> None:
+        """Numba has compiled a function."""
 
 
 class _Notice(event.Listener):

@@ -3,6 +3,7 @@
 import math
 import os
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Self
 
@@ -11,7 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, say
 from robrain.deploy.processes.dashboard_process import StartingPage
 from robrain.deploy.run.kernel_compiler import CompileProgress, KernelCompiler
-from robrain.deploy.run.kernels import PARTS, are_cached, prepare_kernels
+from robrain.deploy.run.kernels import PARTS, are_cached, load_kernels, prepare_kernels
+from robrain.protocol.model.warm_up import Part
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.lockstep.pacing import StopOnInterrupt
 
@@ -41,12 +43,15 @@ class Preparing:
         self._began_s = time.monotonic()
 
     def begin(self) -> None:
-        """Start to compile beside this process, if anything must be compiled."""
-        if not are_cached():
+        """Load the kernels; if one is not compiled that a run needs at its start, compile beside this process."""
+        if not load_kernels():
             self._began_s = time.monotonic()
-            self._compiler = self._closing.enter_context(KernelCompiler(PARTS, min(PROCESSES, os.cpu_count() or 1)))
+            self._compile(PARTS)
             if not self._quiet and not console.is_terminal:
                 say(f"{WORDS}: half a minute or so")
+
+    def _compile(self, parts: Mapping[str, Part]) -> None:
+        self._compiler = self._closing.enter_context(KernelCompiler(parts, min(PROCESSES, os.cpu_count() or 1)))
 
     def wait(self, run: LockstepRun) -> None:
         """Show where everything is until the run can begin, and print the page's address when it is served.
@@ -58,9 +63,6 @@ class Preparing:
         """
         picture = run.start_picture()
         shown_s = -math.inf
-        if self._compiler is None:
-            picture.show(*NOTHING)
-            prepare_kernels(quiet=self._quiet, only_at_start=True)
         with StopOnInterrupt() as interrupt, _CompilingDisplay(quiet=self._quiet) as display:
             while self._waits_for_page() or self._is_compiling:
                 if interrupt.requested:
@@ -76,6 +78,8 @@ class Preparing:
         if self._compiler is not None:
             self._tell(self._compiler)
             prepare_kernels(quiet=self._quiet, only_at_start=True)
+        elif not are_cached():  # a run before has ended while the rest was compiled
+            self._compile({name: part for name, part in PARTS.items() if not part.at_start})
         picture.close()
 
     def close(self) -> None:

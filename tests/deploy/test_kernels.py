@@ -82,3 +82,12 @@ def test_kernels_are_cached_once_each_part_was_compiled_and_not_for_another_sour
     source.write_text(source.read_text().replace("2 * x", "30 * x"))
     module = importlib.reload(module)
     assert not kernels.are_cached()
+
+
+def test_kernels_are_loaded_only_if_none_must_be_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = njit(lambda number: number + 1)
+    monkeypatch.setattr(kernels, "PARTS", {"one": Part(lambda: kernel(1), at_start=True)})
+    assert not kernels.load_kernels()
+    assert not kernel.signatures
+    kernel(1)
+    assert kernels.load_kernels()
