@@ -206,6 +206,10 @@ class Environment:
             }
             channel = f"{self.robot}/{channel}"
         try:
+            if interface == "zenoh":  # python-can would read its configuration files for each bus
+                from robrain.protocol.can.zenoh_bus import ZenohBus
+
+                return ZenohBus(channel, **options)
             return can.Bus(interface=interface, channel=channel, **options)
         except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
             raise HardwareAbsent(self.plugin, f"no CAN bus at {interface}:{channel}: {error}") from error

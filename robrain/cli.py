@@ -37,7 +37,9 @@ from robrain.protocol.wire.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_
 
 if TYPE_CHECKING:
     from robrain.sim.lockstep.result import RunResult
+    from robrain.sim.scenarios.scenario import Scenario
 
+DEMO = "depot"
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -99,10 +101,15 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario in lockstep: repeatable, and as fast as possible."""
-    from robrain.deploy.commands.options import choose_scenario, new_recording
-    from robrain.deploy.run.running import RunOptions, run_scenario
+    from robrain.deploy.commands.recording_path import new_recording
+    from robrain.deploy.run.run_options import RunOptions
+    from robrain.deploy.run.starting import start_run
 
-    chosen = choose_scenario(scenario, map_file, robots, motes, seed)
+    def choose() -> "Scenario":
+        from robrain.deploy.commands.options import choose_scenario
+
+        return choose_scenario(scenario, map_file, robots, motes, seed)
+
     options = RunOptions(
         until=until,
         time_limit_s=time_limit,
@@ -112,7 +119,7 @@ def run(
         port=port,
         quiet=as_json,
     )
-    _finish(run_scenario(chosen, options), as_json=as_json)
+    _finish(start_run(choose, options), as_json=as_json)
 
 
 @app.command()
@@ -125,18 +132,23 @@ def demo(
     port: PortOption = None,
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
-    from robrain.deploy.commands.options import choose_scenario, next_recording
-    from robrain.deploy.run.running import RunOptions, run_scenario
+    from robrain.deploy.commands.recording_path import next_recording
+    from robrain.deploy.run.run_options import RunOptions
+    from robrain.deploy.run.starting import start_run
 
-    chosen = choose_scenario("depot", None, None, None, seed)
+    def choose() -> "Scenario":
+        from robrain.deploy.commands.options import choose_scenario
+
+        return choose_scenario(DEMO, None, None, None, seed)
+
     options = RunOptions(
         speed=speed if speed is not None else 0.0 if headless else 1.0,
-        record=next_recording(Path("runs"), chosen.name),
+        record=next_recording(Path("runs"), DEMO),
         dashboard=not headless,
         port=port,
         stay=sys.stdin.isatty(),
     )
-    _finish(run_scenario(chosen, options), as_json=False)
+    _finish(start_run(choose, options), as_json=False)
 
 
 @app.command()
@@ -162,7 +174,8 @@ def up(
     ] = False,
 ) -> None:
     """Start a team as separate processes in real time: arena, coordinator, one agent per robot."""
-    from robrain.deploy.commands.options import above_zero, choose_scenario, new_recording, until_explored
+    from robrain.deploy.commands.options import above_zero, choose_scenario, until_explored
+    from robrain.deploy.commands.recording_path import new_recording
     from robrain.deploy.processes.live_process import LiveStop
     from robrain.deploy.processes.up import UpOptions, run_up
     from robrain.deploy.processes.up_display import up_display

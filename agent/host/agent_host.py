@@ -62,6 +62,8 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
+WIRES_MIN = 128
+"""Number of wires, closed ones included, from which closed ones are let go."""
 WOKEN_PASSES = 2
 """A task that follows another at once: its behavior is told in the first, the driver in the second."""
 IDLE_S = 1.0
@@ -83,6 +85,7 @@ class AgentHost:
         on_outside: told of queries from other processes, in lockstep.
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
         distributions: `entry_point_places()`, where several robots share a process; None looks for them.
+        manifests: files found by the robots of a run that were set up before, by folder; None looks anew.
 
     """
 
@@ -98,6 +101,7 @@ class AgentHost:
         on_outside: OnOutside | None = None,
         has_one_thread: bool = False,
         distributions: list[tuple[Path, str]] | None = None,
+        manifests: dict[Path, list[Path]] | None = None,
     ) -> None:
         self.name = robot_file.robot.name
         self.drive = drive
@@ -113,6 +117,8 @@ class AgentHost:
         self._session = session
         self._team = robot_file.robot.team
         self._wires: list[Endpoint] = []
+        self._wires_looked_at = WIRES_MIN
+        """Number of wires at which closed ones are looked for."""
         self._refusals = Refusals(clock)
         """Of the host and all plugins."""
         self._wire = self._open_wire()
@@ -126,6 +132,7 @@ class AgentHost:
         self._told_facts = self.desk.facts
         self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
         self.door = TextCommandDoor(self._registry)
+        self._manifests = manifests
         self._distributions = entry_point_places() if distributions is None else distributions
         self._came_with: dict[Path, str] = {}
         """The distribution of each manifest that was asked for; empty for those of robrain and of the robot."""
@@ -155,7 +162,7 @@ class AgentHost:
         if self.drive is Drive.LIVE:
             self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self._registry.halted)
             self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S)
-        found = self.manager.discover(self._places, self._load)
+        found = self.manager.discover(self._places, self._load, self._manifests)
         for name in self._parameters:
             if name not in found:
                 known = ", ".join(found)
@@ -300,8 +307,11 @@ class AgentHost:
         wire = Endpoint(
             self._session, self._team, self.clock, self.drive, on_outside=self._on_outside, refusals=self._refusals
         )
-        # A new list: the host's own thread may be going through the old one. Closed ones are let go.
-        self._wires = [*(each for each in self._wires if not each.is_closed), wire]
+        if len(self._wires) >= self._wires_looked_at:
+            # A new list: the host's own thread may be going through the old one. Closed ones are let go.
+            self._wires = [each for each in self._wires if not each.is_closed]
+            self._wires_looked_at = max(WIRES_MIN, 2 * len(self._wires))
+        self._wires.append(wire)
         return wire
 
     def _make_environment(self, plugin: PluginRequests) -> Environment:

@@ -70,12 +70,18 @@ class PluginManager:
         """The plugin of a name (PluginMissing if there is none)."""
         return self.registry.get(name)
 
-    def discover(self, places: Iterable[Path], wanted: list[str] | None = None) -> list[str]:
+    def discover(
+        self,
+        places: Iterable[Path],
+        wanted: list[str] | None = None,
+        known: dict[Path, list[Path]] | None = None,
+    ) -> list[str]:
         """Find each manifest in the places; of two with one name the later place wins.
 
         Args:
             places: folders.
             wanted: names to take; all if None. What these require is taken as well.
+            known: files of folders that were looked at before, to which others are added.
 
         Returns:
             The names of all plugins that were found.
@@ -86,7 +92,7 @@ class PluginManager:
 
         """
         self._folders = PluginFolders(places)
-        found = self._folders.find()
+        found = self._folders.find(known)
         names = sorted(found) if wanted is None else list(wanted)
         plugins: dict[str, ManagedPlugin] = {}
         while names:

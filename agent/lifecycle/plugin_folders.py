@@ -70,9 +70,13 @@ class PluginFolders:
     def __init__(self, folders: Iterable[Path]) -> None:
         self._folders = list(folders)
 
-    def find(self) -> dict[str, Path]:
-        """The manifests that there are, by the plugin's name."""
-        return {path.stem: path for folder in self._folders for path in find_manifests(folder)}
+    def find(self, known: dict[Path, list[Path]] | None = None) -> dict[str, Path]:
+        """The manifests that there are, by the plugin's name; folders in `known` are not looked at again."""
+        by_folder = {} if known is None else known
+        for folder in self._folders:
+            if folder not in by_folder:
+                by_folder[folder] = find_manifests(folder)
+        return {path.stem: path for folder in self._folders for path in by_folder[folder]}
 
     def read(self, name: str) -> Manifest | None:
         """The manifest of a plugin, or None if there is none (ManifestError if it is wrong)."""

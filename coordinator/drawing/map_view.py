@@ -4,7 +4,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, OccupancyGrid
+from robrain.coordinator.drawing.drawn_floor import DrawnFloor
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.map_patch import MAX_CELLS, take_message
@@ -26,6 +27,11 @@ class MapView:
     def grid(self) -> OccupancyGrid | None:
         """The composed map; None before the first patch. Read-only."""
         return None if self.atlas is None else self.atlas.grid
+
+    @property
+    def floor(self) -> DrawnFloor | None:
+        """The composed map, to be drawn; None before the first patch."""
+        return None if self.grid is None else DrawnFloor(self.grid.geometry, self.grid.classes())
 
     @property
     def version(self) -> int:
@@ -51,13 +57,7 @@ class MapView:
         """
         atlas = self.atlas
         if atlas is None:
-            geometry = geometry_of(patch)
-            if geometry.width * geometry.height > MAX_CELLS:
-                raise ValueError(f"expected at most {MAX_CELLS} cells, got {geometry.width} x {geometry.height}")
-            size_m = max(geometry.shape) * geometry.resolution_m
-            if max(abs(geometry.origin_x_m), abs(geometry.origin_y_m), size_m) > FAR_M:
-                raise ValueError(f"expected a grid within {FAR_M:g} m, got {geometry}")
-            atlas = SubmapAtlas(geometry)
+            atlas = SubmapAtlas(checked_geometry(patch))
         take_message(atlas, patch)
         self.atlas = atlas
 
@@ -72,25 +72,13 @@ class MapView:
         self, unknown: tuple[int, int, int], free: tuple[int, int, int], occupied: tuple[int, int, int]
     ) -> NDArray[np.uint8]:
         """RGB image uint8 (height, width, 3), a pixel a cell, row 0 at the lowest y; (1, 1, 3) before any patch."""
-        if self.grid is None:
-            return np.array([[unknown]], np.uint8)
-        # Classes are −1, 0 and 100; as unsigned bytes 255, 0 and 100.
-        colors = np.empty((256, 3), np.uint8)
-        colors[:] = unknown
-        colors[0], colors[int(OCCUPIED)] = free, occupied
-        picture: NDArray[np.uint8] = colors[self.grid.classes().view(np.uint8)]
-        return picture
+        floor = self.floor
+        return np.array([[unknown]], np.uint8) if floor is None else floor.picture(unknown, free, occupied)
 
     def wall_boxes(self) -> NDArray[np.float32]:
         """Rectangles that cover the occupied cells: float32 (N, 4), middle x, y and sizes, metres, arena frame."""
-        if self.grid is None:
-            return np.empty((0, 4), np.float32)
-        geometry = self.grid.geometry
-        boxes = cover_with_boxes(self.grid.classes() == OCCUPIED)
-        row, column, rows, columns = boxes.T
-        in_cells = np.column_stack([column + columns / 2, row + rows / 2, columns, rows])
-        in_metres = in_cells * geometry.resolution_m + (geometry.origin_x_m, geometry.origin_y_m, 0.0, 0.0)
-        return in_metres.astype(np.float32)
+        floor = self.floor
+        return np.empty((0, 4), np.float32) if floor is None else floor.wall_boxes()
 
     def known_bounds_m(self) -> tuple[float, float, float, float] | None:
         """x_min, y_min, x_max, y_max of what is known, metres, arena frame; None before the first patch."""
@@ -109,20 +97,12 @@ class MapView:
         )
 
 
-def cover_with_boxes(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Boxes that cover exactly the true cells of `mask`: int64 (N, 4) of row, column, rows, columns.
-
-    Runs of a row are joined with equal runs of the rows before; few boxes for straight walls, not the fewest.
-    """
-    edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    starts, ends = np.argwhere(edges == 1), np.argwhere(edges == -1)
-    boxes: list[list[int]] = []
-    open_boxes: dict[tuple[int, int], int] = {}
-    for (row, start), (_, end) in zip(starts.tolist(), ends.tolist(), strict=True):
-        above = open_boxes.get((start, end))
-        if above is not None and boxes[above][0] + boxes[above][2] == row:
-            boxes[above][2] += 1
-        else:
-            open_boxes[start, end] = len(boxes)
-            boxes.append([row, start, 1, end - start])
-    return np.array(boxes, np.int64).reshape(-1, 4)
+def checked_geometry(patch: MapPatch) -> GridGeometry:
+    """The grid of a patch (ValueError if it is no grid, or so large that it would fill the memory)."""
+    geometry = geometry_of(patch)
+    if geometry.width * geometry.height > MAX_CELLS:
+        raise ValueError(f"expected at most {MAX_CELLS} cells, got {geometry.width} x {geometry.height}")
+    size_m = max(geometry.shape) * geometry.resolution_m
+    if max(abs(geometry.origin_x_m), abs(geometry.origin_y_m), size_m) > FAR_M:
+        raise ValueError(f"expected a grid within {FAR_M:g} m, got {geometry}")
+    return geometry

@@ -175,7 +175,6 @@ class LockstepPlanner:
     """Plans synchronously, with a fixed number of rounds: equal runs have equal plans."""
 
     def __init__(self) -> None:
-        _warm_up_once()
         self._search = PlanSearch()
         self._made: list[PlanInForce] = []
         self.why_failed = ""
@@ -186,6 +185,7 @@ class LockstepPlanner:
 
     def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
         """See `Planner`."""
+        _warm_up_once()  # not before: most runs begin without a task, and this takes seconds on a new computer
         try:
             draft = self._search.draft(snapshot, policy)
             for _ in draft.improve():

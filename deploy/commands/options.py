@@ -32,13 +32,6 @@ def above_zero(option: str, value: float | None) -> float | None:
     return value
 
 
-def new_recording(path: Path | None) -> Path | None:
-    """A path to record to, which must not exist yet: a recording is never overwritten (UsageError)."""
-    if path is not None and path.exists():
-        raise UsageError(f"--record {path}: it exists already; give another name or move it away")
-    return path
-
-
 def choose_scenario(
     name: str | None, map_file: Path | None, robots: int | None, motes: int | None, seed: int | None
 ) -> Scenario:
@@ -69,12 +62,3 @@ def choose_scenario(
         if value is not None and value < lowest:
             raise UsageError(f"--{option} {value}: expected at least {lowest}")
     return scenario.replace(**{option: value for option, value in changes.items() if value is not None})
-
-
-def next_recording(folder: Path, name: str) -> Path:
-    """`folder/name-N.mcap` with the first free number; creates the folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    number = 1
-    while (path := folder / f"{name}-{number}.mcap").exists():
-        number += 1
-    return path

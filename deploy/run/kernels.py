@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
@@ -15,34 +16,75 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from robrain.coordinator.allocation.warm_up import warm_up as warm_up_allocation
 from robrain.coordinator.exploration.warm_up import warm_up as warm_up_exploration
 from robrain.deploy.commands.terminal import console, say
-from robrain.protocol.model.warm_up import warm_up as warm_up_model
+from robrain.protocol.model import warm_up as model
+from robrain.protocol.model.warm_up import Part
 from robrain.sim.warm_up import warm_up as warm_up_arena
 
 COMPILING = "numba:compile"
 WORDS = "compiling kernels, once on this computer"
 OURS = "robrain."
 
+PARTS: dict[str, Part] = {
+    **{name: part for name, part in model.PARTS.items() if part.at_start},
+    "simulation": Part(warm_up_arena, at_start=True),
+    "exploration": Part(warm_up_exploration, at_start=True),
+    "plans": Part(warm_up_allocation, at_start=False),
+    **{name: part for name, part in model.PARTS.items() if not part.at_start},
+}
+"""All parts, in the order in which they are compiled."""
+
 _LISTENING: Callable[[str, event.Listener], AbstractContextManager[object]] = event.install_listener
 
 
-def prepare_kernels(*, quiet: bool = False) -> int:
+def prepare_kernels(*, quiet: bool = False, only_at_start: bool = False) -> int:
     """Compile the kernels that are not cached, and load the others; report compiling on stderr.
 
     Args:
         quiet: report nothing.
+        only_at_start: leave those for later that a team does not use at first.
 
     Returns:
         The number of kernels compiled.
 
     """
-    remove_stale_caches({Path(str(module.__file__)).parent / "__pycache__" for module in _modules_with_kernels()})
+    remove_stale_caches(_folders())
     with ExitStack() as closing:
         notice = _Notice(closing, quiet=quiet)
         closing.enter_context(_LISTENING(COMPILING, notice))
-        for warm_up in (warm_up_model, warm_up_exploration, warm_up_allocation, warm_up_arena):
-            warm_up()
+        for part in PARTS.values():
+            if part.at_start or not only_at_start:
+                part.warm_up()
         notice.end()
     return len(notice.compiled)
+
+
+def load_kernels() -> bool:
+    """Load the kernels that a team uses at first; False as soon as one of them is not compiled."""
+    remove_stale_caches(_folders())
+    with _LISTENING(COMPILING, _Refusal()):
+        try:
+            for part in PARTS.values():
+                if part.at_start:
+                    part.warm_up()
+        except _NotCompiledError:
+            return False
+    return True
+
+
+def are_cached() -> bool:
+    """Whether all kernels are compiled for the sources and the version of numba as they are."""
+    remove_stale_caches(_folders())
+    return all(_is_cached(kernel) for module in _modules_with_kernels() for kernel in _kernels_of(module))
+
+
+def _is_cached(kernel: Dispatcher) -> bool:
+    """Numba has no public way to ask whether its cache has code for a function as it is."""
+    cache: Any = kernel.__dict__["_cache"]
+    return bool(cache._cache_file._load_index())
+
+
+def _folders() -> set[Path]:
+    return {Path(str(module.__file__)).parent / "__pycache__" for module in _modules_with_kernels()}
 
 
 def remove_stale_caches(folders: Iterable[Path]) -> list[Path]:
@@ -62,6 +104,21 @@ def remove_stale_caches(folders: Iterable[Path]) -> list[Path]:
             index.unlink(missing_ok=True)
             removed.append(index)
     return removed
+
+
+class _NotCompiledError(Exception):
+    """A kernel would have to be compiled."""
+
+
+class _Refusal(event.Listener):
+    """Ends whatever calls a kernel that is not compiled."""
+
+    def on_start(self, event: event.Event) -> None:
+        """Numba starts to compile a function."""
+        raise _NotCompiledError
+
+    def on_end(self, event: event.Event) -> None:
+        """Numba has compiled a function."""
 
 
 class _Notice(event.Listener):

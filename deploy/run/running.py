@@ -1,41 +1,30 @@
-"""`robrain run` and `robrain demo`: a lockstep run with its progress bar, and with the dashboard beside it."""
+"""A lockstep run with its progress bar, and with the dashboard beside it."""
 
-from pathlib import Path
-
-import msgspec
+import time
 
 from robrain.deploy.commands.options import above_zero, until_explored
-from robrain.deploy.commands.terminal import print_line, say
+from robrain.deploy.commands.terminal import say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.dashboard_process import go_on_with_recording, start_dashboard
+from robrain.deploy.processes.dashboard_process import go_on_with_recording
 from robrain.deploy.processes.live_process import LiveStop
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.run.preparing import Preparing
 from robrain.deploy.run.run_display import run_display, show_result
-from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.deploy.run.run_options import RunOptions, Watched
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.scenario import Scenario
 
 WATCHING_SPEED = 5.0
 
 
-class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """The options of a run, as the command line gives them."""
-
-    until: str | None = None
-    time_limit_s: float | None = None
-    speed: float | None = None
-    record: Path | None = None
-    dashboard: bool = False
-    port: int | None = None
-    quiet: bool = False
-    """Say nothing but errors."""
-    stay: bool = False
-    """Keep the dashboard up after the run, until Ctrl-C: it then shows the recording."""
-
-
-def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
+def run_scenario(scenario: Scenario, options: RunOptions, children: Children, watched: Watched | None) -> RunResult:
     """Run a scenario as its options say.
+
+    Args:
+        scenario: what is run.
+        options: of the command line.
+        children: of this process; only the page's, if there is one.
+        watched: the page; its session is closed with the run.
 
     Raises:
         RobrainError: an option or the scenario is wrong, in words.
@@ -47,40 +36,30 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> RunResult:
     if speed < 0:
         raise UsageError(f"--speed {speed:g}: expected 0 (as fast as possible) or more")
     target = until if until is not None else scenario.until_explored
-    url = ""
-    with Children() as children:
-
-        def open_dashboard(endpoints: list[str]) -> None:
-            nonlocal url
-            if options.dashboard:
-                url = start_dashboard(children, endpoints[0], DEFAULT_TEAM, options.port)
-                if not options.quiet:
-                    print_line(f"dashboard: {url}")
-
+    page = watched.page if watched is not None else None
+    with Preparing(page, quiet=options.quiet) as preparing:
         if not options.quiet:
             say(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
-        prepare_kernels(quiet=options.quiet)
+        preparing.begin()
         with run_display(target, quiet=options.quiet) as display:
             result = scenario.run(
                 until_explored=until,
                 time_limit_s=options.time_limit_s,
                 speed=speed,
                 record=options.record,
-                listen="tcp/127.0.0.1:0" if options.dashboard else None,
+                session=watched.session if watched is not None else None,
                 on_progress=display.show,
-                on_open=open_dashboard,
+                before_start=preparing.wait,
             )
-        if not options.quiet:
-            show_result(result)
-        if options.stay and url and options.record is not None and result.ended != "interrupted":
-            go_on_with_recording(children, url, options.record)
-            _stay(url)
+    if not options.quiet:
+        show_result(result)
+    if options.stay and page is not None and options.record is not None and result.ended != "interrupted":
+        go_on_with_recording(children, page.url, options.record)
+        _stay(page.url)
     return result
 
 
 def _stay(url: str) -> None:
-    import time
-
     should_stop = LiveStop()  # before the user is told of Ctrl-C: the default handler ends with another status
     say(f"{url} now shows the recording: Ctrl-C ends it")
     while not should_stop():

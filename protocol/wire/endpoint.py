@@ -113,22 +113,26 @@ class Endpoint:
             "congestion_control": CONGESTION[topic.is_blocking],
             "express": topic.is_blocking,
         }
-        declared: Any
-        if self._exchange is not None:
-            declared = self.session.declare_publisher(key, **options, allowed_destination=zenoh.Locality.REMOTE)
-        elif topic.delivery is Delivery.LOSSLESS:
-            declared = ext.declare_advanced_publisher(
-                self.session,
-                key,
-                **options,
-                cache=ext.CacheConfig(topic.cache),
-                sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
-                publisher_detection=True,
-            )
-        else:
-            declared = self.session.declare_publisher(key, **options)
-        self._entities.append(declared)
-        return Publisher(declared, topic, key, self.clock, self._entities.remove, self._exchange)
+
+        def declare() -> Any:
+            declared: Any
+            if self._exchange is not None:
+                declared = self.session.declare_publisher(key, **options, allowed_destination=zenoh.Locality.REMOTE)
+            elif topic.delivery is Delivery.LOSSLESS:
+                declared = ext.declare_advanced_publisher(
+                    self.session,
+                    key,
+                    **options,
+                    cache=ext.CacheConfig(topic.cache),
+                    sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
+                    publisher_detection=True,
+                )
+            else:
+                declared = self.session.declare_publisher(key, **options)
+            self._entities.append(declared)
+            return declared
+
+        return Publisher(declare, topic, key, self.clock, self._entities.remove, self._exchange)
 
     def token(self, topic: Token, **names: str) -> None:
         """Say that this component is there, for as long as the endpoint is open."""

@@ -24,7 +24,7 @@ class Publisher:
 
     def __init__(
         self,
-        declared: Any,
+        declare: Callable[[], Any],
         topic: Topic[Any],
         key: str,
         clock: Clock,
@@ -34,7 +34,9 @@ class Publisher:
         self.topic = topic
         self.key = key
         self._exchange = exchange
-        self._declared = declared
+        self._declare = declare
+        self._declared: Any = declare() if exchange is None else None
+        """In lockstep declared with the first put: most events of most robots never happen."""
         self._clock = clock
         self._forget = forget
         self._seq = 0
@@ -53,17 +55,22 @@ class Publisher:
         if len(encoded) > self.topic.payloads.max_bytes:
             raise ValueError(self.topic.payloads.too_large(len(encoded)))
         self._seq += 1
+        if self._declared is None:
+            self._declared = self._declare()
         self._declared.put(encoded)
         if self._exchange is not None:
             self._exchange.deliver(self.topic, self.key, encoded)
 
     def put_bytes(self, payload: bytes) -> None:
         """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""
+        if self._declared is None:
+            self._declared = self._declare()
         self._declared.put(payload)
         if self._exchange is not None:
             self._exchange.deliver(self.topic, self.key, payload)
 
     def close(self) -> None:
         """Undeclare it before its endpoint closes; late joiners get nothing of it any more."""
-        self._declared.undeclare()
-        self._forget(self._declared)
+        if self._declared is not None:
+            self._declared.undeclare()
+            self._forget(self._declared)

@@ -47,10 +47,7 @@ from robrain.protocol.wire.topic import (
 )
 
 ROBOT_ALIVE = Token(
-    name="robot_alive",
-    pattern="robot/{robot}/alive",
-    doc="Liveliness token of the agent",
-    by=Role.ROBOT,
+    name="robot_alive", pattern="robot/{robot}/alive", doc="Liveliness token of the agent", by=Role.ROBOT
 )
 ROBOT_CLAIM = Token(
     name="robot_claim",
@@ -448,15 +445,9 @@ ARENA_SENSE = Query(
     reads_only=True,
 )
 ARENA_CLOCK = Topic(
-    name="arena_clock",
-    pattern="arena/clock",
-    doc="The arena's time",
-    by=Role.ARENA,
-    message=arena_messages.ArenaClock,
-    rate_hz=10,
-    delivery=Delivery.LATEST,
-    max_bytes=4096,
-)
+    name="arena_clock", pattern="arena/clock", by=Role.ARENA, message=arena_messages.ArenaClock,
+    doc="The arena's time", rate_hz=10, delivery=Delivery.LATEST, max_bytes=4096,
+)  # fmt: skip
 ARENA_TRUTH = Topic(
     name="arena_truth",
     pattern="arena/truth",
@@ -468,6 +459,11 @@ ARENA_TRUTH = Topic(
     recorded=True,
     max_bytes=16_777_216,
 )
+ARENA_PREPARATION = Topic(
+    name="arena_preparation", pattern="arena/preparation", by=Role.ARENA, message=arena_messages.ArenaPreparation,
+    doc="Floor plan and places before a lockstep run begins, while its navigation is compiled",
+    rate_hz=4, delivery=Delivery.LATEST, max_bytes=16_777_216,
+)  # fmt: skip
 ARENA_OUTSIDE = Topic(
     name="arena_outside",
     pattern="arena/outside",

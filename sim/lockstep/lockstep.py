@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import zenoh
+
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.coordinator.coordinator import Coordinator
@@ -26,6 +28,7 @@ from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
+from robrain.sim.lockstep.start_picture import StartPicture
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.world import World, manifest_texts
@@ -45,6 +48,7 @@ class LockstepRun:
         scenario_toml: its text, for the recording.
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
+        session: an open lockstep session to use instead of one of its own; closed with the run.
         planning: objective and settings of the coordinator's planning.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: what it takes to make the run again, for the recording.
@@ -64,6 +68,7 @@ class LockstepRun:
         scenario_toml: str = "",
         team: str = DEFAULT_TEAM,
         listen: str | None = None,
+        session: zenoh.Session | None = None,
         planning: PlanningPolicy | None = None,
         should_stop: Callable[[], bool] = lambda: False,
         setup: RunSetup | None = None,
@@ -81,7 +86,7 @@ class LockstepRun:
         self._should_stop = should_stop
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
-        self.session = open_lockstep_session(listen)
+        self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
         try:
             self._build(team, record, scenario, scenario_toml, setup)
@@ -91,6 +96,8 @@ class LockstepRun:
 
     def _build(self, team: str, record: Path | None, scenario: str, scenario_toml: str, setup: RunSetup | None) -> None:
         world = self.world
+        collector = CalmCollector()
+        self._closers.append(collector.release)
         self._watcher = self._endpoint(team)
         manifests = manifest_texts(world, team) if record is not None else {}
         provenance = Provenance(
@@ -111,6 +118,7 @@ class LockstepRun:
         self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
         self.hosts = []
         distributions = entry_point_places()
+        manifests_found: dict[Path, list[Path]] = {}
         for robot in world.robots:
             if self._should_stop():
                 raise KeyboardInterrupt
@@ -124,11 +132,12 @@ class LockstepRun:
                 on_outside=self._note_outside,
                 has_one_thread=True,
                 distributions=distributions,
+                manifests=manifests_found,
             )
             self._closers.append(host.close)
             host.start()
             self.hosts.append(host)
-        self._closers.append(CalmCollector().release)
+        collector.settle()
 
     @property
     def sim_time_s(self) -> float:
@@ -171,6 +180,10 @@ class LockstepRun:
     def digest(self) -> str:
         """Digest of all that was recorded so far."""
         return self._recorder.digest
+
+    def start_picture(self) -> StartPicture:
+        """What viewers see before the first tick; its caller closes it before that."""
+        return StartPicture(self._watcher, self.world.plan, self.truth)
 
     def follow(self, on_recorded: OnRecorded) -> None:
         """Have a function told of the messages that each tick records, and of those at the end."""

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pymunk
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -58,31 +57,33 @@ def _edge_boxes(plan: FloorPlan) -> list[pymunk.BB]:
     ]
 
 
-@njit(cache=True)
 def _cover(wall: NDArray[np.bool_]) -> NDArray[np.int32]:
-    rows, cols = wall.shape
-    covered = np.zeros((rows, cols), dtype=np.bool_)
-    found = np.empty((np.count_nonzero(wall), 4), dtype=np.int32)
-    count = 0
-    for row in range(rows):
-        for col in range(cols):
-            if not wall[row, col] or covered[row, col]:
-                continue
-            best_gain, best_row1, best_col1 = 0, row, col
-            limit = cols
-            row1 = row
-            # Each height has one widest rectangle; the width only shrinks as the height grows.
-            while row1 < rows and wall[row1, col]:
-                end = col
-                while end < limit and wall[row1, end]:
-                    end += 1
-                limit = end
-                row1 += 1
-                gain = int(np.count_nonzero(~covered[row:row1, col:limit]))
-                if gain > best_gain:
-                    best_gain, best_row1, best_col1 = gain, row1, limit
-            covered[row:best_row1, col:best_col1] = True
-            found[count, 0], found[count, 1] = row, col
-            found[count, 2], found[count, 3] = best_row1, best_col1
-            count += 1
-    return found[:count].copy()
+    # No kernel: a run is set up before its kernels are compiled.
+    rows = wall.shape[0]
+    ends = _run_ends(wall)
+    covered = np.zeros(wall.shape, np.bool_)
+    found: list[tuple[int, int, int, int]] = []
+    for row, col in np.argwhere(wall).tolist():
+        if covered[row, col]:
+            continue
+        best_gain, best_row1, best_col1 = 0, row, col
+        limit = int(ends[row, col])
+        row1 = row
+        # Each height has one widest rectangle; the width only shrinks as the height grows.
+        while row1 < rows and wall[row1, col]:
+            limit = min(limit, int(ends[row1, col]))
+            row1 += 1
+            gain = (row1 - row) * (limit - col) - int(np.count_nonzero(covered[row:row1, col:limit]))
+            if gain > best_gain:
+                best_gain, best_row1, best_col1 = gain, row1, limit
+        covered[row:best_row1, col:best_col1] = True
+        found.append((row, col, best_row1, best_col1))
+    return np.array(found, np.int32).reshape(-1, 4)
+
+
+def _run_ends(wall: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(H, W), for each wall cell the first column behind its run of wall cells."""
+    columns = wall.shape[1]
+    ends = np.where(wall, columns, np.arange(columns))
+    reached: NDArray[np.int64] = np.minimum.accumulate(ends[:, ::-1], axis=1)[:, ::-1]
+    return reached

@@ -122,7 +122,8 @@ class Camera:
         columns = np.arange(spec.width) + 0.5
         self._aside = (0.5 * spec.width - columns) / self._focal
         """(W,) metres to the left for each metre ahead."""
-        self._angles_rad = arctan2(np.asarray(self._aside, np.float64), np.ones(spec.width))
+        # Without a kernel, which would be compiled while the run is set up.
+        self._angles_rad = np.array([math.atan2(aside, 1.0) for aside in self._aside.tolist()])
         self._below = ((np.arange(spec.height) + 0.5 - 0.5 * spec.height) / self._focal)[:, None]
         """(H, 1) metres down for each metre ahead."""
 

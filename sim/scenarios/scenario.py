@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import msgspec
+import zenoh
 
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -259,8 +260,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         speed: float = 0.0,
         record: Path | str | None = None,
         listen: str | None = None,
+        session: zenoh.Session | None = None,
         on_progress: Callable[[Progress], None] | None = None,
         on_open: Callable[[list[str]], None] | None = None,
+        before_start: Callable[[LockstepRun], None] | None = None,
     ) -> RunResult:
         """Run the scenario in lockstep, to its end or to Ctrl-C.
 
@@ -270,8 +273,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             speed: simulated seconds per second; 0 for as fast as possible.
             record: MCAP file to write.
             listen: loopback endpoint on which other processes may join, such as `tcp/127.0.0.1:0`.
+            session: an open lockstep session to use instead of one of its own; closed with the run.
             on_progress: called with the progress of the run.
-            on_open: called with the endpoints of `listen`, before the first tick.
+            on_open: called with the endpoints on which other processes may join, before the first tick.
+            before_start: called with the run when it is set up, after `on_open` and before the first tick.
 
         Raises:
             RobrainError: the scenario cannot be run; the text says why.
@@ -281,16 +286,18 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         limit_s = self.time_limit_s if time_limit_s is None else time_limit_s
         setup = Pacer(0.0)
         world = self.world()
-        warm_up()
         with StopOnInterrupt() as interrupt:  # an interrupt during the start would leave resources open
             run = self.replace(until_explored=until, time_limit_s=limit_s).open(
-                world, record=record, listen=listen, should_stop=lambda: interrupt.requested
+                world, record=record, listen=listen, session=session, should_stop=lambda: interrupt.requested
             )
         try:
             if interrupt.requested:
                 raise KeyboardInterrupt
             if on_open is not None:
                 on_open(run.listening_at)
+            if before_start is not None:
+                before_start(run)
+            warm_up(only_at_start=True)
             setup_time_s = setup.wall_time_s
             pacer = Pacer(speed)
             ended, curve, milestones = _drive(run, until, limit_s, pacer, on_progress)
@@ -344,6 +351,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         *,
         record: Path | str | None = None,
         listen: str | None = None,
+        session: zenoh.Session | None = None,
         should_stop: Callable[[], bool] = lambda: False,
         is_script: bool = False,
         fork: dict[str, str] | None = None,
@@ -354,6 +362,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             world: from `world()`.
             record: MCAP file to write.
             listen: loopback endpoint on which other processes may join.
+            session: an open lockstep session to use instead of one of its own; closed with the run.
             should_stop: polled before each robot is set up; True ends the set-up.
             is_script: whether a script runs the team, for the recording.
             fork: what the recording says of its parent.
@@ -371,6 +380,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             scenario=self.name,
             scenario_toml=self.toml,
             listen=listen,
+            session=session,
             planning=self.planning,
             should_stop=should_stop,
             setup=setup,

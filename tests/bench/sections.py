@@ -94,6 +94,13 @@ SECTIONS = {
         "the same world. The calibration loop tells how fast the machine is at the moment.",
         "tests.bench.real_time_factor:measure",
     ),
+    "start": Section(
+        "The start",
+        "64 robots set up in the depot, the import of their plugins included. `robrain demo` in a fresh clone, opened "
+        "by a running Chromium as soon as the address is printed; a picture has the colours of free floor and of "
+        "robots. Cold is without byte code and compiled kernels.",
+        "tests.bench.start:measure",
+    ),
     "peers": Section(
         "Beside ir-sim",
         "ir-sim moves robots and their lidars alone, a step each turn of the lidar; robrain runs in the depot with "

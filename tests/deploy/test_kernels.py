@@ -1,5 +1,6 @@
 """The first run on a computer reports that kernels are compiled."""
 
+import importlib
 import io
 import pickle
 
@@ -9,8 +10,8 @@ from rich.console import Console
 
 from robrain.deploy.commands import terminal
 from robrain.deploy.run import kernels
-
-WARM_UPS = ("warm_up_model", "warm_up_exploration", "warm_up_allocation")
+from robrain.protocol.model import warm_up as model
+from robrain.protocol.model.warm_up import Part
 
 
 @pytest.fixture
@@ -18,8 +19,7 @@ def said(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
     """The output when there is just one kernel to compile."""
     told = io.StringIO()
     kernel = njit(lambda number: number + 1)
-    for name in WARM_UPS:
-        monkeypatch.setattr(kernels, name, lambda: kernel(1))
+    monkeypatch.setattr(kernels, "PARTS", {"one": Part(lambda: kernel(1), at_start=False)})
     _draw_on(monkeypatch, Console(file=told, width=100))
     return told
 
@@ -57,3 +57,37 @@ def test_a_cache_that_names_a_module_which_is_gone_is_removed(tmp_path):
     assert kernels.remove_stale_caches([tmp_path]) == [gone]
     assert sorted(tmp_path.iterdir()) == [other, sound]
     assert kernels.remove_stale_caches([tmp_path]) == []
+
+
+def test_parts_that_are_not_needed_at_the_start_can_be_left_for_later(said: io.StringIO) -> None:
+    assert kernels.prepare_kernels(quiet=True, only_at_start=True) == 0
+    assert kernels.prepare_kernels(quiet=True) == 1
+
+
+def test_parts_of_all_subjects_are_compiled_and_those_at_the_start_come_first() -> None:
+    order = [part.at_start for part in kernels.PARTS.values()]
+    assert order == sorted(order, reverse=True)
+    assert model.PARTS.keys() < kernels.PARTS.keys()
+
+
+def test_kernels_are_cached_once_each_part_was_compiled_and_not_for_another_source(tmp_path, monkeypatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    source = tmp_path / "own_kernel.py"
+    source.write_text("from numba import njit\n\n\n@njit(cache=True)\ndef double(x):\n    return 2 * x\n")
+    module = importlib.import_module("own_kernel")
+    monkeypatch.setattr(kernels, "_modules_with_kernels", lambda: [module])
+    assert not kernels.are_cached()
+    assert module.double(2) == 4
+    assert kernels.are_cached()
+    source.write_text(source.read_text().replace("2 * x", "30 * x"))
+    module = importlib.reload(module)
+    assert not kernels.are_cached()
+
+
+def test_kernels_are_loaded_only_if_none_must_be_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = njit(lambda number: number + 1)
+    monkeypatch.setattr(kernels, "PARTS", {"one": Part(lambda: kernel(1), at_start=True)})
+    assert not kernels.load_kernels()
+    assert not kernel.signatures
+    kernel(1)
+    assert kernels.load_kernels()

@@ -11,6 +11,7 @@ NONE = "–"
 
 CONDITIONS: dict[Condition, tuple[str, str, str]] = {
     Condition.UP: ("●", "up", "good"),
+    Condition.READY: ("○", "ready", "soft"),
     Condition.ASTRAY: ("?", "astray", "bad"),
     Condition.FAULTED: ("▲", "faulted", "bad"),
     Condition.HALTED: ("■", "halted", "bad"),
@@ -66,6 +67,11 @@ def note(words: str, testid: str = "") -> str:
 def banner(testid: str, html: str) -> str:
     """A conspicuous warning."""
     return f'<div class="rb-banner" data-testid="{testid}">{html}</div>'
+
+
+def notice(testid: str, html: str) -> str:
+    """Something to know that is no warning."""
+    return f'<div class="rb-notice" data-testid="{testid}">{html}</div>'
 
 
 def condition_html(condition: Condition) -> str:

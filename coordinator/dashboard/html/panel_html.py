@@ -15,6 +15,7 @@ from robrain.coordinator.dashboard.html.html_words import (
     condition_html,
     figure,
     note,
+    notice,
     span_text,
     text,
     tile,
@@ -27,6 +28,7 @@ from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, 
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.drawing.palette import battery_class, look_of, mote_class
+from robrain.protocol.wire.messages.arena_messages import ArenaPreparation
 
 ROWS = 200
 """Maximum number of rows of a table: more would slow a browser down."""
@@ -53,6 +55,8 @@ def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> 
         shape, _, kind = CONDITIONS[worst]
     parts = [f"{up} of {len(view.robots)} robots up"]
     parts += [f"{counts[one]} {CONDITIONS[one][1]}" for one in Condition if counts[one] and one is not Condition.UP]
+    if view.preparation is not None:
+        parts = [f"{counts[Condition.READY]} of {len(view.robots)} robots ready"]
     if not view.robots:
         shape, kind, parts = "○", "soft", ["No robot has been heard yet"]
     parts += [text(finding.words, 60) for finding in overall.findings]
@@ -169,6 +173,8 @@ def _banners(view: TeamView) -> str:
     banners = []
     if not view.connected:
         banners.append(banner("connection", "No connection to the team: what is shown is old"))
+    if view.preparation is not None:
+        banners.append(_preparation(view.preparation))
     if view.halted:
         by = f" by {text(view.halt.by)}" if view.halt is not None and view.halt.by else ""
         reason = f": {text(view.halt.reason)}" if view.halt is not None and view.halt.reason else ""
@@ -178,6 +184,20 @@ def _banners(view: TeamView) -> str:
         if not view.is_replay:
             banners.append(_narrow_halt(view))
     return "".join(banners)
+
+
+def _preparation(preparation: ArenaPreparation) -> str:
+    """What a lockstep run waits for, with a bar."""
+    done, total = min(preparation.parts_ready, preparation.parts), preparation.parts
+    left = "" if preparation.left_s is None else f", about {math.ceil(preparation.left_s)} s left"
+    share = done / total if total else 0.0
+    return notice(
+        "preparation",
+        f"Preparing: compiling {done} of {total} parts of the navigation{left}"
+        f'<div class="rb-progress"><div style="width: {100 * share:.0f}%"></div></div>'
+        '<span class="rb-soft">Only the first start on a computer does this. The robots are at their starts, on a '
+        "floor plan that they do not know.</span>",
+    )
 
 
 def _narrow_halt(view: TeamView) -> str:

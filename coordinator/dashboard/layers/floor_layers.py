@@ -11,7 +11,7 @@ from robrain.coordinator.dashboard.scene.camera import Bounds, bounds_of
 from robrain.coordinator.dashboard.scene.merged_meshes import copies
 from robrain.coordinator.dashboard.scene.meshes import Mesh, cube
 from robrain.coordinator.dashboard.scene.scene_nodes import FloorPicture
-from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.dashboard.state.team_view import FloorVersion, TeamView
 from robrain.coordinator.drawing.palette import FREE, HEAT, OCCUPIED, UNKNOWN, WALL, Rgb
 
 FLOOR_Z_M, FIELD_Z_M = -0.01, 0.01
@@ -35,16 +35,16 @@ class FloorLayer(Layer):
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
         self._picture = FloorPicture(scene, self.node("picture"))
-        self._seen: tuple[int, int] | None = None
+        self._seen: FloorVersion | None = None
 
     def _draw(self, view: TeamView, now_s: float) -> None:
-        seen = (view.runs, view.map.version)
-        if view.map.grid is None or seen == self._seen:
+        floor = view.floor if view.floor_version != self._seen else None
+        if floor is None:
             return
-        self._seen = seen
-        geometry = view.map.grid.geometry
+        self._seen = view.floor_version
+        geometry = floor.geometry
         times = max(1, min(MAGNIFIED, TEXTURE_PX // max(geometry.shape)))
-        picture = view.map.picture(UNKNOWN, FREE, OCCUPIED).repeat(times, axis=0).repeat(times, axis=1)
+        picture = floor.picture(UNKNOWN, FREE, OCCUPIED).repeat(times, axis=0).repeat(times, axis=1)
         self._picture.show(picture, bounds_of(geometry), FLOOR_Z_M)
 
 
@@ -52,16 +52,16 @@ class WallLayer(MeshLayer):
     """Occupied cells as boxes, sent when they changed and at most every two seconds."""
 
     name, label, period_s = "walls", "Walls", 2.0
-    _seen: tuple[int, int] | None = None
+    _seen: FloorVersion | None = None
 
     def _draw(self, view: TeamView, now_s: float) -> None:
-        seen = (view.runs, view.map.version)
-        if seen != self._seen:
-            self._seen = seen
+        if view.floor_version != self._seen:
+            self._seen = view.floor_version
             super()._draw(view, now_s)
 
     def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
-        boxes = view.map.wall_boxes()
+        floor = view.floor
+        boxes = np.empty((0, 4), np.float32) if floor is None else floor.wall_boxes()
         count = len(boxes)
         positions = np.column_stack([boxes[:, :2], np.zeros(count, np.float32)])
         sizes = np.column_stack([boxes[:, 2:], np.full(count, WALL_HEIGHT_M, np.float32)])

@@ -145,7 +145,7 @@ def ellipse(covariance: tuple[float, ...]) -> Ellipse | None:
 
 def is_special(view: TeamView, robot: RobotView, now_s: float) -> bool:
     """Whether a robot is selected or not up."""
-    return robot.name in view.selected or robot.condition(now_s) is not Condition.UP
+    return robot.name in view.selected or robot.condition(now_s) not in (Condition.UP, Condition.READY)
 
 
 def radius_m(robot: RobotView) -> float:

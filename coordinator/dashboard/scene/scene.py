@@ -79,9 +79,10 @@ class Scene:
             if is_another:
                 layer.hurry()
             layer.draw(view, now_s)
-        if view.map.grid is None:
+        geometry = view.floor_geometry
+        if geometry is None:
             return
-        bounds = camera.bounds_of(view.map.grid.geometry)
+        bounds = camera.bounds_of(geometry)
         if bounds != self._bounds:
             self._bounds = bounds
             self._set_initial_camera()

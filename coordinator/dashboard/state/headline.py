@@ -90,6 +90,7 @@ class Vitals:
 
 ROBOT_GRADES: dict[Condition, Grade] = {
     Condition.UP: Grade.GOOD,
+    Condition.READY: Grade.GOOD,
     Condition.SILENT: Grade.WARN,
     Condition.ASTRAY: Grade.BAD,
     Condition.FAULTED: Grade.BAD,

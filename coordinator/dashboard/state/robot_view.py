@@ -45,6 +45,8 @@ class Condition(StrEnum):
     """A plugin of it does not run."""
     ASTRAY = "astray"
     """It does not know where it is."""
+    READY = "ready"
+    """It waits at its start for the run to begin."""
     UP = "up"
 
 
@@ -64,6 +66,8 @@ class RobotView:
     state: RobotState | None = None
     summary: RobotSummary | None = None
     truth: RobotTruth | None = None
+    start: Pose2D | None = None
+    """Its place before the run begins; None once the run has begun."""
     scan: Scan | None = None
     path: list[Point2D] = field(default_factory=list)
     links: list[RadioLink] = field(default_factory=list)
@@ -83,8 +87,8 @@ class RobotView:
 
     @property
     def pose(self) -> Pose2D | None:
-        """Its last pose, arena frame."""
-        return None if self.state is None else self.state.pose
+        """Its last pose, arena frame; before the run begins, its start."""
+        return self.start if self.state is None else self.state.pose
 
     @property
     def halted(self) -> bool:
@@ -103,6 +107,8 @@ class RobotView:
         """Its contact at `now_s`."""
         if self.present is False:
             return Contact.LOST
+        if self.start is not None:
+            return Contact.UP
         if self.heard_s is not None and now_s - self.heard_s <= SILENT_AFTER_S:
             return Contact.UP
         return Contact.SILENT if self.present else Contact.LOST
@@ -112,6 +118,8 @@ class RobotView:
         contact = self.contact(now_s)
         if contact is not Contact.UP:
             return Condition(contact.value)
+        if self.start is not None:
+            return Condition.READY
         if self.halted:
             return Condition.HALTED
         if self.state is not None and self.state.faulted:
@@ -137,7 +145,7 @@ class RobotView:
         self.events.clear()
         self.history = RobotHistory()
         self.path, self.links = [], []
-        self.scan = self.truth = self.summary = None
+        self.scan = self.truth = self.summary = self.start = None
 
 
 @dataclass

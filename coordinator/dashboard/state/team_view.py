@@ -3,18 +3,21 @@
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from robrain.coordinator.dashboard.state.robot_view import MoteView, RecorderView, RobotView
 from robrain.coordinator.dashboard.state.task_board import TaskBoard
-from robrain.coordinator.drawing.map_view import FAR_M, MapView
+from robrain.coordinator.drawing.drawn_floor import DrawnFloor
+from robrain.coordinator.drawing.map_view import FAR_M, MapView, checked_geometry
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, Scan
+from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
 from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_patch import cells_of
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
@@ -70,6 +73,14 @@ class RateMeter:
         return (last - first) / (last_s - first_s)
 
 
+class FloorVersion(NamedTuple):
+    """Changes with everything that the drawn floor shows."""
+
+    run: int
+    map: int
+    is_plan: bool
+
+
 class TeamView:
     """The state of the team according to its messages.
 
@@ -88,6 +99,9 @@ class TeamView:
         self.map = MapView()
         self.team: TeamState | None = None
         self.truth: ArenaTruth | None = None
+        self.preparation: ArenaPreparation | None = None
+        """Set while a lockstep run waits for its navigation to be compiled; None once it has begun."""
+        self._plan: DrawnFloor | None = None
         self.halt: Halt | None = None
         self.sim_time_s: float | None = None
         self.connected = True
@@ -134,6 +148,7 @@ class TeamView:
             topics.ARENA_SCAN: self._take_scan,
             topics.ARENA_CLOCK: self._take_clock,
             topics.ARENA_TRUTH: self._take_truth,
+            topics.ARENA_PREPARATION: self._take_preparation,
         }
         self.topics = tuple(takers)
         """The topics that `apply` understands."""
@@ -159,6 +174,23 @@ class TeamView:
     def count_messages(self, total: int, now_s: float) -> None:
         """Set the number of messages that have arrived since the start."""
         self._traffic.add(now_s, total)
+
+    @property
+    def floor(self) -> DrawnFloor | None:
+        """The floor to draw: the team's map, or before the run begins the floor plan; None if neither is known."""
+        return self.map.floor if self._plan is None else self._plan
+
+    @property
+    def floor_geometry(self) -> GridGeometry | None:
+        """The grid of that floor."""
+        if self._plan is not None:
+            return self._plan.geometry
+        return None if self.map.grid is None else self.map.grid.geometry
+
+    @property
+    def floor_version(self) -> FloorVersion:
+        """What the drawn floor shows."""
+        return FloorVersion(self.runs, self.map.version, self._plan is not None)
 
     @property
     def explored_fraction(self) -> float | None:
@@ -292,7 +324,26 @@ class TeamView:
             self.explored = self.explored[::2]
             self._explored_step_s *= 2
 
+    def _take_preparation(self, preparation: ArenaPreparation, names: Names, now_s: float) -> None:
+        if self.sim_time_s is not None:
+            return
+        truth = preparation.truth
+        places: list[Point2D | Pose2D] = [robot.pose for robot in truth.robots]
+        for place in places + [mote.place for mote in truth.motes]:
+            _check_place(place)
+        if self._plan is None:
+            self._plan = _plan_of(preparation.floor)
+        self.preparation = preparation
+        for robot in truth.robots:
+            self._robot(robot.robot).start = robot.pose
+        for mote in truth.motes:
+            self._mote(mote.mote).place = mote.place
+
     def _set_time(self, sim_time_s: float, now_s: float) -> None:
+        if self.preparation is not None:
+            self.preparation = self._plan = None
+            for robot in self.robots.values():
+                robot.start = None
         if self.sim_time_s is not None and sim_time_s < self.sim_time_s - RESTART_S:
             self._forget_run()
         self.sim_time_s = max(sim_time_s, self.sim_time_s or 0.0)
@@ -324,6 +375,14 @@ class TeamView:
         if mote is None:
             mote = self.motes[name] = MoteView(name)
         return mote
+
+
+def _plan_of(patch: MapPatch) -> DrawnFloor:
+    """A floor plan (ValueError if its cells do not fill its grid)."""
+    geometry, cells = checked_geometry(patch), cells_of(patch)
+    if cells.shape != geometry.shape:
+        raise ValueError(f"expected a plan of {geometry.shape} cells, got {cells.shape}")
+    return DrawnFloor(geometry, cells)
 
 
 def _check_place(place: Point2D | Pose2D | None) -> None:

@@ -185,7 +185,7 @@ class PoseFilter:
             slot,
             sample.place.x_m,
             sample.place.y_m,
-            sample.rssi_dbm,
+            float(sample.rssi_dbm),  # a whole number would be compiled for anew
             self.path_loss.rssi_at_1_m_dbm,
             self.path_loss.db_per_e_fold,
             self.path_loss.fading_db**2 + map_db2,

@@ -27,6 +27,10 @@ class CalmCollector:
         gc.collect()
         gc.freeze()
 
+    def settle(self) -> None:
+        """Leave alone what has been built since as well."""
+        gc.freeze()
+
     def release(self) -> None:
         """Have the collector as it was, once nobody holds another; calling it again does nothing."""
         if not self._is_held:

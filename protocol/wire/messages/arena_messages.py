@@ -8,6 +8,7 @@ from msgspec import Meta
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.ranges import Count, Joules, Length, Metres, Name, Radians, Seconds, Share, Text
+from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.message import Message
 
 Ranges = Annotated[list[Annotated[int, Meta(ge=0, le=10_000_000)]], Meta(max_length=100_000)]
@@ -65,6 +66,21 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     """Share of the reachable floor that the team's maps know."""
     map_accuracy: MapAccuracy | None = None
     """Accuracy of the team's map; null if it was not judged yet."""
+
+
+class ArenaPreparation(Message, frozen=True, kw_only=True):
+    """The arena before the first step of a lockstep run, while its navigation is compiled; for viewers only."""
+
+    parts_ready: Count
+    """Number of compiled parts."""
+    parts: Count
+    """Number of all parts."""
+    left_s: Seconds | None = None
+    """Estimated time until the run begins, wall clock; null if it is not known yet."""
+    floor: MapPatch
+    """The floor plan on the grid of the team's map: free and occupied cells. The robots do not know it."""
+    truth: ArenaTruth
+    """Robots and motes at their places."""
 
 
 class OutsideInput(Message, frozen=True, kw_only=True):

@@ -233,7 +233,7 @@ def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8
         raise ValueError(
             f"{patch.robot}: expected a patch at most {OUTSIDE_MAX} cells outside the grid, got one at {at}"
         )
-    cells = patch.derived(_cells_of)
+    cells = patch.derived(cells_of)
     if not patch.tiles_ms:
         return cells, patch.observed_ms
     rows, columns = -(-patch.rows // TILE_CELLS), -(-patch.columns // TILE_CELLS)
@@ -243,7 +243,7 @@ def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8
     return cells, stamps_ms
 
 
-def _cells_of(message: MapPatch) -> NDArray[np.int8]:
+def cells_of(message: MapPatch) -> NDArray[np.int8]:
     """The cells of a patch, int8 (rows, columns). Raises ValueError."""
     size = message.rows * message.columns
     if not 0 < size <= MAX_CELLS:

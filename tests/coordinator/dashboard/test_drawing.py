@@ -19,7 +19,7 @@ from robrain.coordinator.dashboard.scene.merged_meshes import copies
 from robrain.coordinator.dashboard.scene.scene_nodes import plain, to_linear
 from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.team_view import RateMeter
-from robrain.coordinator.drawing.map_view import cover_with_boxes
+from robrain.coordinator.drawing.drawn_floor import cover_with_boxes
 from robrain.coordinator.drawing.palette import look_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.messages.arena_messages import Scan

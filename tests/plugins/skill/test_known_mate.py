@@ -151,9 +151,24 @@ def test_whoever_is_near_is_among_those_who_are_looked_at(
         assert may_be_near([mate.known], place, within_m) == [mate.known]
 
 
-def test_who_is_and_stays_beyond_reach_is_not_looked_at() -> None:
+@pytest.mark.parametrize(("from_x_m", "to_x_m"), [(0.0, 4.0), (4.0, 0.0)])
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "is_looked_at"),
+    [
+        (-1.9, 1.0, True),
+        (-2.2, 1.0, False),
+        (5.9, 1.0, True),
+        (6.2, 1.0, False),
+        (2.0, -0.9, True),
+        (2.0, -1.2, False),
+        (2.0, 2.9, True),
+        (2.0, 3.2, False),
+    ],
+)
+def test_who_is_and_is_bound_beyond_reach_is_not_looked_at(
+    from_x_m: float, to_x_m: float, x_m: float, y_m: float, *, is_looked_at: bool
+) -> None:
     mate = Watched()
-    mate.path(0, (0.0, 0.0), (4.0, 3.0))
-    mate.state(0.0, 0)
-    for place, is_looked_at in (((-1.0, 0.0), True), ((-3.2, 0.0), False), ((4.0, 4.9), True), ((4.0, 5.1), False)):
-        assert bool(may_be_near([mate.known], Point2D(*place), 2.0)) is is_looked_at
+    mate.path(0, (from_x_m, 1.0), (to_x_m, 1.0))
+    mate.state(from_x_m, 0, 1.0)
+    assert bool(may_be_near([mate.known], Point2D(x_m, y_m), 2.0)) is is_looked_at

@@ -255,6 +255,32 @@ EXAMPLES = [
         ranges_mm=[0, 1500, 8000],
     ),
     arena_messages.ArenaClock(**STAMP, sim_time_s=1.5),
+    arena_messages.ArenaPreparation(
+        **STAMP,
+        parts_ready=3,
+        parts=16,
+        left_s=12.5,
+        floor=map_messages.MapPatch(
+            robot="arena",
+            resolution_m=0.125,
+            origin_x_m=-0.5,
+            origin_y_m=0.25,
+            width=4,
+            height=2,
+            rows=1,
+            columns=3,
+            cells=bytes([0, 1, 255]),
+        ),
+        truth=arena_messages.ArenaTruth(
+            sim_time_s=0.0,
+            robots=[
+                arena_messages.RobotTruth(
+                    robot="r1", pose=Pose2D(1.0, 2.0, 0.5), collisions=0, distance_m=0.0, energy_j=0.0
+                )
+            ],
+            motes=[arena_messages.MoteTruth(mote="m3", place=Point2D(5.0, -2.0))],
+        ),
+    ),
     arena_messages.ArenaTruth(
         **STAMP,
         sim_time_s=1.5,

@@ -1,0 +1,61 @@
+"""`python -m robrain.deploy.run.compile_worker`: compiles parts of the kernels, started by `KernelCompiler`.
+
+It reads names of parts from stdin, a line each, and writes a name to stdout when its part is compiled and stored in
+numba's cache. At the end of stdin it exits, after the kernel that is being compiled is stored.
+"""
+
+import os
+import signal
+import sys
+import threading
+from queue import SimpleQueue
+
+from robrain.deploy.processes.native_threads import limit_native_threads
+
+NICENESS = 5
+"""A third of the share of the run and its page, where they compete for a core."""
+
+
+def main() -> None:
+    """Compile until stdin ends."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # its parent ends it
+    os.nice(NICENESS)
+    limit_native_threads()
+    asked: SimpleQueue[str] = SimpleQueue()
+    threading.Thread(target=_read, args=(asked,), daemon=True).start()
+    # Here: it takes a second, and this process must end with its parent from the beginning.
+    from numba.core import event
+
+    from robrain.deploy.run.kernels import COMPILING, PARTS
+
+    class StopBetween(event.Listener):
+        """Ends the process between two kernels, so that no file of the cache is left half-written."""
+
+        def on_start(self, event: event.Event) -> None:
+            """A kernel is to be compiled."""
+
+        def on_end(self, event: event.Event) -> None:
+            """A kernel is compiled and stored."""
+            if _stopping.is_set():
+                os._exit(0)
+
+    event.register(COMPILING, StopBetween())  # type: ignore[no-untyped-call] # numba has no types here
+    while name := asked.get():
+        PARTS[name].warm_up()
+        sys.stdout.write(f"{name}\n")
+        sys.stdout.flush()
+
+
+_stopping = threading.Event()
+
+
+def _read(asked: "SimpleQueue[str]") -> None:
+    for line in sys.stdin:
+        asked.put(line.strip())
+    _stopping.set()
+    asked.put("")
+
+
+if __name__ == "__main__":
+    main()

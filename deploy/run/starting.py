@@ -1,0 +1,46 @@
+"""The start of `robrain run` and `robrain demo`: the page loads in its own process beside the simulation."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from robrain.deploy.processes.children import Children
+from robrain.deploy.processes.dashboard_process import begin_dashboard
+from robrain.deploy.run.run_options import RunOptions, Watched
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.session import listening_at, open_lockstep_session
+
+if TYPE_CHECKING:  # brings the simulation, which is loaded once the page's process has started
+    from robrain.sim.lockstep.result import RunResult
+    from robrain.sim.scenarios.scenario import Scenario
+
+
+def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResult":
+    """Run a scenario as its options say.
+
+    Args:
+        choose: loads the scenario.
+        options: of the command line.
+
+    Raises:
+        RobrainError: an option or the scenario is wrong, in words.
+
+    """
+    with Children() as children:
+        watched = _begin_page(children, options.port) if options.dashboard else None
+        try:
+            # Here: it takes seconds, in which the page's process loads as well.
+            from robrain.deploy.run.running import run_scenario
+
+            return run_scenario(choose(), options, children, watched)
+        finally:
+            if watched is not None and not watched.session.is_closed():
+                watched.session.close()
+
+
+def _begin_page(children: Children, port: int | None) -> Watched:
+    session = open_lockstep_session("tcp/127.0.0.1:0")
+    try:
+        return Watched(session, begin_dashboard(children, listening_at(session)[0], DEFAULT_TEAM, port))
+    except BaseException:
+        session.close()
+        raise

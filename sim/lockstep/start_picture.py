@@ -1,0 +1,61 @@
+"""What viewers see before the first step of a lockstep run: the floor plan, and robots and motes at their places."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, PatchCells
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.messages.arena_messages import ArenaPreparation, ArenaTruth
+from robrain.protocol.wire.messages.map_patch import to_message
+from robrain.protocol.wire.topics import ARENA_PREPARATION
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.wall_shapes import touchable_cells
+from robrain.sim.world.referee import team_geometry
+
+WHO = "arena"
+
+
+class StartPicture:
+    """Publishes the picture. Nothing of the run hears it, and it is not recorded, so it changes no digest.
+
+    Args:
+        endpoint: where it is published; it stays the caller's.
+        plan: the floor.
+        truth: where robots and motes are.
+
+    """
+
+    def __init__(self, endpoint: Endpoint, plan: FloorPlan, truth: ArenaTruth) -> None:
+        self._publisher = endpoint.publisher(ARENA_PREPARATION)
+        cells = PatchCells(0, 0, floor_classes(plan), 0)
+        self._blank = ArenaPreparation(
+            parts_ready=0, parts=0, floor=to_message(WHO, team_geometry(plan), cells), truth=truth
+        )
+
+    def show(self, parts_ready: int, parts: int, left_s: float | None) -> None:
+        """Publish the picture, with the number of compiled parts, that of all parts, and the time left."""
+        blank = self._blank
+        self._publisher.put(
+            ArenaPreparation(parts_ready=parts_ready, parts=parts, left_s=left_s, floor=blank.floor, truth=blank.truth)
+        )
+
+    def close(self) -> None:
+        """Publish it no more."""
+        self._publisher.close()
+
+
+def floor_classes(plan: FloorPlan) -> NDArray[np.int8]:
+    """The plan on the grid of the team's map: int8 (height, width), row 0 at the lowest y.
+
+    A cell is occupied if it has a part of a wall's surface, and unknown inside walls and outside the plan.
+    """
+    geometry = team_geometry(plan)
+    classes = np.full(geometry.shape, UNKNOWN, np.int8)
+    for mask, value in ((~plan.occupied, FREE), (touchable_cells(plan.occupied), OCCUPIED)):
+        rows, columns = np.nonzero(mask)
+        x_m = plan.origin_x_m + (columns + 0.5) * plan.resolution_m
+        y_m = plan.origin_y_m + (rows + 0.5) * plan.resolution_m
+        row = ((y_m - geometry.origin_y_m) / geometry.resolution_m).astype(np.int64)
+        column = ((x_m - geometry.origin_x_m) / geometry.resolution_m).astype(np.int64)
+        classes[row, column] = value
+    return classes

@@ -1,0 +1,79 @@
+"""What viewers see of a lockstep run before its first step."""
+
+import numpy as np
+
+from robrain import Scenario
+from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.messages.map_patch import cells_of, geometry_of
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ARENA_PREPARATION
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.lockstep.start_picture import floor_classes
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.world.referee import EDGE_CELLS
+from tests.waiting import until
+
+SMALL = Scenario.builtin("arena_small").replace(robots=2)
+
+
+def test_floor_has_the_surfaces_of_walls_and_says_nothing_of_what_is_inside() -> None:
+    occupied = np.zeros((10, 10), np.bool_)
+    occupied[:, 4:] = True
+    classes = floor_classes(FloorPlan(occupied, 0.1, 0.0, 0.0, "half"))
+    inner = classes[EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS:-EDGE_CELLS]
+    assert inner.shape == (10, 10)
+    assert (inner[:, :4] == FREE).all()
+    assert (inner[:, 4] == OCCUPIED).all()
+    assert (inner[:, 5:] == UNKNOWN).all()
+    assert (classes[:EDGE_CELLS] == UNKNOWN).all()
+
+
+def test_finer_plan_keeps_its_thin_walls() -> None:
+    occupied = np.zeros((8, 8), np.bool_)
+    occupied[:, 3] = True
+    classes = floor_classes(FloorPlan(occupied, 0.025, 0.0, 0.0, "fine"))
+    assert (classes[EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS] == OCCUPIED).all()
+
+
+def test_others_see_robots_and_floor_before_the_first_tick_and_the_digest_stays() -> None:
+    digests = []
+    for is_shown in (False, True):
+        run = LockstepRun(SMALL.world(), listen="tcp/127.0.0.1:0")
+        try:
+            if is_shown:
+                _watch(run)
+            for _ in range(25):
+                run.tick()
+            assert run.outside == 0
+            digests.append(run.digest)
+        finally:
+            run.close()
+    assert digests[0] == digests[1]
+
+
+def _watch(run: LockstepRun) -> None:
+    session = open_session(connect=run.listening_at)
+    viewer, inbox = Endpoint(session, DEFAULT_TEAM, WallClock(), Drive.LIVE), Inbox()
+    try:
+        viewer.subscribe(inbox, ARENA_PREPARATION)
+        picture = run.start_picture()
+
+        def is_there() -> bool:
+            picture.show(2, 16, 7.5)
+            return inbox.has_some
+
+        until(is_there, "no picture has come")
+        picture.close()
+        seen = inbox.drain()[-1].message
+    finally:
+        viewer.close()
+        session.close()
+    assert (seen.parts_ready, seen.parts, seen.left_s) == (2, 16, 7.5)
+    assert [robot.robot for robot in seen.truth.robots] == ["r1", "r2"]
+    assert seen.truth.robots[0].pose == run.truth.robots[0].pose
+    assert np.array_equal(cells_of(seen.floor), floor_classes(run.world.plan))
+    assert geometry_of(seen.floor).shape == floor_classes(run.world.plan).shape
