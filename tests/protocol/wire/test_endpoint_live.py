@@ -7,7 +7,7 @@ import time
 import pytest
 import zenoh
 
-from robrain.protocol.wire import endpoint as endpoint_module
+from robrain.protocol.wire import declared_keys
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
@@ -105,7 +105,7 @@ def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(
 
 @pytest.mark.parametrize("room", [0, 1])
 def test_keys_beyond_those_that_are_declared_are_asked_all_the_same(team, monkeypatch, room):
-    monkeypatch.setattr(endpoint_module, "DECLARED_KEYS", room)
+    monkeypatch.setattr(declared_keys, "DECLARED_KEYS", room)
     team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
     team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r2")
     asker = team.join()
