@@ -28,7 +28,9 @@ class CompileProgress(NamedTuple):
 
 
 class KernelCompiler:
-    """Compiles parts of the kernels, as many at a time as there are processes. Use it in a `with` block.
+    """Compiles parts of the kernels in processes: first what a run needs at its start. Use it in a `with` block.
+
+    What is needed later is left to one of the processes, for by then the run wants the processors.
 
     Its owner calls `step` several times a second. The processes end with it in every case: they read from a pipe, which
     closes with this process.
@@ -102,7 +104,7 @@ class KernelCompiler:
         self.close()
 
     def _give(self, worker: "_Worker") -> None:
-        if self._waiting:
+        if self._waiting and (self._waiting[0] in self._at_start or worker is self._workers[0]):
             worker.ask(self._waiting.popleft())
         else:
             worker.let_go()
