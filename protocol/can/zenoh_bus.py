@@ -227,7 +227,8 @@ class ZenohBus(can.BusABC):
             with self._sending:
                 if self._is_shutdown:
                     raise self._shut_down()
-                self._publisher.put(payload)
+                if self._exchange is None or not self._exchange.is_alone:
+                    self._publisher.put(payload)
         except zenoh.ZError as error:
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
         if self._segment is not None and self._exchange is not None:

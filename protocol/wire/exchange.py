@@ -69,6 +69,8 @@ class Exchange:
         self._subscriptions: list[Subscription] = []
         self.routes: dict[str, Route] = {}
         """What takes a key, for those that were delivered to."""
+        self.is_alone = False
+        """Whether no other process can ever hear or say anything here, so that puts need not go through Zenoh."""
 
     @classmethod
     def of(cls, session: zenoh.Session) -> "Exchange":

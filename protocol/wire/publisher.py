@@ -36,7 +36,7 @@ class Publisher:
         self._exchange = exchange
         self._declare = declare
         self._declared: Any = declare() if exchange is None else None
-        """In lockstep declared with the first put: most events of most robots never happen."""
+        """In lockstep declared with the first put that others may hear: most events of most robots never happen."""
         self._clock = clock
         self._forget = forget
         self._seq = 0
@@ -55,19 +55,17 @@ class Publisher:
         if len(encoded) > self.topic.payloads.max_bytes:
             raise ValueError(self.topic.payloads.too_large(len(encoded)))
         self._seq += 1
-        if self._declared is None:
-            self._declared = self._declare()
-        self._declared.put(encoded)
-        if self._exchange is not None:
-            self._exchange.deliver(self.topic, self.key, encoded)
+        self.put_bytes(encoded)
 
     def put_bytes(self, payload: bytes) -> None:
         """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""
-        if self._declared is None:
-            self._declared = self._declare()
-        self._declared.put(payload)
-        if self._exchange is not None:
-            self._exchange.deliver(self.topic, self.key, payload)
+        exchange = self._exchange
+        if exchange is None or not exchange.is_alone:
+            if self._declared is None:
+                self._declared = self._declare()
+            self._declared.put(payload)
+        if exchange is not None:
+            exchange.deliver(self.topic, self.key, payload)
 
     def close(self) -> None:
         """Undeclare it before its endpoint closes; late joiners get nothing of it any more."""

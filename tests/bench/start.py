@@ -1,8 +1,8 @@
 """How long it takes to set up a run, and from the start of `robrain demo` until its page shows floor and robots.
 
-In a fresh clone of the repository, first without byte code and compiled kernels, then with all of both. The browser is up and
-opens the address as soon as the demo prints it. A picture counts when the scene has the colours of free floor and of
-robots, by the browser's own screenshot.
+In a fresh clone of the repository, first without byte code and compiled kernels, then with all of both. The browser is
+up and opens the address as soon as the demo prints it. A picture counts when the scene has the colours of free floor
+and of robots, by the browser's own screenshot.
 """
 
 import os
