@@ -228,9 +228,9 @@ def _submaps() -> None:
     patch = own.take_patch()
     if patch is not None:
         atlas = SubmapAtlas(GEOMETRY)
-        for stamp_ms in (patch.stamp_ms, patch.stamp_ms + 1):  # as a new submap, and as one that is known
-            atlas.take(("r", 1), patch.row, patch.column, patch.cells, stamp_ms)
-            atlas.move(("r", 1), SENSOR)
+        for number, place in enumerate((IDENTITY, Pose2D(0.1, 0.0, 0.0), Pose2D(0.4, 0.4, 0.1))):  # shifted, turned
+            atlas.move(("r", 1), place)
+            atlas.take(("r", 1), patch.row, patch.column, patch.cells, patch.stamp_ms + number)
         OccupancyGrid(GEOMETRY).merge_patch(patch.row, patch.column, patch.cells, patch.stamp_ms)
 
 

@@ -55,17 +55,24 @@ class Publisher:
         if len(encoded) > self.topic.payloads.max_bytes:
             raise ValueError(self.topic.payloads.too_large(len(encoded)))
         self._seq += 1
-        self.put_bytes(encoded)
+        exchange = self._exchange
+        if exchange is None or not exchange.is_alone:
+            self._put_outside(encoded)
+        if exchange is not None:
+            exchange.deliver(self.topic, self.key, encoded)
 
     def put_bytes(self, payload: bytes) -> None:
         """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""
         exchange = self._exchange
         if exchange is None or not exchange.is_alone:
-            if self._declared is None:
-                self._declared = self._declare()
-            self._declared.put(payload)
+            self._put_outside(payload)
         if exchange is not None:
             exchange.deliver(self.topic, self.key, payload)
+
+    def _put_outside(self, payload: bytes) -> None:
+        if self._declared is None:
+            self._declared = self._declare()
+        self._declared.put(payload)
 
     def close(self) -> None:
         """Undeclare it before its endpoint closes; late joiners get nothing of it any more."""

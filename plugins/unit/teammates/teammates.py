@@ -50,6 +50,10 @@ LOST_MARGIN_M = 0.5
 """Kept from a mate that does not know where it is, beyond its radius; chosen."""
 
 
+Box = tuple[float, float, float, float]
+"""Least x and y, greatest x and y."""
+
+
 class KnownMate:
     """What one other robot has told of its state and its path.
 
@@ -74,8 +78,8 @@ class KnownMate:
         """The last with a pose."""
         self.way: Floats | None = None
         """(N, 2) positions of the path that it drives; None if it has none."""
-        self.box: tuple[float, float, float, float] | None = None
-        """Around the whole path: least x and y, greatest x and y."""
+        self.box: Box | None = None
+        """Around the whole path."""
         self.passed = 0
         """The position of it that it has passed."""
         self.bound: Point2D | None = None
@@ -120,7 +124,7 @@ def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> No
         if known.held_at_m is not None or not has_way_left:
             known.moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
         if path.points:
-            known.way, known.box, known.bound = path.derived(_positions), path.derived(_box), path.points[-1]
+            (known.way, known.box), known.bound = path.derived(_way_of), path.points[-1]
         else:
             known.way = known.box = known.bound = None
         known.passed = 0
@@ -131,15 +135,10 @@ def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> No
         known.mate = None
 
 
-def _positions(path: PlannedPath) -> Floats:
-    """(N, 2) positions along a path that is not empty."""
-    return sample_way(np.array([(point.x_m, point.y_m) for point in path.points]), LONGEST_M)
-
-
-def _box(path: PlannedPath) -> tuple[float, float, float, float]:
-    """Least x and y, greatest x and y of a path that is not empty."""
+def _way_of(path: PlannedPath) -> tuple[Floats, Box]:
+    """(N, 2) positions along a path that is not empty, and the box around it."""
     xs, ys = [point.x_m for point in path.points], [point.y_m for point in path.points]
-    return min(xs), min(ys), max(xs), max(ys)
+    return sample_way(np.array([*zip(xs, ys, strict=True)]), LONGEST_M), (min(xs), min(ys), max(xs), max(ys))
 
 
 def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:

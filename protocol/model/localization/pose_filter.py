@@ -115,7 +115,7 @@ class PoseFilter:
     def pose(self) -> Pose2D:
         """The estimate of T_arena_robot."""
         x_m, y_m, yaw_rad = self._mean[:3].tolist()
-        return Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad))
+        return Pose2D(x_m, y_m, yaw_rad if -math.pi < yaw_rad <= math.pi else wrap_angle_rad(yaw_rad))
 
     @property
     def mean(self) -> Floats:

@@ -98,15 +98,19 @@ class SubmapAtlas:
         """Take what a patch, which `check` has checked, makes of `shaped(key)`; returns as `take`."""
         if step.is_newest:
             return self.take_steps([(key, step)])
-        submap = self._become(key, step)
+        submap = self._begun(key)
+        self._size += step.evidence.nbytes - submap.evidence.nbytes
+        submap.become(step)
         return self._redraw_counted(self._moved(submap.T_arena_local, step.box)) if submap.frame == self.frame else 0
 
     def take_steps(self, steps: Sequence[tuple[SubmapKey, SubmapStep]]) -> int:
         """As `take_step` for one after the other, all of them newest: drawn by one kernel."""
         begins, firsts, places, at, stamps_ms, cells = [0], [], [], [], [], []
+        submaps = self.submaps
         for key, step in steps:
-            submap = self._become(key, step)
-            told = step.told
+            submap, told = submaps.get(key) or self._begun(key), step.told
+            self._size += step.evidence.nbytes - submap.evidence.nbytes
+            submap.become(step)
             if submap.frame == self.frame and len(told.at):
                 place = self._places.get(key)
                 here, first = submap.T_arena_local, (step.row, step.column)
@@ -136,13 +140,12 @@ class SubmapAtlas:
         grid.count_drawn(changed, discovered)
         return int(changed)
 
-    def _become(self, key: SubmapKey, step: SubmapStep) -> Submap:
+    def _begun(self, key: SubmapKey) -> Submap:
+        """The submap, which is there from now on."""
         submap = self.submaps.get(key)
         if submap is None:
             submap = self.submaps[key] = self.shaped(key)
             self._poses.pop(key, None)
-        self._size += step.evidence.nbytes - submap.evidence.nbytes
-        submap.become(step)
         return submap
 
     def _place(self, submap: Submap) -> SubmapPlace:
