@@ -2,8 +2,8 @@
 
 A change is one transaction. It is in the file when it returns and survives the end of the process at any instant, but a
 power cut may take the last ones back (`synchronous=NORMAL`; https://sqlite.org/pragma.html#pragma_synchronous), from
-where the robots' own word makes them good. Whoever promises that a task is kept, as the answer to a submission does,
-waits for `when_on_disk`, beside the coordinator's loop. Measured on an ext4 disk: a commit takes 0.01 ms, and 4 to 6 ms
+where the states of the robots restore them. The answer to a submission promises that the task is kept, so it waits for
+`when_on_disk`, beside the coordinator's loop. Measured on an ext4 disk: a commit takes 0.01 ms, and 4 to 6 ms
 if it waits for the disk, but 0.1 to 0.5 s one time in a hundred while others write there. Epochs are set aside on the
 disk by the thousand before the first of them is used (`FULL`), so that no power cut gives one out twice.
 

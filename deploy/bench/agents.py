@@ -8,10 +8,9 @@ The age of a state is measured from its stamp to the stamp of the coordinator's 
 everything in between counts: the hub, the coordinator's queue and its own step. So that the summary tells which state
 it speaks of, the state of charge carries the time: its share of `CYCLE_S`.
 
-The growth of the memory is the trend of the minutes' medians after `WARM_UP_S`, when everything that is done
-periodically has been done once. The allocator lets the process go up and down by some megabytes within a minute, and
-when all robots are asked anew for their plugins, a minute after they came, it goes up by five and stays there. A leak
-shows in the trend in full.
+Growth of memory is the slope of the minutes' medians after `WARM_UP_S`. By then everything periodic has happened once:
+a minute after the start all robots are asked for their plugins again, which takes about five megabytes, once. Within a
+minute the allocator varies by some megabytes. A leak shows in the slope in full.
 """
 
 import multiprocessing

@@ -99,7 +99,7 @@ def responses(
 def agents(
     robots: Annotated[int, typer.Option(help="Number of agents.")] = 1000,
     minutes: Annotated[
-        float, typer.Option(help="Duration of the measurement; the growth of memory is told from 5 minutes on.")
+        float, typer.Option(help="Duration of the measurement; growth of memory is measured from 5 minutes on.")
     ] = 10.0,
     as_json: JsonOption = False,
 ) -> None:

@@ -12,7 +12,7 @@ NOTHING = b"null"
 """An empty reply: JSON null."""
 
 Sample = tuple[Heard, str, bytes, list[Received] | None]
-"""Topic, key, payload, and what the payload decodes to, once somebody has read it; None if no other inbox has it."""
+"""Topic, key, payload, and a list for the decoded message, which the first reader fills; None without other inboxes."""
 
 
 class Inbox:

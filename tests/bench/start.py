@@ -60,7 +60,7 @@ def measure() -> Iterator[Figure]:
             yield timing(f"{words} start: first picture", times.picture_s, "s", at_most(bound_s))
             yield timing(f"{words} start: address of the page", times.address_s, "s")
             yield timing(f"{words} start: robots move", times.moving_s, "s")
-            # The first demo was ended as soon as robots moved; one that is watched compiles the rest meanwhile.
+            # The demo was stopped when robots moved, so some kernels are missing that a longer demo would compile.
             subprocess.run([sys.executable, "-c", REST], check=True, cwd=clone)
 
 
@@ -81,7 +81,7 @@ def first_picture(browser: Browser, clone: Path) -> Times:
             url = address_of(process)
             address_s = time.monotonic() - begun_s
             page.goto(f"{url}?fixedDpr=0.5", wait_until="commit")
-            # A screenshot of a page that still loads takes longer than the page does without it.
+            # Screenshots while the page loads would delay it.
             page.get_by_test_id("sim-time").wait_for(timeout=1000.0 * LIMIT_S)
             while not shows_floor_and_robots(page):
                 _check(begun_s, "no picture")
