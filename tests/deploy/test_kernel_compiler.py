@@ -42,6 +42,16 @@ def test_parts_at_the_start_are_compiled_first_and_stored(empty_cache: Path) -> 
     assert not list(empty_cache.rglob("*.tmp.*"))
 
 
+def test_parts_that_are_needed_later_are_left_to_one_process(empty_cache: Path) -> None:
+    later = {name: part for name, part in PARTS.items() if not part.at_start}
+    with KernelCompiler(later, 2) as compiler:
+        first, second = (worker._process for worker in compiler._workers)
+        until(lambda: second.poll() is not None, step=compiler.step)
+        assert second.returncode == 0
+        assert first.poll() is None
+        assert compiler.failure == ""
+
+
 def test_process_that_fails_is_told_and_nobody_waits_for_it(empty_cache: Path) -> None:
     with KernelCompiler({"no such part": Part(PARTS["obstacles"].warm_up, at_start=True)}, 1) as compiler:
         until(lambda: compiler.is_done, step=compiler.step)
