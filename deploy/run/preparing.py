@@ -74,9 +74,8 @@ class Preparing:
             self._closing.callback(self._close_picture)
 
     def _close_picture(self) -> None:
-        """Publish it no more; a session that is closed, as that of a run that could not be set up, does not anyway."""
         picture, self._picture = self._picture, None
-        if picture is not None and self._watched is not None and not self._watched.session.is_closed():
+        if picture is not None:
             picture.close()
 
     def _show(self, progress: CompileProgress) -> None:

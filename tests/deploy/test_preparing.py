@@ -109,13 +109,6 @@ def test_where_everything_is_is_shown_before_the_kernels_are_loaded(
     assert heard == [True]
 
 
-def test_session_that_a_failed_run_has_closed_needs_no_last_picture(clock: Clock) -> None:
-    session = open_lockstep_session("tcp/127.0.0.1:0")
-    with Preparing(_watched(session), quiet=True) as prepared:
-        prepared.begin(SMALL.world())
-        session.close()
-
-
 @pytest.mark.parametrize("quiet", [False, True])
 def test_address_is_told_as_soon_as_the_page_is_served(quiet: bool, capsys: pytest.CaptureFixture[str]) -> None:
     children = NoChildren()
