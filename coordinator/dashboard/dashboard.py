@@ -4,7 +4,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 
@@ -13,13 +13,15 @@ from robrain.coordinator.dashboard.panels.page import ClientPage, set_theme
 from robrain.coordinator.dashboard.panels.page_context import Inquiries, PageContext
 from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
 from robrain.coordinator.dashboard.replay.replay_source import ReplaySource
-from robrain.coordinator.dashboard.replay.what_if import ForkRunner, WhatIfTab
 from robrain.coordinator.dashboard.scene.scene import Scene
 from robrain.coordinator.dashboard.server.asker import Asker
 from robrain.coordinator.dashboard.server.server import close_server, open_server
 from robrain.coordinator.dashboard.state.live_source import LiveSource
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.endpoint import Endpoint
+
+if TYPE_CHECKING:  # loads what compares recordings
+    from robrain.coordinator.dashboard.replay.what_if import ForkRunner, WhatIfTab
 
 logger = logging.getLogger(__name__)
 
@@ -61,7 +63,7 @@ class Dashboard:
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
-        forks: ForkRunner | None = None,
+        forks: "ForkRunner | None" = None,
     ) -> None:
         self._host = host
         self._server = open_server(host, port, has_halt=isinstance(team, Endpoint))
@@ -79,7 +81,10 @@ class Dashboard:
         else:
             self._source = team
             replay = ReplayBar(self._server, team)
-            self._what_if = WhatIfTab(self._server, replay.panel, team, forks) if forks is not None else None
+            if forks is not None:
+                from robrain.coordinator.dashboard.replay import what_if
+
+                self._what_if = what_if.WhatIfTab(self._server, replay.panel, team, forks)
             asker = Asker(None)
         self._context = PageContext(self.view, self._scene, asker, Inquiries(self.view, asker), replay, halt)
         self._pages: dict[int, ClientPage] = {}
@@ -194,7 +199,7 @@ def run_dashboard(
     port: int,
     on_ready: Callable[[str], None],
     should_stop: Callable[[], bool],
-    forks: ForkRunner | None = None,
+    forks: "ForkRunner | None" = None,
 ) -> None:
     """Serve the dashboard until `should_stop`, stepping it ten times a second.
 

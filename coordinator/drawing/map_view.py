@@ -1,15 +1,22 @@
-"""The team's map as it is drawn: patches merged, and made into pictures."""
+"""The team's map as it is drawn: patches merged, and made into pictures.
+
+The kernels that merge them are loaded with the first patch: a page must be seen before.
+"""
+
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from robrain.coordinator.drawing.drawn_floor import DrawnFloor
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import MAX_CELLS, take_message
-from robrain.protocol.wire.messages.shared_patches import geometry_of
+from robrain.protocol.wire.messages.patch_cells import MAX_CELLS, geometry_of
+
+if TYPE_CHECKING:  # loads kernels
+    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+    from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 
 FAR_M = 1e6
 """What lies farther out than this is refused: it cannot be drawn, and would hide what can."""
@@ -19,12 +26,12 @@ _DECODER = msgspec.json.Decoder(MapPatch)
 class MapView:
     """Composes the submaps of all robots to one grid; the geometry is that of the first patch."""
 
-    def __init__(self, atlas: SubmapAtlas | None = None) -> None:
+    def __init__(self, atlas: "SubmapAtlas | None" = None) -> None:
         self.atlas = atlas
         """None before the first patch."""
 
     @property
-    def grid(self) -> OccupancyGrid | None:
+    def grid(self) -> "OccupancyGrid | None":
         """The composed map; None before the first patch. Read-only."""
         return None if self.atlas is None else self.atlas.grid
 
@@ -55,6 +62,9 @@ class MapView:
             ValueError: the patch does not fit its own description or the grid of the patches before, or its grid is
                 so large that it would fill the memory.
         """
+        from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+        from robrain.protocol.wire.messages.map_patch import take_message
+
         atlas = self.atlas
         if atlas is None:
             atlas = SubmapAtlas(checked_geometry(patch))

@@ -33,7 +33,8 @@ from robrain.protocol.wire.reasons.idle import (
 )
 
 if TYPE_CHECKING:
-    from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+    from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
     from robrain.protocol.model.navigation.frontier import Frontier
     from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 

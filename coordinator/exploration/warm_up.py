@@ -4,7 +4,8 @@ import numpy as np
 
 from robrain.coordinator.exploration.assignment import Candidate, Seeker, assign_frontiers
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.navigation.frontier import find_frontiers
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 

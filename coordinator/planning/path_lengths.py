@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE
+from robrain.protocol.model.mapping.grid_geometry import FREE
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.navigation.path_planning import distance_field
 

@@ -27,7 +27,7 @@ from robrain.coordinator.planning.problem_builder import BuiltProblem, ask, grea
 from robrain.coordinator.planning.snapshot import Floor, Member, Snapshot
 from robrain.coordinator.planning.stock_passes import for_ready_robots, plan_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.navigation.clearance import mapped_clearance_m
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective

@@ -14,7 +14,7 @@ from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import RobotReason
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
-    from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+    from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 
 HANDLING_S = 1.0
 """Overhead of every task: to be offered, and to come to a stop. So no task ends when it begins."""

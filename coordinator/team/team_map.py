@@ -74,8 +74,8 @@ class TeamMap:
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
         from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-        from robrain.protocol.wire.messages.map_patch import MAX_CELLS, check_claim, take_message
-        from robrain.protocol.wire.messages.shared_patches import geometry_of
+        from robrain.protocol.wire.messages.map_patch import check_claim, take_message
+        from robrain.protocol.wire.messages.patch_cells import MAX_CELLS, geometry_of
 
         try:
             if now_ns is not None:

@@ -1,7 +1,7 @@
 """The dashboard in a process of its own, beside a run, a team or a replay."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -20,11 +20,15 @@ class StartingPage:
     Args:
         children: owns the process.
         arguments: the command line after `robrain`.
+        on_served: called with the page's address as soon as it is served, on a thread of the child's own.
 
     """
 
-    def __init__(self, children: Children, arguments: Sequence[str]) -> None:
+    def __init__(
+        self, children: Children, arguments: Sequence[str], on_served: Callable[[str], None] | None = None
+    ) -> None:
         self._url = ""
+        self._on_served = on_served
         self._begun_s = time.monotonic()
         self._child = children.start("dashboard", arguments, self._note)
 
@@ -48,14 +52,18 @@ class StartingPage:
     def _note(self, line: str) -> None:
         if line.startswith(READY_PREFIX) and not self._url:
             self._url = line.removeprefix(READY_PREFIX)
+            if self._on_served is not None:
+                self._on_served(self._url)
 
 
-def begin_dashboard(children: Children, endpoint: str, team: str, port: int | None) -> StartingPage:
-    """Start the process; the arguments are those of `start_dashboard`."""
+def begin_dashboard(
+    children: Children, endpoint: str, team: str, port: int | None, on_served: Callable[[str], None] | None = None
+) -> StartingPage:
+    """Start the process; the arguments are those of `start_dashboard` and of `StartingPage`."""
     arguments = ["dashboard", "--connect", endpoint, "--team", team]
     if port is not None:
         arguments += ["--port", str(port)]
-    return StartingPage(children, arguments)
+    return StartingPage(children, arguments, on_served)
 
 
 def start_dashboard(children: Children, endpoint: str, team: str, port: int | None) -> str:

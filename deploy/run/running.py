@@ -12,7 +12,7 @@ from robrain.deploy.run.preparing import Preparing
 from robrain.deploy.run.run_display import run_display, show_result
 from robrain.deploy.run.run_options import RunOptions, Watched
 from robrain.sim.lockstep.result import RunResult
-from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.scenarios.scenario import Progress, Scenario
 
 WATCHING_SPEED = 5.0
 
@@ -37,18 +37,23 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
         raise UsageError(f"--speed {speed:g}: expected 0 (as fast as possible) or more")
     target = until if until is not None else scenario.until_explored
     page = watched.page if watched is not None else None
-    with Preparing(page, quiet=options.quiet) as preparing:
+    with Preparing(watched, quiet=options.quiet) as preparing:
         if not options.quiet:
             say(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
-        preparing.begin()
         with run_display(target, quiet=options.quiet) as display:
+
+            def show(progress: Progress) -> None:
+                display.show(progress)
+                preparing.step()
+
             result = scenario.run(
                 until_explored=until,
                 time_limit_s=options.time_limit_s,
                 speed=speed,
                 record=options.record,
                 session=watched.session if watched is not None else None,
-                on_progress=display.show,
+                on_progress=show,
+                before_set_up=preparing.begin,
                 before_start=preparing.wait,
             )
     if not options.quiet:

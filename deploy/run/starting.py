@@ -4,7 +4,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.dashboard_process import begin_dashboard
+from robrain.deploy.processes.dashboard_process import READY_PREFIX, begin_dashboard
+from robrain.deploy.processes.live_process import tell
 from robrain.deploy.run.run_options import RunOptions, Watched
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
@@ -26,7 +27,7 @@ def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResu
 
     """
     with Children() as children:
-        watched = _begin_page(children, options.port) if options.dashboard else None
+        watched = _begin_page(children, options) if options.dashboard else None
         try:
             # Here: it takes seconds, in which the page's process loads as well.
             from robrain.deploy.run.running import run_scenario
@@ -37,10 +38,14 @@ def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResu
                 watched.session.close()
 
 
-def _begin_page(children: Children, port: int | None) -> Watched:
+def _begin_page(children: Children, options: RunOptions) -> Watched:
+    # Told at once: the browser loads while the run is set up.
+    on_served = None if options.quiet else lambda url: tell(f"{READY_PREFIX}{url}")
     session = open_lockstep_session("tcp/127.0.0.1:0")
     try:
-        return Watched(session, begin_dashboard(children, listening_at(session)[0], DEFAULT_TEAM, port))
+        return Watched(
+            session, begin_dashboard(children, listening_at(session)[0], DEFAULT_TEAM, options.port, on_served)
+        )
     except BaseException:
         session.close()
         raise

@@ -25,8 +25,9 @@ from robrain.protocol.model.localization.scan_match import (
     search_scan,
     without_dropouts,
 )
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.model.navigation.clearance_kernels import clearance_m
 from robrain.protocol.model.navigation.escape import escape_cells

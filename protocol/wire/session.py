@@ -69,6 +69,7 @@ def open_session(
         "listen/endpoints": list(listen),
         "scouting/multicast/enabled": mode == "peer" and not connect and not listen,
         "scouting/gossip/enabled": mode == "peer",
+        **({"scouting/delay": 0} if mode == "router" and not connect else {}),  # half a second, for nobody
         "transport/link/tx/lease": LEASE_MS,
         "transport/shared_memory/enabled": False,
         "adminspace/enabled": mode == "router",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays_of
 from robrain.protocol.model.navigation.range_ring import (
     NO_ECHO_M,

@@ -29,7 +29,6 @@ from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
-from robrain.sim.lockstep.start_picture import StartPicture
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.world import World, manifest_texts
@@ -183,10 +182,6 @@ class LockstepRun:
     def digest(self) -> str:
         """Digest of all that was recorded so far."""
         return self._recorder.digest
-
-    def start_picture(self) -> StartPicture:
-        """What viewers see before the first tick; its caller closes it before that."""
-        return StartPicture(self._watcher, self.world.plan, self.truth)
 
     def follow(self, on_recorded: OnRecorded) -> None:
         """Have a function told of the messages that each tick records, and of those at the end."""

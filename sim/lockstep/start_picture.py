@@ -3,14 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, PatchCells
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.arena_messages import ArenaPreparation, ArenaTruth
+from robrain.protocol.wire.messages.arena_messages import ArenaPreparation, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.messages.map_patch import to_message
 from robrain.protocol.wire.topics import ARENA_PREPARATION
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.wall_shapes import touchable_cells
 from robrain.sim.world.referee import team_geometry
+from robrain.sim.world.world import World
 
 WHO = "arena"
 
@@ -19,18 +21,17 @@ class StartPicture:
     """Publishes the picture. Nothing of the run hears it, and it is not recorded, so it changes no digest.
 
     Args:
-        endpoint: where it is published; it stays the caller's.
-        plan: the floor.
-        truth: where robots and motes are.
+        endpoint: where it is published; closed with the picture.
+        world: whose robots need not be set up yet.
 
     """
 
-    def __init__(self, endpoint: Endpoint, plan: FloorPlan, truth: ArenaTruth) -> None:
+    def __init__(self, endpoint: Endpoint, world: World) -> None:
+        self._endpoint = endpoint
         self._publisher = endpoint.publisher(ARENA_PREPARATION)
-        cells = PatchCells(0, 0, floor_classes(plan), 0)
-        self._blank = ArenaPreparation(
-            parts_ready=0, parts=0, floor=to_message(WHO, team_geometry(plan), cells), truth=truth
-        )
+        cells = PatchCells(0, 0, floor_classes(world.plan), 0)
+        floor = to_message(WHO, team_geometry(world.plan), cells)
+        self._blank = ArenaPreparation(parts_ready=0, parts=0, floor=floor, truth=start_truth(world))
 
     def show(self, parts_ready: int, parts: int, left_s: float | None) -> None:
         """Publish the picture, with the number of compiled parts, that of all parts, and the time left."""
@@ -41,7 +42,20 @@ class StartPicture:
 
     def close(self) -> None:
         """Publish it no more."""
-        self._publisher.close()
+        self._endpoint.close()
+
+
+def start_truth(world: World) -> ArenaTruth:
+    """Where robots and motes are before the first step."""
+    robots = [
+        RobotTruth(robot=robot.name, pose=robot.start, collisions=0, distance_m=0.0, energy_j=0.0)
+        for robot in world.robots
+    ]
+    return ArenaTruth(
+        sim_time_s=0.0,
+        robots=robots,
+        motes=[MoteTruth(mote=mote.name, place=mote.place) for mote in world.motes],
+    )
 
 
 def floor_classes(plan: FloorPlan) -> NDArray[np.int8]:

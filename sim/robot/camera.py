@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.model.numeric.elementary_functions import arctan2
 from robrain.sim.robot.picture_paint import (

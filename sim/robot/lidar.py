@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays_of
 from robrain.protocol.wire.messages.arena_messages import Scan
 from robrain.sim.maps.surfaces import Surfaces

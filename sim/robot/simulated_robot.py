@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.topics import ARENA_SCAN
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec

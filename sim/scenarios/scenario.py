@@ -263,6 +263,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         session: zenoh.Session | None = None,
         on_progress: Callable[[Progress], None] | None = None,
         on_open: Callable[[list[str]], None] | None = None,
+        before_set_up: Callable[[World], None] | None = None,
         before_start: Callable[[LockstepRun], None] | None = None,
     ) -> RunResult:
         """Run the scenario in lockstep, to its end or to Ctrl-C.
@@ -276,6 +277,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             session: an open lockstep session to use instead of one of its own; closed with the run.
             on_progress: called with the progress of the run.
             on_open: called with the endpoints on which other processes may join, before the first tick.
+            before_set_up: called with the world when it is made, before anything of the run is set up.
             before_start: called with the run when it is set up, after `on_open` and before the first tick.
 
         Raises:
@@ -286,6 +288,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         limit_s = self.time_limit_s if time_limit_s is None else time_limit_s
         setup = Pacer(0.0)
         world = self.world()
+        if before_set_up is not None:
+            before_set_up(world)
         with StopOnInterrupt() as interrupt:  # an interrupt during the start would leave resources open
             run = self.replace(until_explored=until, time_limit_s=limit_s).open(
                 world, record=record, listen=listen, session=session, should_stop=lambda: interrupt.requested

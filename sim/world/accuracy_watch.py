@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.localization.pose_accuracy import PoseAccuracyMeter
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox

@@ -10,7 +10,7 @@ import numpy as np
 import pymunk
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth

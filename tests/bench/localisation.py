@@ -23,8 +23,9 @@ from robrain.protocol.model.localization.pose_filter import DriftModel, PoseFilt
 from robrain.protocol.model.localization.pose_mixture import PoseMixture
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.localization.scan_match import beam_ends
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.model.slam.map_overlap import MapMatcher
 from robrain.protocol.model.slam.submap import IDENTITY

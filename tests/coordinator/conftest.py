@@ -14,7 +14,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint

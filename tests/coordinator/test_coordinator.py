@@ -10,7 +10,8 @@ from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, PatchCells
+from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns

@@ -6,7 +6,8 @@ import pytest
 
 from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, GridGeometry, PatchCells
+from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.map_patch import to_message
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer

@@ -15,7 +15,7 @@ from robrain.deploy.log_bench.played_log import play
 from robrain.deploy.log_bench.relations import LOOP_S, read_relations, relations_between, relative_errors
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.localization.odometry import chord, moved_along
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays
 
 CELL_M = 0.05

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.localization import mote_relocalisation
-from robrain.protocol.model.mapping import occupancy_grid, ray_cast
+from robrain.protocol.model.mapping import grid_geometry, occupancy_grid, ray_cast
 from robrain.protocol.model.navigation import clearance_kernels, frontier, path_planning, right_of_way
 from robrain.protocol.model.navigation import navigation_grid as navigation
 from robrain.protocol.model.numeric import small_linear_algebra
@@ -57,7 +57,7 @@ def kernels_of(module: ModuleType) -> set[Dispatcher]:
 
 def use_every_kernel() -> None:
     # Whole numbers for metres, numpy integers for cells, and arrays off the wire, which cannot be written.
-    geometry = occupancy_grid.GridGeometry(1, 0, 0, 12, 10)
+    geometry = grid_geometry.GridGeometry(1, 0, 0, 12, 10)
     grid = occupancy_grid.OccupancyGrid(geometry)
     sensor = Pose2D(5, 5, 0)
     angles_rad = np.frombuffer(np.linspace(-3, 3, 9))
@@ -101,7 +101,7 @@ def use_every_kernel_of_giving_way() -> None:
 
 
 def use_every_kernel_of_mapping(
-    geometry: occupancy_grid.GridGeometry,
+    geometry: grid_geometry.GridGeometry,
     sensor: Pose2D,
     angles_rad: NDArray[np.float64],
     ranges_m: NDArray[np.float64],

@@ -5,11 +5,10 @@ A player gives the state at a moment, but not the history that led to it. The re
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robrain.coordinator.dashboard.state.robot_view import TRAIL_POINTS, Condition
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.coordinator.recording.reader.reading import RecordedMessage
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
@@ -20,6 +19,9 @@ from robrain.protocol.wire.messages.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
+
+if TYPE_CHECKING:  # loads what reads recordings
+    from robrain.coordinator.recording.reader.reading import RecordedMessage
 
 MARKS = 400
 SUMMED = (topics.TASK_EVENT, topics.TASK_DECISION, topics.ROBOT_LOG, topics.ROBOT_EVENT, topics.HALT)
@@ -42,7 +44,7 @@ class Decoder:
     def __init__(self) -> None:
         self._topics: dict[str, tuple[Topic[Any], dict[str, str]] | None] = {}
 
-    def decode(self, recorded: RecordedMessage) -> Received | None:
+    def decode(self, recorded: "RecordedMessage") -> Received | None:
         """One message."""
         key = recorded.topic_key
         if key not in self._topics:
@@ -70,7 +72,9 @@ class ReplayIndex:
         self._samples: dict[str, list[tuple[float, Any]]] = {}
         self._conditions: dict[str, Condition] = {}
 
-    def read(self, messages: Iterable[RecordedMessage], decode: Callable[[RecordedMessage], Received | None]) -> None:
+    def read(
+        self, messages: "Iterable[RecordedMessage]", decode: "Callable[[RecordedMessage], Received | None]"
+    ) -> None:
         """Read all messages of a recording, in order."""
         for recorded in messages:
             found = topics.topic_of(recorded.topic_key)

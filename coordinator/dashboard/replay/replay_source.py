@@ -3,11 +3,13 @@
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robrain.coordinator.dashboard.replay.replay_index import Decoder, Mark, ReplayIndex
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
-from robrain.coordinator.recording.replay.player import Player
+
+if TYPE_CHECKING:  # loads kernels
+    from robrain.coordinator.recording.reader.reading import RecordedMessage
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0)
 
@@ -34,6 +36,10 @@ class ReplaySource:
         speed: float = 1.0,
         start_s: float = 0.0,
     ) -> None:
+        # Here: it loads kernels, for which the page of a live team does not wait.
+        from robrain.coordinator.recording.reader.reading import read_messages
+        from robrain.coordinator.recording.replay.player import Player
+
         self.path = path
         self.player = Player(path)
         self.player.prepare((lambda share: on_progress(0.5 * share)) if on_progress is not None else None)
@@ -120,7 +126,7 @@ class ReplaySource:
         self._take(state, now_s)
         self._index.apply_history(view, self.player.position_s)
 
-    def _take(self, messages: list[RecordedMessage], now_s: float) -> None:
+    def _take(self, messages: "list[RecordedMessage]", now_s: float) -> None:
         self._messages += len(messages)
         for recorded in messages:
             received = self._decoder.decode(recorded)

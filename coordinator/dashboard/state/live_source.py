@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import zenoh
 
+from robrain.coordinator.dashboard.state.map_loading import MapLoading
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Endpoint
@@ -29,6 +30,7 @@ class LiveSource:
         self._inbox = Inbox(INBOX)
         self._guard = RecordGuard(endpoint.refusals)
         self._fetcher = MapFetcher(endpoint, self._inbox)
+        self._loading = MapLoading()
         self._dropped = 0
         self._had_router = False
         self._linked_s: float | None = None
@@ -46,18 +48,23 @@ class LiveSource:
         self._coordinator.changes()
         self.view.coordinator_up = bool(self._coordinator.present)
         runs = self.view.runs
-        self._guard.messages(self._inbox.drain(), lambda received: self.view.apply(received, now_s))
+        arrived = self._loading.let_through(self._inbox.drain())
+        self._guard.messages(arrived, lambda received: self.view.apply(received, now_s))
         self.view.refused = self._endpoint.refusals.counts()
         self.view.count_messages(self._inbox.received, now_s)
-        if self._inbox.dropped > self._dropped or self.view.runs > runs:
+        if self.view.runs > runs:
+            self._loading.forget()
+        dropped = self._inbox.dropped + self._loading.dropped
+        if dropped > self._dropped or self.view.runs > runs:
             # Patches may have been among those dropped, or have belonged to the run before.
-            self._dropped = self._inbox.dropped
+            self._dropped = dropped
             for name in [robot.name for robot in self.view.robots.values() if robot.present]:
                 self._fetcher.fetch(name)
 
     def close(self) -> None:
         """Ask no more."""
         self._fetcher.close()
+        self._loading.close()
 
     def _check_link(self, now_s: float) -> None:
         """Tell a lost link from absent robots: a client that loses its router sees all tokens vanish."""

@@ -1,11 +1,7 @@
 """Links of the motes' radio and their strength, from readings and from the robots' base stations."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
-
-import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import minimum_spanning_tree
 
 from robrain.coordinator.dashboard.state.focus import Focus, motes_in_focus
 from robrain.coordinator.dashboard.state.robot_view import Contact, MoteView
@@ -13,9 +9,6 @@ from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import BadParameters, parameters_of
-
-STRONGEST_DBM = 20.0
-"""Stronger than any link."""
 
 
 class Link(NamedTuple):
@@ -77,22 +70,33 @@ def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[Link]:
 
 def team_links(view: TeamView, now_s: float) -> list[Link]:
     """The fewest and strongest links that hold the team's radio together: a maximum spanning forest by strength."""
-    pairs = robot_pairs(view, now_s)
-    if not pairs:
-        return []
-    names = sorted({name for pair in pairs for name in pair})
-    number = {name: at for at, name in enumerate(names)}
-    rows = [number[one] for one, _ in pairs]
-    columns = [number[other] for _, other in pairs]
-    losses_db = [max(STRONGEST_DBM - rssi_dbm, 1e-3) for rssi_dbm in pairs.values()]
-    tree = coo_array(minimum_spanning_tree(coo_array((losses_db, (rows, columns)), shape=(len(names),) * 2)))
     found = []
-    for row, column in zip(*np.asarray(tree.coords), strict=True):
-        one, other = names[row], names[column]
+    for (one, other), rssi_dbm in spanning_forest(robot_pairs(view, now_s)).items():
         start, end = place_of_robot(view, one), place_of_robot(view, other)
         if start is not None and end is not None:
-            found.append(Link(start, end, pairs[one, other]))
+            found.append(Link(start, end, rssi_dbm))
     return found
+
+
+def spanning_forest(pairs: Mapping[tuple[str, str], float]) -> dict[tuple[str, str], float]:
+    """The pairs of a maximum spanning forest, strongest first (Kruskal 1956).
+
+    Own code for ten lines: SciPy's takes as long to load as the rest of the page's scene.
+    """
+    group = {name: name for pair in pairs for name in pair}
+    forest = {}
+    for pair, strength in sorted(pairs.items(), key=lambda item: (-item[1], item[0])):
+        one, other = (_group_of(group, name) for name in pair)
+        if one != other:
+            group[one] = other
+            forest[pair] = strength
+    return forest
+
+
+def _group_of(group: dict[str, str], name: str) -> str:
+    while group[name] != name:
+        group[name] = name = group[group[name]]
+    return name
 
 
 def robot_pairs(view: TeamView, now_s: float) -> dict[tuple[str, str], float]:

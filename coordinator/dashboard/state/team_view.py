@@ -10,16 +10,16 @@ from robrain.coordinator.dashboard.state.task_board import TaskBoard
 from robrain.coordinator.drawing.drawn_floor import DrawnFloor
 from robrain.coordinator.drawing.map_view import FAR_M, MapView, checked_geometry
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
 from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import cells_of
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.patch_cells import cells_of
 from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
 from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
 from robrain.protocol.wire.messages.recorder_messages import RecorderState
@@ -36,6 +36,8 @@ RECORDERS = 20
 FAR_MM = round(FAR_M * 1000)
 FULL_TURN_RAD = 2 * math.pi
 Names = Mapping[str, str]
+PLAN_S = 5.0
+"""How long a run's floor plan is drawn if no map comes, in seconds of the run."""
 RESTART_S = 1.0
 """An arena clock that falls back by more than this begins another run."""
 
@@ -102,6 +104,7 @@ class TeamView:
         self.preparation: ArenaPreparation | None = None
         """Set while a lockstep run waits for its navigation to be compiled; None once it has begun."""
         self._plan: DrawnFloor | None = None
+        """The floor plan, until the team's map has begun; kept for `PLAN_S` of a run at the longest."""
         self.halt: Halt | None = None
         self.sim_time_s: float | None = None
         self.connected = True
@@ -177,7 +180,7 @@ class TeamView:
 
     @property
     def floor(self) -> DrawnFloor | None:
-        """The floor to draw: the team's map, or before the run begins the floor plan; None if neither is known."""
+        """The floor to draw: the team's map, or until there is one the floor plan; None if neither is known."""
         return self.map.floor if self._plan is None else self._plan
 
     @property
@@ -244,6 +247,7 @@ class TeamView:
 
     def _take_patch(self, patch: MapPatch, names: Names, now_s: float) -> None:
         self.map.merge(patch)
+        self._plan = None
 
     def _take_path(self, path: PlannedPath, names: Names, now_s: float) -> None:
         for point in path.points:
@@ -341,12 +345,14 @@ class TeamView:
 
     def _set_time(self, sim_time_s: float, now_s: float) -> None:
         if self.preparation is not None:
-            self.preparation = self._plan = None
+            self.preparation = None
             for robot in self.robots.values():
                 robot.start = None
         if self.sim_time_s is not None and sim_time_s < self.sim_time_s - RESTART_S:
             self._forget_run()
         self.sim_time_s = max(sim_time_s, self.sim_time_s or 0.0)
+        if self.sim_time_s > PLAN_S:
+            self._plan = None
         self._speed.add(now_s, self.sim_time_s)
 
     def _forget_run(self) -> None:

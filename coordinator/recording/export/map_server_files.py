@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 
 FREE_BYTE, OCCUPIED_BYTE, UNKNOWN_BYTE = 254, 0, 205
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.drawing.map_view import MapView
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.map_patch import submap_message, take_message, whole_map

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match import without_dropouts
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid, PatchCells
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.numeric.elementary_functions import arctan2
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.slam.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS

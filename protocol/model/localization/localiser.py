@@ -15,8 +15,8 @@ from robrain.protocol.model.localization.pose_mixture import PoseMixture
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.localization.scan_agreement import COMPARED_MIN, agreement
 from robrain.protocol.model.localization.scan_match import ScanFit, search_scan
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import innovation_squared
 from robrain.protocol.model.slam.submap import IDENTITY

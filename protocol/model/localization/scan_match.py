@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization import scan_match_kernels as kernels
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_kernels import HIT_DEPTH_CELLS
 from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.mapping.accuracy import MapAccuracy
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.numeric.kernel_array import BOOL, INT8, kernel_array
 
 OFF_M = 0.25

@@ -6,10 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.numeric.kernel_array import Floats
-
-UNKNOWN, FREE, OCCUPIED = np.int8(-1), np.int8(0), np.int8(100)
-"""Classes of a cell, numbered as in a ROS OccupancyGrid."""
 
 LOG_ODDS_LIMIT = 100
 """Bound of the evidence. One unit is 1/20 nat, so the bound is a probability of 0.993."""

@@ -11,7 +11,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.numeric.kernel_array import FLOAT64, Floats, kernel_array
 
 SLACK_M = 1e-3

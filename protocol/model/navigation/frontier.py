@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.numeric.kernel_array import BOOL, kernel_array
 
 MIN_CELLS = 4

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED
+from robrain.protocol.model.mapping.grid_geometry import OCCUPIED
 
 
 def standpoint(

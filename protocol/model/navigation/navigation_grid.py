@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.navigation.clearance_kernels import clearance_m
 from robrain.protocol.model.navigation.path_planning import (
     distance_field,

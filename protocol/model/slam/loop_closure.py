@@ -13,7 +13,7 @@ import numpy as np
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_agreement import agreement
 from robrain.protocol.model.localization.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.numeric.small_linear_algebra import least_solution
 from robrain.protocol.model.slam.submap import Submap

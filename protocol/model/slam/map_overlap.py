@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match import match_walls
 from robrain.protocol.model.localization.scan_match_kernels import distance_window
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.numeric.kernel_array import INT8, Floats, kernel_array
 from robrain.protocol.model.numeric.small_linear_algebra import least_solution
 from robrain.protocol.model.slam import map_overlap_kernels as kernels

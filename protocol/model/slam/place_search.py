@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match_kernels import distance_window
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.numeric.kernel_array import FLOAT64, INT8, Floats, kernel_array
 
 YAWS = 120

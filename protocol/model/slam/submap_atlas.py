@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import LAST_STAMP_MS, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import LAST_STAMP_MS, OccupancyGrid
 from robrain.protocol.model.slam.submap import IDENTITY, Submap, SubmapStep, moved_box
 from robrain.protocol.model.slam.submap_drawing_kernels import Box, draw, draw_tiles
 

@@ -9,26 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, PatchCells
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.shared_patches import TOLD_SHARE, geometry_of, step_of
+from robrain.protocol.wire.messages.patch_cells import cells_of, geometry_of, inflated
+from robrain.protocol.wire.messages.shared_patches import TOLD_SHARE, step_of
 
 NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31
-MAX_CELLS = 1 << 24
-"""Limit for the cells of a patch."""
 MESSAGE_CELLS_MAX = 1 << 27
 """Limit for the cells of all parts of a message: as many as an atlas holds."""
 OUTSIDE_MAX = 2_000
 """Largest distance of a patch from the team's grid, in cells: 100 m at 0.05 m, more than any pose is wrong."""
 AHEAD_MAX_MS = 5_000
 """Largest difference between clocks of a team (chosen). A patch from later would override what is seen until then."""
-OCCUPIED_MAX = 4_000
-"""Occupied cells allowed in a patch beyond its free cells (chosen: two circles of 30 m around a robot, in cells of
-0.1 m). A whole map has more of them, but also more free cells, through which they were seen."""
 
 
 def map_stamp_ms(stamp_ns: int) -> int:
@@ -237,36 +234,7 @@ def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8
     if not patch.tiles_ms:
         return cells, patch.observed_ms
     rows, columns = -(-patch.rows // TILE_CELLS), -(-patch.columns // TILE_CELLS)
-    stamps_ms = _inflated(patch, patch.tiles_ms, np.dtype(np.int32), rows, columns)
+    stamps_ms = inflated(patch, patch.tiles_ms, np.dtype(np.int32), rows, columns)
     if stamps_ms.min() < 0 or stamps_ms.max() > patch.observed_ms:
         raise ValueError(f"{patch.robot}: expected times of tiles from 0 to {patch.observed_ms} ms")
     return cells, stamps_ms
-
-
-def cells_of(message: MapPatch) -> NDArray[np.int8]:
-    """The cells of a patch, int8 (rows, columns). Raises ValueError."""
-    size = message.rows * message.columns
-    if not 0 < size <= MAX_CELLS:
-        raise ValueError(f"{message.robot}: expected 1 to {MAX_CELLS} cells in a patch, got {size}")
-    box = _inflated(message, message.cells, np.dtype(np.int8), message.rows, message.columns)
-    occupied = 0 if size <= OCCUPIED_MAX else int(np.count_nonzero(box > 0))
-    if occupied > OCCUPIED_MAX and occupied > OCCUPIED_MAX + (free := int(np.count_nonzero(box == 0))):
-        raise ValueError(
-            f"{message.robot}: expected at most {OCCUPIED_MAX} occupied cells in its patch beyond the free ones "
-            f"that they were seen through, got {occupied} and {free} free ones"
-        )
-    return box
-
-
-def _inflated(message: MapPatch, packed: bytes, dtype: "np.dtype[Any]", rows: int, columns: int) -> NDArray[Any]:
-    """An array (rows, columns) that a patch carries. Raises ValueError."""
-    size = rows * columns * dtype.itemsize
-    inflater = zlib.decompressobj()
-    try:
-        data = inflater.decompress(packed, size + 1)
-    except zlib.error as error:
-        raise ValueError(f"{message.robot}: the cells of its patch do not inflate: {error}") from error
-    if len(data) != size:
-        raise ValueError(f"{message.robot}: expected {size} bytes of cells in its patch, got {len(data)}")
-    # Of a writable buffer, which kernels take as it is.
-    return np.frombuffer(bytearray(data), dtype).reshape(rows, columns)

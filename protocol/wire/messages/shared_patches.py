@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.slam.submap import SubmapStep
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.wire.messages.map_messages import MapPatch
@@ -18,11 +18,6 @@ TOLD_SHARE = 0.75
 """Share of an atlas that messages may fill; the rest is reserved for the robot's own cells."""
 STEPS_MAX = 8
 """What one patch does is kept for so many different cells of its submap."""
-
-
-def geometry_of(message: MapPatch) -> GridGeometry:
-    """The grid that a patch belongs to (ValueError if its numbers are no grid)."""
-    return GridGeometry(message.resolution_m, message.origin_x_m, message.origin_y_m, message.width, message.height)
 
 
 class _Kept:

@@ -8,8 +8,10 @@ from robrain.coordinator.dashboard.html.panel_html import robots_html, strip_htm
 from robrain.coordinator.dashboard.state.alerts import alerts_of
 from robrain.coordinator.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.coordinator.dashboard.state.robot_view import Condition
-from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.dashboard.state.team_view import PLAN_S, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.messages.arena_messages import (
     ArenaClock,
@@ -19,17 +21,18 @@ from robrain.protocol.wire.messages.arena_messages import (
     RobotTruth,
 )
 from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.map_patch import to_message
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_PREPARATION
+from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP
 
 CELLS = np.array([[0, 100, -1], [0, 0, 100]], np.int8)
 LONG_S = 60.0
 
 
-def tell(view: TeamView, topic: Topic, message: Message, now_s: float = 0.0) -> None:
-    view.apply(Received(topic, topic.key("default"), {"team": "default"}, message), now_s)
+def tell(view: TeamView, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
+    view.apply(Received(topic, topic.key("default", **names), {"team": "default", **names}, message), now_s)
 
 
 def preparation(columns: int = 3, x_m: float = 1.0) -> ArenaPreparation:
@@ -81,23 +84,40 @@ def test_page_says_how_far_the_compiling_is_and_how_long_it_takes() -> None:
     assert "1 of 1 robots ready" in html
 
 
-def test_with_the_first_tick_the_plan_is_gone_and_the_map_is_the_teams() -> None:
+def test_first_tick_ends_the_preparation_and_the_teams_map_replaces_the_plan() -> None:
     view = prepared()
     version = view.floor_version
     tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=0.1))
     assert view.preparation is None
-    assert view.floor is None
-    assert view.floor_version != version
     assert view.robots["r1"].pose is None
     assert "preparation" not in strip_html(view, 0.0)
+    assert view.floor is not None
+    assert np.array_equal(view.floor.classes, CELLS)
+    tell(view, ROBOT_MAP, first_patch(), robot="r1")
+    assert view.floor is not None
+    assert view.floor.geometry.shape == (4, 4)
+    assert view.floor_version != version
+
+
+def test_without_a_map_the_plan_is_gone_after_some_seconds_of_the_run() -> None:
+    view = prepared()
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S))
+    assert view.floor is not None
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
+    assert view.floor is None
 
 
 def test_late_picture_does_not_bring_the_plan_back() -> None:
     view = prepared()
-    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=0.1))
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
     tell(view, ARENA_PREPARATION, preparation())
     assert view.preparation is None
     assert view.floor is None
+
+
+def first_patch() -> MapPatch:
+    grid = GridGeometry(0.5, 0.0, 0.0, 4, 4)
+    return to_message("r1", grid, PatchCells(0, 0, CELLS, 1))
 
 
 def test_plan_that_does_not_fill_its_grid_or_has_a_place_far_away_is_rejected_whole() -> None:

@@ -17,7 +17,7 @@ from robrain.coordinator.exploration.assignment import (
     assign_frontiers,
 )
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)

@@ -7,7 +7,8 @@ from robrain.coordinator.exploration.explorer import Explorer
 from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, PatchCells
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.map_patch import to_message
 from robrain.protocol.wire.messages.robot_messages import RobotState

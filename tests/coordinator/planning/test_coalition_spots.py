@@ -8,7 +8,8 @@ import pytest
 
 from robrain.coordinator.planning.coalition import ROOM_M, spots_around
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 
 PLACE = Point2D(4.0, 3.0)
 

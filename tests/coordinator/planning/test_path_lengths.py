@@ -24,7 +24,7 @@ from robrain.coordinator.planning.problem_codec import (
 from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.wire.reasons.plans import ChargersTaken
 from tests.coordinator.planning.worlds import model
 

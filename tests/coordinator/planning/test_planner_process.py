@@ -17,7 +17,7 @@ from robrain.coordinator.planning.snapshot import Floor
 from robrain.coordinator.planning.worker.live_planner import LivePlanner
 from robrain.coordinator.planning.worker.worker_link import PlanRequest, RequestReader, RequestWriter
 from robrain.coordinator.planning.worker.worker_process import PlannerProcess
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until
 

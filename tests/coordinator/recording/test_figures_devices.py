@@ -19,7 +19,7 @@ from robrain.coordinator.recording.report.figures import (
 from robrain.coordinator.recording.report.happenings import Happening
 from robrain.coordinator.recording.report.run_data import MoteRun, RunData
 from robrain.coordinator.recording.report.run_totals import comparison_figure, totals
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from tests.coordinator.recording.drawn_runs import (
     NAN,

@@ -14,7 +14,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
 from robrain.coordinator.recording.foxglove.server import FoxgloveServer
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -25,7 +25,8 @@ from robrain.coordinator.recording.foxglove import messages as make
 from robrain.coordinator.recording.foxglove import scene as foxglove_scene
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping import occupancy_grid as cells
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.arena_messages import Scan
 from robrain.protocol.wire.messages.mote_messages import MoteReading

@@ -21,7 +21,8 @@ from robrain.coordinator.recording.writer import recording_file, recording_files
 from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.coordinator.recording.writer.recording_files import SplitAt
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, PatchCells
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

@@ -10,7 +10,7 @@ from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.replay.player import Player
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.exporting import export_map
-from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED
+from robrain.protocol.model.mapping.grid_geometry import OCCUPIED
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.scenarios.scenario import Scenario
 

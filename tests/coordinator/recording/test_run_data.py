@@ -15,7 +15,8 @@ from robrain.coordinator.recording.report.run_data import RunData, read_run
 from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.map_patch import to_message

@@ -6,7 +6,7 @@ import pytest
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import ClosureSearch
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph

@@ -6,7 +6,7 @@ import pytest
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import UNSAID, ClosureDesk
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED
+from robrain.protocol.model.mapping.grid_geometry import OCCUPIED
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_MAP
 

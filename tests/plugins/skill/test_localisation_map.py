@@ -8,9 +8,10 @@ import pytest
 from robrain.plugins.skill.localisation.localisation import PAUSE_M, PAUSE_RAD, Localisation
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.model.slam.submap import IDENTITY
 

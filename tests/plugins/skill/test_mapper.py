@@ -6,15 +6,9 @@ import pytest
 
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
-from robrain.protocol.model.mapping.occupancy_grid import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    GridGeometry,
-    OccupancyGrid,
-    PatchCells,
-)
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.messages.arena_messages import Scan

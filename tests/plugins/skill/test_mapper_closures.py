@@ -7,9 +7,9 @@ import pytest
 
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from robrain.plugins.skill.mapper import frames as module
 from robrain.plugins.skill.mapper.frames import ANSWERS_MIN, Move
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.map_patch import joined_message, pose_message

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, PatchCells
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.wire.messages.map_patch import joined_message, to_message

@@ -7,8 +7,9 @@ import pytest
 
 from robrain.plugins.skill.mapper.mapper import Mapper
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas

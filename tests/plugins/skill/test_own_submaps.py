@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from robrain.plugins.skill.mapper import own_submaps
 from robrain.plugins.skill.mapper.own_submaps import LEAST, OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.slam.submap import IDENTITY, PARTS, SURFACE
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, RANGE_M, ROOM, ROOM_PLACES

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
 
 RESOLUTION_M = 0.1

@@ -10,7 +10,8 @@ from robrain.protocol.model.localization.divergence_watch import WatchSpec
 from robrain.protocol.model.localization.localiser import Localiser, LocaliserSpec
 from robrain.protocol.model.localization.odometry import moved_along
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.slam.submap import IDENTITY
 from tests.protocol.mapping.lidar_floor import ROOM, ROOM_PLACES, local_map
 

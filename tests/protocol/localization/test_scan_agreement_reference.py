@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_agreement import agreement
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 
 GEOMETRY = GridGeometry(0.1, -0.7, 0.4, 40, 30)
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match import beam_ends, match_scan, search_scan
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)

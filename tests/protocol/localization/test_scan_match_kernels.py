@@ -20,7 +20,7 @@ from robrain.protocol.model.localization.scan_match import (
     points_in_view,
     search_scan,
 )
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_kernels import HIT_DEPTH_CELLS
 from tests.protocol.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
 

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match import beam_ends
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap, Variances
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.model.slam.submap import IDENTITY, Submap
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.map_accuracy import DOUBLED_WITHIN_M, OFF_M, measure_map_accuracy
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 MAP = GridGeometry(0.1, -1.0, 2.0, 60, 40)
 PLAN = GridGeometry(0.05, -1.0, 2.0, 120, 80)

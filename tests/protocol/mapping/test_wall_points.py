@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.slam.map_overlap import (
     is_same_place,
     some_points,

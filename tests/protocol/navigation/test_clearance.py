@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.navigation.clearance import least_clearance_m, least_gap_m, mapped_clearance_m
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.navigation.path_planning import plan_path

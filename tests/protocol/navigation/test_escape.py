@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.navigation.escape import escape_cells
 from robrain.protocol.model.navigation.right_of_way import Track, sample_way
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.navigation import escape
 from robrain.protocol.model.navigation.escape import HEAD_START_S, escape_cells
 from robrain.protocol.model.navigation.right_of_way import STEP_M, Track, sample_way

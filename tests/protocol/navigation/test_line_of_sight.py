@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.navigation.line_of_sight import standpoint
 
 FLOOR = np.full((20, 20), FREE, np.int8)

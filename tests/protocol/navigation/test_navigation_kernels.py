@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.navigation.navigation_grid import COARSE, DEAR, NavigationGrid, Zone, _centre
 from robrain.protocol.model.navigation.path_planning import is_chord_clear
 

@@ -5,7 +5,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match import Direction, ScanFit
-from robrain.protocol.model.mapping.occupancy_grid import OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
 from robrain.protocol.model.slam.loop_closure import Contradiction, Lying, geometry_of, lay_on, moved
 from robrain.protocol.model.slam.submap import IDENTITY, Submap
 from tests.protocol.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.slam.map_overlap import MapMatcher
 from robrain.protocol.model.slam.submap import IDENTITY
 from tests.protocol.slam.test_map_overlap import FEW, TEAM, WIDE

@@ -7,7 +7,8 @@ import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match import ScanFit
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.slam.loop_closure import moved
 from robrain.protocol.model.slam.surface_match import DEGENERATE, INFORMATION_MIN, match_surface
 from tests.protocol.mapping.lidar_floor import (

@@ -8,17 +8,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN, GridGeometry, PatchCells
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.slam import submap_atlas
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.map_patch import (
-    MAX_CELLS,
     MESSAGE_CELLS_MAX,
-    OCCUPIED_MAX,
     check_claim,
-    geometry_of,
     joined_message,
     map_stamp_ms,
     pose_message,
@@ -27,6 +25,7 @@ from robrain.protocol.wire.messages.map_patch import (
     to_message,
     whole_map,
 )
+from robrain.protocol.wire.messages.patch_cells import MAX_CELLS, OCCUPIED_MAX, geometry_of
 
 GEOMETRY = GridGeometry(0.05, -1.0, -2.0, 12, 9)
 CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, OCCUPIED]], np.int8)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry, PatchCells
+from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE, SURFACES_MAX
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.messages import map_patch

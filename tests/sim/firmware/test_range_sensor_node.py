@@ -5,7 +5,7 @@ import pytest
 
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.navigation.range_ring import NO_ECHO_M, bump_directions_rad, bump_sector
 from robrain.sim.firmware.range_sensors import RangeSensors, RangeSensorSpec
 

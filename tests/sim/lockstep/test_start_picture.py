@@ -1,20 +1,22 @@
 """What viewers see of a lockstep run before its first step."""
 
 import numpy as np
+import zenoh
 
 from robrain import Scenario
-from robrain.protocol.model.mapping.occupancy_grid import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.wire.clock import VirtualClock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages.map_patch import cells_of, geometry_of
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.messages.patch_cells import cells_of, geometry_of
+from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.protocol.wire.topics import ARENA_PREPARATION
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.lockstep.start_picture import floor_classes
+from robrain.sim.lockstep.start_picture import StartPicture, floor_classes, start_truth
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.world.referee import EDGE_CELLS
+from robrain.sim.world.world import World
 from tests.waiting import until
 
 SMALL = Scenario.builtin("arena_small").replace(robots=2)
@@ -39,13 +41,14 @@ def test_finer_plan_keeps_its_thin_walls() -> None:
     assert (classes[EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS] == OCCUPIED).all()
 
 
-def test_others_see_robots_and_floor_before_the_first_tick_and_the_digest_stays() -> None:
+def test_others_see_robots_and_floor_before_the_run_is_set_up_and_the_digest_stays() -> None:
     digests = []
     for is_shown in (False, True):
-        run = LockstepRun(SMALL.world(), listen="tcp/127.0.0.1:0")
+        session, world = open_lockstep_session("tcp/127.0.0.1:0"), SMALL.world()
+        if is_shown:
+            _watch(session, world)
+        run = LockstepRun(world, session=session)
         try:
-            if is_shown:
-                _watch(run)
             for _ in range(25):
                 run.tick()
             assert run.outside == 0
@@ -55,12 +58,27 @@ def test_others_see_robots_and_floor_before_the_first_tick_and_the_digest_stays(
     assert digests[0] == digests[1]
 
 
-def _watch(run: LockstepRun) -> None:
-    session = open_session(connect=run.listening_at)
-    viewer, inbox = Endpoint(session, DEFAULT_TEAM, WallClock(), Drive.LIVE), Inbox()
+def test_places_are_those_of_the_run_that_is_set_up_afterwards() -> None:
+    world = SMALL.replace(motes=3).world()
+    run = LockstepRun(world)
+    try:
+        truth, expected = start_truth(world), run.truth
+        assert truth.sim_time_s == expected.sim_time_s == 0.0
+        assert [(robot.robot, robot.pose) for robot in truth.robots] == [
+            (robot.robot, robot.pose) for robot in expected.robots
+        ]
+        assert len(truth.motes) == 3
+        assert truth.motes == expected.motes
+    finally:
+        run.close()
+
+
+def _watch(session: zenoh.Session, world: World) -> None:
+    watching = open_session(connect=listening_at(session))
+    viewer, inbox = Endpoint(watching, DEFAULT_TEAM, WallClock(), Drive.LIVE), Inbox()
     try:
         viewer.subscribe(inbox, ARENA_PREPARATION)
-        picture = run.start_picture()
+        picture = StartPicture(Endpoint(session, DEFAULT_TEAM, VirtualClock(), Drive.LOCKSTEP), world)
 
         def is_there() -> bool:
             picture.show(2, 16, 7.5)
@@ -71,9 +89,9 @@ def _watch(run: LockstepRun) -> None:
         seen = inbox.drain()[-1].message
     finally:
         viewer.close()
-        session.close()
+        watching.close()
     assert (seen.parts_ready, seen.parts, seen.left_s) == (2, 16, 7.5)
     assert [robot.robot for robot in seen.truth.robots] == ["r1", "r2"]
-    assert seen.truth.robots[0].pose == run.truth.robots[0].pose
-    assert np.array_equal(cells_of(seen.floor), floor_classes(run.world.plan))
-    assert geometry_of(seen.floor).shape == floor_classes(run.world.plan).shape
+    assert seen.truth.robots[0].pose == world.robots[0].start
+    assert np.array_equal(cells_of(seen.floor), floor_classes(world.plan))
+    assert geometry_of(seen.floor).shape == floor_classes(world.plan).shape

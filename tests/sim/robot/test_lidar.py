@@ -7,7 +7,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.sim.errors import ScenarioError
 from robrain.sim.robot.lidar import Lidar, LidarSpec
 from robrain.sim.robot.robot_hardware import RobotHardware
