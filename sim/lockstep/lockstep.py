@@ -21,9 +21,9 @@ from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.answers.collector import CalmCollector
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.exchange import Exchange
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth, OutsideInput, ScriptInput
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
@@ -89,8 +89,8 @@ class LockstepRun:
         self._summary: RecordingSummary | None = None
         self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
-        self._exchange = Exchange.of(self.session)
-        self._exchange.is_alone = session is None and listen is None
+        is_alone = session is None and listen is None
+        self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
         try:
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
