@@ -1,7 +1,7 @@
 """The lockstep drive: arena, robots, coordinator and recorder in one process and one thread, on one session.
 
-Every tick the clock moves on, then each component takes its step in a fixed order. All that passes between them is
-real Zenoh, delivered before the put returns; so equal seeds give equal runs.
+Every tick the clock moves on, then each component takes its step in a fixed order. What passes between them is
+delivered before the put returns; so equal seeds give equal runs. Zenoh is used in runs that other processes may join.
 """
 
 import math
@@ -49,7 +49,7 @@ class LockstepRun:
         scenario_toml: its text, for the recording.
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
-        session: an open lockstep session to use instead of one of its own; closed with the run.
+        session: an open lockstep session to use instead of one of its own, on which others may be; closed with the run.
         planning: objective and settings of the coordinator's planning.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: what it takes to make the run again, for the recording.

@@ -39,6 +39,7 @@ class Declared(Generic[T]):
 
     Keys match as Zenoh says (`zenoh.KeyExpr.intersects`). Two keys without wildcards match if they are the same, so
     that only declarations with wildcards are compared, and what a key reaches is remembered until one comes or goes.
+    Any thread may look; one declares.
 
     Args:
         changed: called with the key expression of each that comes or goes.
@@ -68,10 +69,10 @@ class Declared(Generic[T]):
         """What a key, or a key expression, reaches, in the order in which it was declared; not to be written to."""
         found = self._reached.get(key)
         if found is None:
-            entries = [each for keys in self._keys_in(key) for each in self._concrete[keys].values()]
+            entries = [each for keys in self._keys_in(key) for each in list(self._concrete[keys].values())]
             if self._wild:
                 asked = zenoh.KeyExpr(key)
-                entries += [each for keys, each in self._wild.values() if keys.intersects(asked)]
+                entries += [each for keys, each in list(self._wild.values()) if keys.intersects(asked)]
             found = [each.what for each in sorted(entries, key=lambda each: each.number)]
             if not is_wild(key):
                 if len(self._reached) >= REACHED_MAX:
@@ -84,7 +85,7 @@ class Declared(Generic[T]):
         if not is_wild(key):
             return [key] if key in self._concrete else []
         asked = zenoh.KeyExpr(key)
-        return [each for each in self._concrete if asked.intersects(zenoh.KeyExpr(each))]
+        return [each for each in list(self._concrete) if asked.intersects(zenoh.KeyExpr(each))]
 
     def _remove(self, entry: Entry[T]) -> None:
         if is_wild(entry.selector):

@@ -5,8 +5,10 @@ import pytest
 from robrain.protocol.wire.answers.later import call_error
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.host_queries import HOST_HALT
+from robrain.protocol.wire.messages.host_messages import HaltAnswer, HaltRequest
 from robrain.protocol.wire.topic import Urgency
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_MAP_WHOLE, ROBOT_PLUGINS, TASK_SUBMIT
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS, TASK_SUBMIT
 from tests.waiting import PATIENCE_S
 
 FOO = {"robot": "r1", "plugin": "p", "function": "foo"}
@@ -32,9 +34,9 @@ def test_a_query_that_reaches_an_endpoint_while_it_closes_is_answered_unloaded(w
 
 
 def test_a_reply_on_behalf_of_another_robot_is_refused(wire):
-    wire.robot.answer(ROBOT_MAP_WHOLE, lambda _: b'{"robot": "r2"}', robot="r1")
-    with pytest.raises(CallError, match="a bad reply") as refused:
-        wire.other.ask(ROBOT_MAP_WHOLE, robot="r1")
+    wire.robot.answer(HOST_HALT, lambda _: HaltAnswer(robot="r2", halted=True), robot="r1")
+    with pytest.raises(CallError, match="a bad reply: its key says robot r1, its payload r2") as refused:
+        wire.other.ask(HOST_HALT, HaltRequest(by="ann"), robot="r1")
     assert refused.value.code is ErrorCode.FAILED
 
 
