@@ -99,7 +99,7 @@ class TeamOrder:
                 repeat_s += REPEAT_S
         if not self._robots:
             text = f"no robot of team {self._wire.team} is there; the message was sent anyway"
-            raise wrong_team(text, self._wire.session)
+            raise wrong_team(text, self._wire)
         return _report(self._wanted, {name: self._why(name) for name in self._robots})
 
     def _hear(self) -> bool:

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from typing import TypeVar
 
 from robrain.client.transport import Transport
-from robrain.protocol.wire.endpoint import BY, Endpoint
+from robrain.protocol.wire.answers.asked import BY
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.topic import Q, Query, R
 
 T = TypeVar("T")

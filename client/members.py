@@ -7,14 +7,11 @@ import msgspec
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.hub import wrong_team
-from robrain.protocol.wire.topic import Token
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 GATHER_S = 0.5
 """How long to look again for missing members: a token may take this long to reach its hub."""
 ASK_AGAIN_S = 0.1
-ANSWER_TIMEOUT_S = 10.0
-"""Time limit for a hub's answer, which is immediate unless its machine is overloaded."""
 
 
 class TeamFound(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,19 +27,12 @@ def team_found(wire: Endpoint) -> TeamFound:
     """The present members of the endpoint's team."""
     until_s = time.monotonic() + GATHER_S
     while True:
-        robots = sorted(names["robot"] for names in _tokens(wire, ROBOT_ALIVE))
-        found = TeamFound(team=wire.team, coordinator=bool(_tokens(wire, COORDINATOR_ALIVE)), robots=robots)
+        robots = sorted(names["robot"] for names in wire.present(ROBOT_ALIVE))
+        found = TeamFound(team=wire.team, coordinator=bool(wire.present(COORDINATOR_ALIVE)), robots=robots)
         is_complete = (found.robots and found.coordinator) or wire.drive is Drive.LOCKSTEP
         if is_complete or time.monotonic() > until_s:
             return found
         time.sleep(ASK_AGAIN_S)
-
-
-def _tokens(wire: Endpoint, topic: Token) -> list[dict[str, str]]:
-    """The names in all of a topic's tokens that the hub has now."""
-    replies = wire.session.liveliness().get(topic.selector(wire.team), timeout=ANSWER_TIMEOUT_S)
-    found = [topic.parse(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
-    return [names for names in found if names is not None]
 
 
 def no_robot(wire: Endpoint, robot: str, what: str) -> NobodyThere:
@@ -52,5 +42,5 @@ def no_robot(wire: Endpoint, robot: str, what: str) -> NobodyThere:
         return NobodyThere(f"{robot} does not answer {what}: is its robrain older than this one?")
     text = f"no robot {robot} in team {wire.team}"
     if not found.robots and not found.coordinator:
-        return wrong_team(text, wire.session)
+        return wrong_team(text, wire)
     return NobodyThere(f"{text}; there are: {', '.join(found.robots) or 'none'}")

@@ -91,6 +91,6 @@ class Requests:
 
     def _no_coordinator(self) -> NobodyThere:
         text = f"no coordinator of team {self._wire.team} answers"
-        if self._wire.team in teams_there(self._wire.session):
+        if self._wire.team in teams_there(self._wire):
             return NobodyThere(f"{text}; `robrain coordinator` starts one")
-        return wrong_team(text, self._wire.session)
+        return wrong_team(text, self._wire)

@@ -50,7 +50,7 @@ class Standing:
         """The last summary of the coordinator (NobodyThere if none came)."""
         self._hear_until(lambda: self._team is not None)
         if self._team is None:
-            raise wrong_team(f"no coordinator of team {self._wire.team} has sent a summary yet", self._wire.session)
+            raise wrong_team(f"no coordinator of team {self._wire.team} has sent a summary yet", self._wire)
         return self._team
 
     def _hear_until(self, is_there: Callable[[], bool]) -> None:

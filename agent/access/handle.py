@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from robrain.agent.access.callee import Callee, Caller
 from robrain.agent.environment import Environment
@@ -20,9 +21,12 @@ class Handle:
     __slots__ = ("__callee", "__caller", "__dict__", "__interface", "__locks", "__user")
 
     def __init__(self, callee: Callee, interface: type, caller: Caller, *, locks: bool = True) -> None:
-        fields = (callee, caller.environment, caller, interface, locks)
-        for name, value in zip(("callee", "user", "caller", "interface", "locks"), fields, strict=True):
-            object.__setattr__(self, f"_Handle__{name}", value)
+        write = object.__setattr__
+        write(self, "_Handle__callee", callee)
+        write(self, "_Handle__user", caller.environment)
+        write(self, "_Handle__caller", caller)
+        write(self, "_Handle__interface", interface)
+        write(self, "_Handle__locks", locks)
 
     __callee: Callee
     __caller: Caller
@@ -97,6 +101,17 @@ def _gone(caller: Caller) -> PluginUnloaded:
     return PluginUnloaded(caller.name, f"this instance of {caller.name} has gone")
 
 
+_offered_by: "WeakKeyDictionary[type, set[str]]" = WeakKeyDictionary()
+"""Names in each interface: all robots of a run have the same ones."""
+
+
 def _offered(interface: type) -> set[str]:
+    found = _offered_by.get(interface)
+    if found is None:
+        found = _offered_by[interface] = _names_in(interface)
+    return found
+
+
+def _names_in(interface: type) -> set[str]:
     # Not hasattr(): a Protocol's own class has `register` and `mro`, which the interface does not offer.
     return {name for base in interface.__mro__ for name in (*vars(base), *vars(base).get("__annotations__", ()))}

@@ -83,6 +83,11 @@ class Registry:
         """What each plugin requires, by name."""
         return {name: plugin.manifest.tag.requires for name, plugin in self.plugins.items()}
 
+    def requires(self, name: str) -> list[str]:
+        """What a plugin requires; nothing if there is none of that name."""
+        plugin = self.plugins.get(name)
+        return plugin.manifest.tag.requires if plugin is not None else []
+
     def users_of(self, name: str) -> list[ManagedPlugin]:
         """All that require a plugin, also by way of others; users before what they use."""
         needed = {name}

@@ -38,12 +38,12 @@ def branch_of(name: str, requires: Requires) -> set[str]:
     return branch
 
 
-def path_to_missing(name: str, requires: Requires, is_there: Callable[[str], bool]) -> list[str]:
+def path_to_missing(name: str, requires: Callable[[str], Sequence[str]], is_there: Callable[[str], bool]) -> list[str]:
     """From a plugin, by what each requires, to the first that is not there; empty if all are."""
     paths, seen = deque([[name]]), {name}
     while paths:
         path = paths.popleft()
-        for required in requires.get(path[-1], ()):
+        for required in requires(path[-1]):
             if not is_there(required):
                 return [*path, required]
             if required not in seen:

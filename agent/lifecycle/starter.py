@@ -119,7 +119,7 @@ class Starter:
         if plugin.state is PluginState.FAULTED:
             return
         try:
-            missing = path_to_missing(plugin.name, registry.requirements(), registry.has)
+            missing = path_to_missing(plugin.name, registry.requires, registry.has)
             if missing:
                 there = ", ".join(registry.plugins)
                 raise PluginMissing(missing[-1], f"no plugin {missing[-1]} ({' → '.join(missing)}); there are: {there}")

@@ -42,7 +42,7 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         wire.subscribe(inbox, COORDINATOR_STATE)
         found = team_found(wire)
         if not found.robots and not found.coordinator:
-            raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", session)
+            raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
         refused = _refused(inbox, len(found.robots) + found.coordinator)
     return TeamStatus(team=team, coordinator=found.coordinator, robots=found.robots, refused=refused)
 

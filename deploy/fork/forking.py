@@ -24,6 +24,7 @@ from robrain.deploy.fork.sameness import Sameness
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.scenarios.scenario import Progress, why_ended
@@ -76,6 +77,8 @@ def fork_run(
         run = scenario.open(
             world,
             record=output,
+            # Inputs are put and asked on the session, which nothing listens to in a run that nobody can join.
+            session=open_lockstep_session() if recorded.inputs.number else None,
             should_stop=lambda: interrupt.requested,
             is_script=recorded.is_script,
             fork=said,

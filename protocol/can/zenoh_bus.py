@@ -35,9 +35,10 @@ from robrain.protocol.can.payload import (
 from robrain.protocol.can.segment import Node, Segment
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.errors import BadName, WireError
-from robrain.protocol.wire.exchange import NOBODY, Exchange
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.links.exchange import NOBODY, Exchange
+from robrain.protocol.wire.links.link import Declaration
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topic import CAN_FRAME
 from robrain.protocol.wire.topics import ARENA_CAN
@@ -161,10 +162,22 @@ class ZenohBus(can.BusABC):
         self._session = session
         self._node = (int(str(session.zid())[:12], 16) << 16) | (next(_bus_number) & 0xFFFF)
         self._node_bytes = self._node.to_bytes(8, "little")
-        congestion = zenoh.CongestionControl
         self._sending = threading.Lock()
         self._segment = Segment.of(str(session.zid()), self._key) if direct else None
         self._exchange = Exchange.of(session) if direct else None
+        self._publisher: zenoh.Publisher | None = None
+        self._declared: list[Declaration] = []
+        if self._exchange is None or not self._exchange.is_alone:
+            self._declare(session)
+        if self._segment is not None:
+            self._segment.join(self)
+        else:
+            self._meet()
+        super().__init__(channel=channel, can_filters=can_filters)
+
+    def _declare(self, session: zenoh.Session) -> None:
+        """Be heard, hear, and answer in other processes."""
+        congestion = zenoh.CongestionControl
         self._publisher = session.declare_publisher(
             self._key,
             encoding=CAN_FRAME,
@@ -174,16 +187,13 @@ class ZenohBus(can.BusABC):
             congestion_control=congestion.BLOCK if self._own_session is not None else congestion.DROP,
             express=True,
             # Nodes of a lockstep run hear each other without Zenoh.
-            allowed_destination=zenoh.Locality.REMOTE if direct else zenoh.Locality.ANY,
+            allowed_destination=zenoh.Locality.REMOTE if self._direct else zenoh.Locality.ANY,
         )
         # Direct in live as well: neither takes time nor needs a thread of its own.
-        self._subscriber = session.declare_subscriber(self._key, zenoh.handlers.Callback(self._take, indirect=False))
-        self._queryable = session.declare_queryable(self._key, zenoh.handlers.Callback(self._answer, indirect=False))
-        if self._segment is not None:
-            self._segment.join(self)
-        else:
-            self._meet()
-        super().__init__(channel=channel, can_filters=can_filters)
+        take = zenoh.handlers.Callback(self._take, indirect=False)
+        answer = zenoh.handlers.Callback(self._answer, indirect=False)
+        subscriber = session.declare_subscriber(self._key, take)
+        self._declared = [self._publisher, subscriber, session.declare_queryable(self._key, answer)]
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put one frame on the bus; every other node of the bus receives it.
@@ -227,7 +237,7 @@ class ZenohBus(can.BusABC):
             with self._sending:
                 if self._is_shutdown:
                     raise self._shut_down()
-                if self._exchange is None or not self._exchange.is_alone:
+                if self._publisher is not None:
                     self._publisher.put(payload)
         except zenoh.ZError as error:
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
@@ -302,10 +312,9 @@ class ZenohBus(can.BusABC):
             self._segment.leave(self)
         with self._arrived:
             self._arrived.notify_all()
-        with suppress(zenoh.ZError):  # the session is already closed, which undeclared all three
-            self._queryable.undeclare()
-            self._subscriber.undeclare()
-            self._publisher.undeclare()
+        with suppress(zenoh.ZError):  # the session is already closed, which undeclared all of them
+            while self._declared:
+                self._declared.pop().undeclare()
         if self._own_session is not None:
             self._own_session.close()
 

@@ -8,31 +8,33 @@ and a query from the runner's own thread is answered there and then; what comes 
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from threading import get_ident
 from typing import Any
 
 import zenoh
-from zenoh import ext
 
 from robrain.protocol.wire.answers.answering import Answering, SharedQueue
-from robrain.protocol.wire.answers.later import Later, call_error, read_reply
-from robrain.protocol.wire.answers.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
-from robrain.protocol.wire.answers.replying import reply_deferred, reply_error
+from robrain.protocol.wire.answers.asked import BY, Answer, Asked, ZenohQuery
+from robrain.protocol.wire.answers.later import Later, read_answer
+from robrain.protocol.wire.answers.replying import reply_deferred
 from robrain.protocol.wire.border.border import Border, Heard
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.declared_keys import DeclaredKeys
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.exchange import Exchange
 from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.links.declared_keys import DeclaredKeys
+from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.link import Link
+from robrain.protocol.wire.links.local_link import LocalLink
+from robrain.protocol.wire.links.zenoh_link import ZenohLink
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
 from robrain.protocol.wire.serving import Deferred, Drive, Handler, OnOutside, Request, Serve
-from robrain.protocol.wire.topic import JSON, Delivery, Q, Query, R, Token, Topic
+from robrain.protocol.wire.topic import JSON, Q, Query, R, Token, Topic
 
 __all__ = ["Deferred", "Drive", "Endpoint", "Handler", "OnOutside", "Request", "Serve"]
 
@@ -41,14 +43,13 @@ logger = logging.getLogger(__name__)
 PENDING_QUERIES = 256
 REPLIES = 64
 """Of a channel. A key has one reply, but a full channel would hold up the link, and a ring loses it with the query."""
-BY = "by"
-CONGESTION = {False: zenoh.CongestionControl.DROP, True: zenoh.CongestionControl.BLOCK}
-HISTORY_TIMEOUT_S = 5.0
+TOKENS_TIMEOUT_S = 10.0
+"""Time limit for a hub's list of tokens, which is immediate unless its machine is overloaded."""
 STUCK_TIMEOUT_S = 2.0
 """How long `close` waits for handlers that are still running."""
 
 
-_Waiting = tuple[zenoh.Query, Query[Any, Any], str | None, Callable[[Request[Any]], Any]]
+_Waiting = tuple[Asked, Query[Any, Any], str | None, Callable[[Request[Any]], Any]]
 
 
 class Endpoint:
@@ -94,9 +95,7 @@ class Endpoint:
         """Called there when a sample has arrived."""
         self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
         self._owner = threading.get_ident()
-        self._zid = session.zid()
-        self._exchange = Exchange.of(session) if drive is Drive.LOCKSTEP else None
-        self._entities: list[Any] = []
+        self._link = _link(session, drive)
         self._declared_keys = DeclaredKeys(session)
         self._pending: deque[_Waiting] = deque()
         self._closing = False
@@ -106,95 +105,46 @@ class Endpoint:
 
     def publisher(self, topic: Topic[Any], **names: str) -> Publisher:
         """A publisher of one concrete key."""
-        key = topic.key(self.team, **names)
-        options: dict[str, Any] = {
-            "encoding": topic.encoding,
-            "priority": PRIORITY[topic.urgency],
-            "congestion_control": CONGESTION[topic.is_blocking],
-            "express": topic.is_blocking,
-        }
-
-        def declare() -> Any:
-            declared: Any
-            if self._exchange is not None:
-                declared = self.session.declare_publisher(key, **options, allowed_destination=zenoh.Locality.REMOTE)
-            elif topic.delivery is Delivery.LOSSLESS:
-                declared = ext.declare_advanced_publisher(
-                    self.session,
-                    key,
-                    **options,
-                    cache=ext.CacheConfig(topic.cache),
-                    sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
-                    publisher_detection=True,
-                )
-            else:
-                declared = self.session.declare_publisher(key, **options)
-            self._entities.append(declared)
-            return declared
-
-        return Publisher(declare, topic, key, self.clock, self._entities.remove, self._exchange)
+        return self._link.publisher(topic, topic.key(self.team, **names), self.clock)
 
     def token(self, topic: Token, **names: str) -> None:
         """Say that this component is there, for as long as the endpoint is open."""
-        self._entities.append(self.session.liveliness().declare_token(topic.key(self.team, **names)))
+        self._link.token(topic.key(self.team, **names))
 
     # -- hearing --------------------------------------------------------------------------------------------
 
     def subscribe(self, inbox: Inbox, topic: Topic[Any], **names: str) -> None:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
         inbox.adopt(self._border)
-        key = topic.selector(self.team, **names)
-        if self._exchange is not None:
-            self._entities.append(self._exchange.subscribe(key, topic, inbox))
-        # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
-        own_key = key if "*" not in key else None
+        selector = topic.selector(self.team, **names)
         lockstep, owner = self.drive is Drive.LOCKSTEP, self._owner
-        learns, known = own_key is None and not lockstep, self._declared_keys.keys
+        learns, known = "*" in selector and not lockstep, self._declared_keys.keys
 
-        def take(sample: zenoh.Sample) -> None:
+        def take(key: str, payload: bytes) -> None:
             outside = lockstep and get_ident() != owner
-            key = own_key or str(sample.key_expr)
             if learns and key not in known:
                 self._declared_keys.declared(key)
-            payload = sample.payload.to_bytes()
             is_taken = inbox.append(topic, key, payload, outside=outside)
             if self.on_heard is not None:
                 self.on_heard()
             if is_taken and outside and not topic.recorded:  # of what is recorded, the recorder itself sees that
                 self.note_outside(key, payload)
 
-        if self.drive is Drive.LIVE and topic.delivery is Delivery.LOSSLESS:
-            self._entities.append(
-                ext.declare_advanced_subscriber(
-                    self.session,
-                    key,
-                    take,
-                    history=ext.HistoryConfig(detect_late_publishers=True),
-                    recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
-                    subscriber_detection=False,
-                )
-            )
-        else:
-            callback = self._callback(take, waits=inbox.acts_at_once or learns)
-            self._entities.append(self.session.declare_subscriber(key, callback))
+        self._link.subscribe(selector, topic, inbox, take, waits=inbox.acts_at_once or learns)
 
     def watch(self, topic: Token, **names: str) -> Presence:
         """Follow who says to be there on a token's topic, those included who are there already."""
         presence = Presence(topic)
-        selector = topic.selector(self.team, **names)
-        liveliness = self.session.liveliness()
-        lockstep = self.drive is Drive.LOCKSTEP
-        self._entities.append(
-            liveliness.declare_subscriber(selector, self._callback(presence.append, waits=False), history=not lockstep)
-        )
-        if lockstep:  # a subscriber's history comes on a thread of Zenoh's even to a direct callback, some time later
-            own = LockstepReplies(self._zid)
-            liveliness.get(selector, own.handler(), timeout=NO_LIMIT_S)
-            own.wait(HISTORY_TIMEOUT_S)
-            for reply in own.replies:
-                if reply.ok is not None:
-                    presence.append(reply.ok)
+        self._link.watch(topic.selector(self.team, **names), presence.append)
         return presence
+
+    def present(
+        self, topic: Token, *, every_team: bool = False, timeout_s: float = TOKENS_TIMEOUT_S
+    ) -> list[dict[str, str]]:
+        """The names, and the team under `team`, in all tokens of a topic that are there now."""
+        selector = topic.of_every_team() if every_team else topic.selector(self.team)
+        found = map(topic.parse, self._link.tokens(selector, timeout_s))
+        return [names for names in found if names is not None]
 
     # -- being asked ----------------------------------------------------------------------------------------
 
@@ -226,13 +176,12 @@ class Endpoint:
             answer_on_threads(selector, at_once, topic, own_key, handler)
             return
 
-        def take(query: zenoh.Query) -> None:
+        def take(query: Asked) -> None:
             waits = serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside()
             do = self._queue if waits and not self._closing else self._reply
             do(query, topic, own_key, handler)
 
-        callback = self._callback(take, waits=serve is not Serve.IN_STEP)
-        self._entities.append(self.session.declare_queryable(selector, callback))
+        self._link.queryable(selector, take, waits=serve is not Serve.IN_STEP)
 
     def _answer_on_threads(self, selector: str, at_once: Sequence[str], *of_query: Any) -> None:
         queryable: Any = self.session.declare_queryable(selector, zenoh.handlers.FifoChannel(PENDING_QUERIES))
@@ -240,11 +189,11 @@ class Endpoint:
 
         def receive() -> tuple[Any, ...] | None:
             try:
-                return (at_once, recv(), *of_query)
+                return (at_once, ZenohQuery(recv()), *of_query)
             except zenoh.ZError:  # undeclared, and nothing waits any more
                 return None
 
-        self._entities.append(queryable)
+        self._link.declarations.append(queryable)
         name = f"answer-{of_query[0].name}"
         self._answering.append(Answering(name, receive, self._answer_one, self._refuse_one, self._workers))
 
@@ -255,19 +204,19 @@ class Endpoint:
             self._answering.append(Answering("answer", receive, self._answer_one, self._refuse_one, limit, 1))
         shared = self._shared
 
-        def take(query: zenoh.Query) -> None:
+        def take(query: Asked) -> None:
             if shared.waiting < PENDING_QUERIES:
                 shared.put((at_once, query, *of_query))
             else:
                 self._refuse(query, f"{PENDING_QUERIES} queries wait already")
 
-        self._entities.append(self.session.declare_queryable(selector, self._callback(take, waits=False)))
+        self._link.queryable(selector, take, waits=False)
 
     def _answer_one(self, asked: tuple[Any, ...]) -> None:
         self._reply(*asked[1:])
 
     def _refuse_one(self, asked: tuple[Any, ...]) -> None:
-        if self._closing or str(asked[1].key_expr).rpartition("/")[2] in asked[0]:
+        if self._closing or asked[1].key.rpartition("/")[2] in asked[0]:
             self._reply(*asked[1:])
         else:
             self._refuse(asked[1], f"{self._workers} calls are being answered already")
@@ -280,8 +229,7 @@ class Endpoint:
         for _ in range(len(self._pending)):
             query, topic, own_key, handler = self._pending.popleft()
             if self._on_outside is not None and self.drive is Drive.LOCKSTEP and not topic.reads_only:
-                payload = query.payload.to_bytes() if query.payload is not None else b""
-                self._on_outside(str(query.selector), payload)
+                self._on_outside(query.selector, query.payload)
             self._reply(query, topic, own_key, handler)
 
     def note_outside(self, key: str, payload: bytes) -> None:
@@ -298,10 +246,12 @@ class Endpoint:
         if self.on_waiting is not None:
             self.on_waiting()
 
-    def _refuse(self, query: zenoh.Query, why: str) -> None:
+    def _refuse(self, query: Asked, why: str) -> None:
         self.refused_queries += 1
-        with query:
-            reply_error(query, CallError(ErrorCode.BUSY, why))
+        try:
+            query.reply_error(CallError(ErrorCode.BUSY, why))
+        finally:
+            query.end()
 
     def _reply(self, *waiting: *_Waiting) -> None:
         query, topic, own_key, handler = waiting
@@ -309,27 +259,26 @@ class Endpoint:
         try:
             if self._closing:
                 raise CallError(ErrorCode.UNLOADED, "the component has stopped")
-            key = own_key or str(query.key_expr)
+            key = own_key or query.key
             names = topic.parse(key)
             if names is None:
                 raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
-            payload = query.payload
-            asked = self.read_request(topic, key, payload.to_bytes() if payload is not None else b"")
-            result = handler(Request(names, asked, query.parameters.get(BY) or ""))
+            asked = self.read_request(topic, key, query.payload)
+            result = handler(Request(names, asked, query.by))
             if isinstance(result, Deferred):
                 is_deferred = True
                 result.when(partial(reply_deferred, query, key, topic, result.reply))
             else:
-                query.reply(key, topic.payloads.write(result), encoding=topic.encoding)
+                query.reply(key, topic.payloads.write(result), topic.encoding)
         except CallError as error:
-            reply_error(query, error)
+            query.reply_error(error)
         except (Exception, SystemExit) as error:
             # Foreign plugin code may even call exit(), and a query that is not answered reads as "nobody there".
             logger.exception("a handler of %s failed", topic.name)
-            reply_error(query, CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
+            query.reply_error(CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
         finally:
             if not is_deferred:
-                query.drop()
+                query.end()
 
     def read_request(self, topic: Query[Q, Any], key: str, payload: bytes) -> Q:
         """Decode a request (CallError if it is refused, which is counted)."""
@@ -369,26 +318,15 @@ class Endpoint:
         key = topic.key(self.team, **names)
         body = None if request is None else topic.requests.write(request)
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
-        priority = PRIORITY[topic.urgency]
         selector = f"{key}?{BY}={check_name('asker', by)}" if by else key
-        for reply in self._replies(selector, timeout_s, payload=body, encoding=JSON, priority=priority):
-            if reply.ok is not None:
-                return read_reply(topic, key, reply.ok.payload.to_bytes())
-            raise call_error(reply.err)
-        raise NobodyThere(f"nobody answers {key}")
-
-    def _replies(self, selector: str, timeout_s: float, **options: Any) -> Iterable[zenoh.Reply]:
-        if self.drive is Drive.LIVE:
-            replies: Iterable[zenoh.Reply] = self.session.get(selector, timeout=timeout_s, **options)
-            return replies
-        own = LockstepReplies(self._zid)
-        self.session.get(selector, own.handler(), timeout=NO_LIMIT_S, **options)
-        in_time = own.wait(timeout_s)
-        if own.from_outside:
+        replies = self._link.ask(selector, body, topic.urgency, timeout_s)
+        if replies.from_outside:
             self.note_outside(selector, b"")
-        if not in_time:
+        if not replies.in_time:
             raise CallError(ErrorCode.TIMEOUT, "no reply in time")
-        return own.replies
+        for answer in replies.answers:
+            return read_answer(topic, key, answer)
+        raise NobodyThere(f"nobody answers {key}")
 
     def ask_later(
         self, topic: Query[Q, R], request: Q | None = None, *, timeout_s: float | None = None, **names: str
@@ -443,26 +381,25 @@ class Endpoint:
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         inbox.adopt(self._border)
         key, reply_key = topic.key(self.team, **names), reply_topic.key(self.team, **names)
-        body: dict[str, Any] = {} if request is None else {"payload": topic.requests.write(request), "encoding": JSON}
+        body = None if request is None else topic.requests.write(request)
         if self.drive is Drive.LIVE:  # a callback would start a thread for each query
-            inbox.expect(self._get(key, timeout=timeout_s, **body), reply_topic, reply_key)
+            options: dict[str, Any] = {} if body is None else {"payload": body, "encoding": JSON}
+            inbox.expect(self._get(key, timeout=timeout_s, **options), reply_topic, reply_key)
             return
 
-        def take(reply: zenoh.Reply) -> None:
-            payload = reply.ok.payload.to_bytes() if reply.ok is not None else NOTHING
-            if is_from_outside(reply, self._zid):
+        def take(answer: Answer) -> None:
+            payload = NOTHING if answer.is_error else answer.payload
+            if answer.from_outside:
                 self.note_outside(key, payload)
             if payload != NOTHING:
                 inbox.append(reply_topic, reply_key, payload)
 
-        self.session.get(key, self._callback(take), timeout=NO_LIMIT_S, **body)
+        self._link.ask_then(key, body, take)
 
     def close(self) -> None:
         """Undeclare everything; queries that still wait are answered `unloaded`."""
         self._closing = True
-        for entity in reversed(self._entities):
-            entity.undeclare()
-        self._entities.clear()
+        self._link.close()
         self._declared_keys.undeclare()
         while self._pending:
             self._reply(*self._pending.popleft())
@@ -488,6 +425,10 @@ class Endpoint:
         """In lockstep, whether what is being delivered comes from another process."""
         return self.drive is Drive.LOCKSTEP and threading.get_ident() != self._owner
 
-    def _callback(self, function: Callable[[Any], None], *, waits: bool = True) -> "zenoh.handlers.Callback[Any]":
-        """In live, a callback on a thread of its own if it may wait for anything, else on Zenoh's."""
-        return zenoh.handlers.Callback(function, indirect=waits and self.drive is Drive.LIVE)
+
+def _link(session: zenoh.Session, drive: Drive) -> Link:
+    """What carries an endpoint's puts, queries and tokens."""
+    if drive is Drive.LIVE:
+        return ZenohLink(session, None)
+    exchange = Exchange.of(session)
+    return LocalLink(exchange) if exchange.is_alone else ZenohLink(session, exchange)

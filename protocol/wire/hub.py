@@ -5,6 +5,7 @@ import socket
 
 import zenoh
 
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.session import TCP_ENDPOINT, check_endpoint
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
@@ -72,27 +73,23 @@ def may_answer(endpoint: str) -> bool:
         return False
 
 
-def teams_there(session: zenoh.Session) -> list[str]:
+def teams_there(wire: Endpoint) -> list[str]:
     """Names of the teams with a robot or coordinator that can be reached, sorted."""
-    found = set()
-    for topic in (ROBOT_ALIVE, COORDINATOR_ALIVE):
-        for reply in session.liveliness().get(topic.of_every_team(), timeout=TEAMS_TIMEOUT_S):
-            names = topic.parse(str(reply.ok.key_expr)) if reply.ok is not None else None
-            if names is not None:
-                found.add(names["team"])
-    return sorted(found)
+    topics = (ROBOT_ALIVE, COORDINATOR_ALIVE)
+    found = [wire.present(topic, every_team=True, timeout_s=TEAMS_TIMEOUT_S) for topic in topics]
+    return sorted({names["team"] for tokens in found for names in tokens})
 
 
-def wrong_team(what: str, session: zenoh.Session) -> NobodyThere:
+def wrong_team(what: str, wire: Endpoint) -> NobodyThere:
     """The error for a team with no member there; it names the teams that are there.
 
     Args:
         what: who is missing, such as `no robot of team blue is there`.
-        session: where to look for other teams.
+        wire: where to look for other teams.
 
     """
     try:
-        teams = teams_there(session)
+        teams = teams_there(wire)
     except zenoh.ZError:  # the hub has gone meanwhile: no teams to name
         teams = []
     if teams:

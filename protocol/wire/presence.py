@@ -3,8 +3,6 @@
 from collections import deque
 from typing import NamedTuple
 
-import zenoh
-
 from robrain.protocol.wire.topic import Token
 
 
@@ -31,9 +29,9 @@ class Presence:
         self.arrived: deque[tuple[str, bool]] = deque(maxlen=65536)
         """Changes that `changes` has not yet returned."""
 
-    def append(self, sample: zenoh.Sample) -> None:
-        """Take a change in; called by the liveliness subscription."""
-        self.arrived.append((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+    def append(self, key: str, present: bool) -> None:
+        """Take a change in: the key of a token that has come or gone."""
+        self.arrived.append((key, present))
 
     def changes(self) -> list[Change]:
         """What changed since the last call; ordered by key where the order of arrival is not repeatable."""

@@ -7,7 +7,7 @@ import msgspec
 import zenoh
 
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.exchange import Exchange
+from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.topic import Topic, Urgency
 
@@ -20,22 +20,32 @@ PRIORITY = {
 
 
 class Publisher:
-    """Says one topic under one key. Made by `Endpoint.publisher`."""
+    """Says one topic under one key. Made by `Endpoint.publisher`.
+
+    Args:
+        topic: what it says.
+        key: where.
+        clock: stamps messages.
+        exchange: delivers within the process, in lockstep.
+        declare: declares the key to Zenoh, for other processes; None where there can be none.
+        forget: told of what was declared, once it is undeclared.
+
+    """
 
     def __init__(
         self,
-        declare: Callable[[], Any],
         topic: Topic[Any],
         key: str,
         clock: Clock,
-        forget: Callable[[Any], None],
         exchange: Exchange | None = None,
+        declare: Callable[[], Any] | None = None,
+        forget: Callable[[Any], None] = lambda _: None,
     ) -> None:
         self.topic = topic
         self.key = key
         self._exchange = exchange
         self._declare = declare
-        self._declared: Any = declare() if exchange is None else None
+        self._declared: Any = declare() if declare is not None and exchange is None else None
         """In lockstep declared with the first put that others may hear: most events of most robots never happen."""
         self._clock = clock
         self._forget = forget
@@ -55,23 +65,21 @@ class Publisher:
         if len(encoded) > self.topic.payloads.max_bytes:
             raise ValueError(self.topic.payloads.too_large(len(encoded)))
         self._seq += 1
-        exchange = self._exchange
-        if exchange is None or not exchange.is_alone:
-            self._put_outside(encoded)
-        if exchange is not None:
-            exchange.deliver(self.topic, self.key, encoded)
+        if self._declare is not None:
+            self._put_outside(self._declare, encoded)
+        if self._exchange is not None:
+            self._exchange.deliver(self.topic, self.key, encoded)
 
     def put_bytes(self, payload: bytes) -> None:
         """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""
-        exchange = self._exchange
-        if exchange is None or not exchange.is_alone:
-            self._put_outside(payload)
-        if exchange is not None:
-            exchange.deliver(self.topic, self.key, payload)
+        if self._declare is not None:
+            self._put_outside(self._declare, payload)
+        if self._exchange is not None:
+            self._exchange.deliver(self.topic, self.key, payload)
 
-    def _put_outside(self, payload: bytes) -> None:
+    def _put_outside(self, declare: Callable[[], Any], payload: bytes) -> None:
         if self._declared is None:
-            self._declared = self._declare()
+            self._declared = declare()
         self._declared.put(payload)
 
     def close(self) -> None:

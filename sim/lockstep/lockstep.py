@@ -1,7 +1,7 @@
 """The lockstep drive: arena, robots, coordinator and recorder in one process and one thread, on one session.
 
-Every tick the clock moves on, then each component takes its step in a fixed order. All that passes between them is
-real Zenoh, delivered before the put returns; so equal seeds give equal runs.
+Every tick the clock moves on, then each component takes its step in a fixed order. What passes between them is
+delivered before the put returns; so equal seeds give equal runs. Zenoh is used in runs that other processes may join.
 """
 
 import math
@@ -21,9 +21,9 @@ from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.answers.collector import CalmCollector
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.exchange import Exchange
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth, OutsideInput, ScriptInput
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
@@ -48,7 +48,7 @@ class LockstepRun:
         scenario_toml: its text, for the recording.
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
-        session: an open lockstep session to use instead of one of its own; closed with the run.
+        session: an open lockstep session to use instead of one of its own, on which others may be; closed with the run.
         planning: objective and settings of the coordinator's planning.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: what it takes to make the run again, for the recording.
@@ -88,8 +88,8 @@ class LockstepRun:
         self._summary: RecordingSummary | None = None
         self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
-        self._exchange = Exchange.of(self.session)
-        self._exchange.is_alone = session is None and listen is None
+        is_alone = session is None and listen is None
+        self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
         try:
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:

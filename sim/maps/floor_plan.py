@@ -62,6 +62,14 @@ class FloorPlan:
         return cols * self.resolution_m, rows * self.resolution_m
 
     @cached_property
+    def occupied_cells(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of the occupied cells. Read-only."""
+        rows, columns = np.nonzero(self.occupied)
+        rows.setflags(write=False)
+        columns.setflags(write=False)
+        return rows, columns
+
+    @cached_property
     def clearance_m(self) -> NDArray[np.float64]:
         """(H, W), metres from a cell's centre to the nearest edge of an occupied cell or of the grid; 0 if occupied.
 

@@ -263,7 +263,7 @@ def clearance_m(plan: FloorPlan, pose: Pose2D | Point2D) -> float:
     width_m, height_m = plan.size_m
     x_m, y_m = pose.x_m - plan.origin_x_m, pose.y_m - plan.origin_y_m
     to_edge_m = max(0.0, min(x_m, width_m - x_m, y_m, height_m - y_m))
-    rows, columns = np.nonzero(plan.occupied)
+    rows, columns = plan.occupied_cells
     half_m = plan.resolution_m / 2
     beyond_x_m = np.maximum(np.abs((columns + 0.5) * plan.resolution_m - x_m) - half_m, 0.0)
     beyond_y_m = np.maximum(np.abs((rows + 0.5) * plan.resolution_m - y_m) - half_m, 0.0)

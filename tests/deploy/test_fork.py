@@ -20,6 +20,7 @@ from robrain.deploy.fork.forking import fork_run
 from robrain.deploy.fork.recorded_run import recorded_run
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL
 from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
@@ -214,7 +215,7 @@ def test_where_a_run_is_not_that_of_the_recording_is_told(tmp_path: Path) -> Non
 def test_calls_of_other_processes_are_repeated_in_their_tick(tmp_path: Path) -> None:
     path = tmp_path / "outside.mcap"
     scenario = Scenario.builtin("arena_small").replace(seed=4)
-    run = scenario.open(scenario.world(), record=path, is_script=True)
+    run = scenario.open(scenario.world(), record=path, session=open_lockstep_session(), is_script=True)
     key = ROBOT_CALL.key(DEFAULT_TEAM, robot="r1", plugin="driver", function="stop")
     for tick in range(300):
         if tick in (100, 200):  # an endpoint takes for another process what comes on another thread

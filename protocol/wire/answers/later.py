@@ -5,6 +5,7 @@ from typing import Any, Generic
 import msgspec
 import zenoh
 
+from robrain.protocol.wire.answers.asked import Answer, answer_of
 from robrain.protocol.wire.border.border import other_names
 from robrain.protocol.wire.border.codec import BAD_PAYLOAD, BadPayload
 from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply, NobodyThere
@@ -55,20 +56,21 @@ class Later(Generic[R]):
             raise NobodyThere(f"nobody answers {self._key}") from None
         if reply is None:
             return None
-        if reply.ok is not None:
-            return read_reply(self._topic, self._key, reply.ok.payload.to_bytes())
-        raise call_error(reply.err)
+        return read_answer(self._topic, self._key, answer_of(reply))
 
 
-def read_reply(topic: Query[Any, R], key: str, payload: bytes) -> R:
+def read_answer(topic: Query[Any, R], key: str, answer: Answer) -> R:
     """Decode the reply to a query.
 
     Raises:
-        CallError: it is too large, does not decode, is out of range, or names another than was asked (`failed`).
+        CallError: it is an error; or it is too large, does not decode, is out of range, or names another than was
+            asked (`failed`).
 
     """
+    if answer.is_error:
+        raise call_error(answer.payload)
     try:
-        reply = topic.payloads.read(payload)
+        reply = topic.payloads.read(answer.payload)
     except BadPayload as error:
         raise CallError(ErrorCode.FAILED, f"a bad reply: {error}") from error
     if topic.named_twice and (why := other_names(topic, topic.parse(key) or {}, reply)):
@@ -76,9 +78,8 @@ def read_reply(topic: Query[Any, R], key: str, payload: bytes) -> R:
     return reply
 
 
-def call_error(reply: zenoh.ReplyError | None) -> CallError:
+def call_error(payload: bytes) -> CallError:
     """What an error that came as a reply says."""
-    payload = reply.payload.to_bytes() if reply is not None else b""
     if payload == ZENOH_TIMEOUT:
         return CallError(ErrorCode.TIMEOUT, "no reply in time")
     try:

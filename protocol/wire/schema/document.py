@@ -4,9 +4,9 @@ from importlib.metadata import version
 from types import NoneType
 from typing import Any
 
+from robrain.protocol.wire.answers.asked import BY
 from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.wire.border.border import AHEAD_S
-from robrain.protocol.wire.endpoint import BY
 from robrain.protocol.wire.errors import ErrorCode, ErrorReply
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT

@@ -216,7 +216,7 @@ def test_a_load_while_another_is_under_way_is_refused(lab):
 
 def entities(bench):
     wires = [wire for host in bench.hosts for wire in host._wires if not wire.is_closed]
-    return sum(len(wire._entities) for wire in wires)
+    return sum(len(wire._link.declarations) for wire in wires)
 
 
 @pytest.mark.parametrize(

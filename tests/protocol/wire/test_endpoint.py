@@ -17,6 +17,7 @@ from robrain.protocol.wire.messages.plugin_messages import Event
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
+from robrain.protocol.wire.topic import Urgency
 from robrain.protocol.wire.topics import (
     ARENA_CAN,
     HALT,
@@ -26,42 +27,11 @@ from robrain.protocol.wire.topics import (
     ROBOT_PLUGINS,
     ROBOT_STATE,
 )
+from tests.protocol.wire.lockstep_wire import Wire
 from tests.waiting import PATIENCE_S, until
 
 SLOW_S = 0.2
 FOO = {"robot": "r1", "plugin": "p", "function": "foo"}
-
-
-@pytest.fixture(scope="module")
-def session():
-    session = open_lockstep_session()
-    yield session
-    session.close()
-
-
-class Wire:
-    """Two components on one session, and what came from outside."""
-
-    def __init__(self, session):
-        self.session = session
-        self.clock = VirtualClock()
-        self.outside = []
-        self.robot = Endpoint(session, "t", self.clock, Drive.LOCKSTEP, on_outside=self._note)
-        self.other = Endpoint(session, "t", self.clock, Drive.LOCKSTEP)
-
-    def _note(self, key, payload):
-        self.outside.append((key, payload))
-
-    def close(self):
-        self.robot.close()
-        self.other.close()
-
-
-@pytest.fixture
-def wire(session):
-    wire = Wire(session)
-    yield wire
-    wire.close()
 
 
 @pytest.fixture
@@ -76,9 +46,9 @@ def foreign_queryable(session):
 class Asker(threading.Thread):
     """Asks from a thread that is not the runner's, as another process would."""
 
-    def __init__(self, session, key, payload=None):
+    def __init__(self, wire, key, payload=None):
         super().__init__()
-        self._ask = lambda: list(session.get(key, payload=payload, timeout=PATIENCE_S))
+        self._ask = lambda: list(wire.other._link.ask(key, payload, Urgency.DATA, PATIENCE_S).answers)
         self.replies = []
         self.start()
 
@@ -91,7 +61,12 @@ class Asker(threading.Thread):
         return reply
 
     def error(self):
-        return msgspec.json.decode(self.reply().err.payload.to_bytes(), type=ErrorReply)
+        return read_error(self.reply())
+
+
+def read_error(answer):
+    assert answer.is_error
+    return msgspec.json.decode(answer.payload, type=ErrorReply)
 
 
 def wait_for_queries(endpoint, count=1):
@@ -220,12 +195,12 @@ def test_a_query_from_another_thread_waits_for_serve_and_is_told(wire):
 
     wire.robot.answer(ROBOT_CALL, answer, robot="r1")
     key = ROBOT_CALL.key("t", **FOO)
-    asker = Asker(wire.session, key, b"[1]")
+    asker = Asker(wire, key, b"[1]")
     wait_for_queries(wire.robot)
     assert served_on == []
     assert wire.outside == []
     wire.robot.serve()
-    assert asker.reply().ok.payload.to_bytes() == b'"foo"'
+    assert asker.reply().payload == b'"foo"'
     assert served_on == [threading.get_ident()]
     assert wire.outside == [(key, b"[1]")]
 
@@ -271,11 +246,11 @@ def test_queries_from_outside_are_answered_in_the_order_they_came(wire):
     wire.robot.answer(ROBOT_CALL, lambda request: answered.append(request.names["function"]), robot="r1")
     askers = []
     for number, function in enumerate(["a", "b", "c"]):
-        askers.append(Asker(wire.session, ROBOT_CALL.key("t", robot="r1", plugin="p", function=function)))
+        askers.append(Asker(wire, ROBOT_CALL.key("t", robot="r1", plugin="p", function=function)))
         wait_for_queries(wire.robot, number + 1)
     wire.robot.serve()
     for asker in askers:
-        assert asker.reply().ok is not None
+        assert not asker.reply().is_error
     assert answered == ["a", "b", "c"]
 
 
@@ -283,12 +258,12 @@ def test_when_too_many_wait_the_next_is_told_so(wire, monkeypatch):
     monkeypatch.setattr(endpoint_module, "PENDING_QUERIES", 1)
     wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
     key = ROBOT_PLUGINS.key("t", robot="r1")
-    first = Asker(wire.session, key)
+    first = Asker(wire, key)
     wait_for_queries(wire.robot)
-    assert Asker(wire.session, key).error().code is ErrorCode.BUSY
+    assert Asker(wire, key).error().code is ErrorCode.BUSY
     assert wire.robot.refused_queries == 1
     wire.robot.serve()
-    assert first.reply().ok is not None
+    assert not first.reply().is_error
 
 
 @pytest.mark.parametrize(
@@ -323,19 +298,19 @@ def test_an_error_arrives_with_code_message_and_detail(wire, code):
     [b"", b"nonsense", b"\xff\xfe", b'{"code": "no_such_code", "message": "from a newer peer"}', b"[" * 100_000],
     ids=["empty", "no JSON", "no UTF-8", "a newer code", "nested too deep"],
 )
-def test_an_error_of_another_make_is_not_taken_for_a_timeout(wire, foreign_queryable, payload):
+def test_an_error_of_another_make_is_not_taken_for_a_timeout(joined, foreign_queryable, payload):
     foreign_queryable(zenoh.handlers.Callback(lambda query: query.reply_err(payload), indirect=False))
     with pytest.raises(CallError, match="none of ours") as refused:
-        wire.other.ask(ROBOT_PLUGINS, robot="r9")
+        joined.other.ask(ROBOT_PLUGINS, robot="r9")
     assert refused.value.code is ErrorCode.FAILED
 
 
-def test_an_unanswered_query_ends_as_a_timeout(wire, foreign_queryable):
+def test_an_unanswered_query_ends_as_a_timeout(wire):
     kept = []
-    foreign_queryable(kept.append)
+    wire.robot._link.queryable(ROBOT_PLUGINS.key("t", robot="r9"), kept.append, waits=False)
     with pytest.raises(CallError, match="no reply in time") as late:
         wire.other.ask(ROBOT_PLUGINS, robot="r9", timeout_s=0.1)
-    kept.pop().drop()
+    kept.pop().end()
     assert late.value.code is ErrorCode.TIMEOUT
 
 
@@ -355,12 +330,12 @@ def test_a_handler_that_takes_longer_than_the_time_limit_is_waited_for_in_lockst
     assert wire.outside == []
 
 
-def test_a_run_that_waits_for_another_process_in_vain_cannot_be_repeated(wire, foreign_queryable):
+def test_a_run_that_waits_for_another_process_in_vain_cannot_be_repeated(wire):
     kept = []
-    foreign_queryable(kept.append)
+    wire.other._link.queryable(ROBOT_PLUGINS.key("t", robot="r9"), kept.append, waits=False)
     with pytest.raises(CallError, match="no reply in time"):
         wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=0.1)
-    kept.pop().drop()
+    kept.pop().end()
     wire.robot.serve()
     assert wire.outside == [("robrain/t/robot/r9/plugins", b"")]
 
@@ -406,8 +381,8 @@ def test_where_nobody_answers_nobody_is_there(wire):
 
 def test_a_wildcard_query_for_one_key_of_many_is_answered_with_an_error(wire):
     wire.robot.answer(ROBOT_CALL, lambda _: "never", robot="r1")
-    (reply,) = wire.session.get("robrain/t/robot/r1/call/**", timeout=1.0)
-    error = msgspec.json.decode(reply.err.payload.to_bytes(), type=ErrorReply)
+    (reply,) = wire.other._link.ask("robrain/t/robot/r1/call/**", None, Urgency.DATA, 1.0).answers
+    error = read_error(reply)
     assert error.code is ErrorCode.BAD_ARGUMENTS
     assert "ask one concrete key" in error.message
 
@@ -415,8 +390,8 @@ def test_a_wildcard_query_for_one_key_of_many_is_answered_with_an_error(wire):
 def test_a_wildcard_query_for_keys_of_one_each_is_answered_by_each(wire):
     wire.robot.answer(ROBOT_PLUGINS, lambda _: 1, robot="r1")
     wire.other.answer(ROBOT_PLUGINS, lambda _: 2, robot="r2")
-    replies = wire.session.get(ROBOT_PLUGINS.selector("t"), timeout=1.0)
-    answers = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in replies}
+    replies = wire.other._link.ask(ROBOT_PLUGINS.selector("t"), None, Urgency.DATA, 1.0).answers
+    answers = {reply.key: reply.payload for reply in replies}
     assert answers == {"robrain/t/robot/r1/plugins": b"1", "robrain/t/robot/r2/plugins": b"2"}
 
 
@@ -433,7 +408,7 @@ def test_bad_names_are_refused_before_anything_is_sent(wire):
 def test_queries_that_wait_at_the_end_are_answered_unloaded(wire):
     asked = []
     wire.robot.answer(ROBOT_MAP_WHOLE, asked.append, robot="r1")
-    asker = Asker(wire.session, ROBOT_MAP_WHOLE.key("t", robot="r1"))
+    asker = Asker(wire, ROBOT_MAP_WHOLE.key("t", robot="r1"))
     wait_for_queries(wire.robot)
     wire.robot.close()
     assert asker.error().code is ErrorCode.UNLOADED

@@ -7,11 +7,11 @@ import time
 import pytest
 import zenoh
 
-from robrain.protocol.wire import declared_keys
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links import declared_keys
 from robrain.protocol.wire.messages.plugin_messages import Event
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session

@@ -4,6 +4,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
@@ -11,11 +12,13 @@ from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 ROBOTS = ["r1", "r2", "r3"]
 
 
-@pytest.fixture(scope="module")
-def session():
+@pytest.fixture(scope="module", params=["joined", "alone"])
+def session(request):
     session = open_lockstep_session()
+    exchange = Exchange.alone(session) if request.param == "alone" else None
     yield session
     session.close()
+    del exchange
 
 
 @pytest.fixture
@@ -54,6 +57,30 @@ def test_presence_follows_the_tokens(make_endpoint):
 def test_who_was_there_before_is_seen_as_well(make_endpoint):
     make_endpoint().token(ROBOT_ALIVE, robot="r1")
     assert make_endpoint().watch(ROBOT_ALIVE).changes() == [came("r1")]
+
+
+def test_a_token_that_several_declare_stays_until_the_last_has_gone(make_endpoint):
+    presence = make_endpoint().watch(ROBOT_ALIVE)
+    one, other = make_endpoint(), make_endpoint()
+    for robot in (one, other):
+        robot.token(ROBOT_ALIVE, robot="r1")
+    assert len(presence.arrived) == 1
+    assert presence.changes() == [came("r1")]
+    one.close()
+    assert presence.changes() == []
+    other.close()
+    assert presence.changes() == [went("r1")]
+
+
+def test_tokens_that_are_there_are_told_without_being_watched(make_endpoint):
+    looks = make_endpoint()
+    for robot in ("r1", "r1", "r2"):
+        make_endpoint().token(ROBOT_ALIVE, robot=robot)
+    make_endpoint("blue").token(ROBOT_ALIVE, robot="r3")
+    assert sorted(names["robot"] for names in looks.present(ROBOT_ALIVE)) == ["r1", "r2"]
+    everywhere = looks.present(ROBOT_ALIVE, every_team=True)
+    assert sorted((names["team"], names["robot"]) for names in everywhere) == [("blue", "r3"), ("t", "r1"), ("t", "r2")]
+    assert looks.present(COORDINATOR_ALIVE) == []
 
 
 def test_changes_are_told_in_the_order_of_their_names(make_endpoint):

@@ -1,17 +1,27 @@
-"""A lockstep run that nobody else can join puts nothing on the network; one that others may join puts everything."""
+"""A lockstep run that nobody else can join uses no Zenoh; one that others may join puts everything there as well."""
+
+from collections import Counter
+from collections.abc import Callable
 
 import pytest
+import zenoh
 
 from robrain import Scenario
+from robrain.client.team import Team
 from robrain.protocol.wire.clock import VirtualClock
-from robrain.protocol.wire.exchange import Exchange
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.hub import teams_there
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topics import ROBOT_STATE
-from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_STATE
+from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 
 KEY = ROBOT_STATE.key("t", robot="r1")
+USED = ("declare_publisher", "declare_subscriber", "declare_queryable", "declare_keyexpr", "get", "put", "liveliness")
 
 
 class Network:
@@ -24,12 +34,31 @@ class Network:
         self.put_there.append(payload)
 
 
+@pytest.fixture
+def used(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """How often endpoints and buses use their Zenoh session, by function."""
+    counted = Counter[str]()
+
+    def counting(name: str) -> Callable[..., object]:
+        function = getattr(zenoh.Session, name)
+
+        def called(*arguments: object, **named: object) -> object:
+            counted[name] += 1
+            return function(*arguments, **named)
+
+        return called
+
+    for name in USED:
+        monkeypatch.setattr(zenoh.Session, name, counting(name))
+    return counted
+
+
 @pytest.mark.parametrize("is_alone", [True, False])
 def test_what_is_put_reaches_the_run_itself_and_the_network_only_if_somebody_may_be_there(*, is_alone: bool) -> None:
-    exchange, network, inbox = Exchange(), Network(), Inbox()
-    exchange.is_alone = is_alone
+    exchange, network, inbox = Exchange(is_alone=is_alone), Network(), Inbox()
     exchange.subscribe(ROBOT_STATE.selector("t"), ROBOT_STATE, inbox)
-    publisher = Publisher(lambda: network, ROBOT_STATE, KEY, VirtualClock(), lambda _: None, exchange)
+    declare = None if is_alone else lambda: network
+    publisher = Publisher(ROBOT_STATE, KEY, VirtualClock(), exchange, declare)
     publisher.put(RobotState(robot="r1"))
     assert [received.message.robot for received in inbox.drain()] == ["r1"]
     assert len(network.put_there) == (0 if is_alone else 1)
@@ -42,3 +71,63 @@ def test_a_run_is_alone_unless_it_listens(listen: str | None, *, is_alone: bool)
         assert Exchange.of(run.session).is_alone is is_alone
     finally:
         run.close()
+
+
+def test_a_run_on_a_session_of_somebody_else_is_not_alone() -> None:
+    run = LockstepRun(Scenario.builtin("arena_small").world(), session=open_lockstep_session())
+    try:
+        assert not Exchange.of(run.session).is_alone
+    finally:
+        run.close()
+
+
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_only_a_run_that_others_may_join_uses_zenoh(used: Counter[str], *, is_alone: bool) -> None:
+    world = Scenario.builtin("arena_small").replace(robots=2).world()
+    run = LockstepRun(world, session=None if is_alone else open_lockstep_session())
+    for _ in range(25):
+        run.tick()
+    transport = LockstepTransport(run)
+    team = Team(transport, by="test")
+    team.submit("visit", id="look", place=(2.0, 2.0))
+    with pytest.raises(NobodyThere, match="there are: r1, r2"):
+        team.call("r9", "driver", "stop")
+    team.halt(reason="enough")
+    transport.close()
+    if is_alone:
+        assert not used
+    else:
+        assert min(used[name] for name in ("declare_subscriber", "declare_queryable", "get", "liveliness")) > 0
+
+
+def test_a_team_that_is_not_there_is_told_which_is() -> None:
+    run = LockstepRun(Scenario.builtin("arena_small").world())
+    wire = Endpoint(run.session, "blue", run.clock, Drive.LOCKSTEP)
+    try:
+        assert [names["team"] for names in wire.present(COORDINATOR_ALIVE, every_team=True)] == ["default"]
+        assert teams_there(wire) == ["default"]
+    finally:
+        wire.close()
+        run.close()
+
+
+def test_runs_with_and_without_zenoh_are_the_same() -> None:
+    def digest(session: zenoh.Session | None) -> str:
+        scenario = Scenario.builtin("arena_small").replace(robots=3, motes=2, seed=5)
+        transport = LockstepTransport(LockstepRun(scenario.world(), session=session))
+        team = Team(transport, by="test")
+        team.run_for(2.0)
+        team.submit("visit", id="look", place=(2.0, 2.0))
+        team.run_for(3.0)
+        team.halt(reason="a break")
+        team.run_for(1.0)
+        team.resume()
+        team.call("r1", "driver", "stop")
+        with pytest.raises(NobodyThere):
+            team.call("r9", "driver", "stop")
+        team.run_for(2.0)
+        transport.close()
+        assert transport.summary is not None
+        return transport.summary.digest
+
+    assert digest(None) == digest(open_lockstep_session())

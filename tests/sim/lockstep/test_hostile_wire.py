@@ -17,6 +17,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import ErrorCode
 from robrain.protocol.wire.messages.task_messages import TaskFilter
 from robrain.protocol.wire.schema.document import errors_of
+from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Query, Topic
 from robrain.protocol.wire.topics import PUBLISHED, ROBOT_PLUGINS, TASK_LIST, TOPICS
 from robrain.sim.lockstep.lockstep import LockstepRun
@@ -34,7 +35,8 @@ class Team:
     """A run, a dashboard's view of it, and a stranger on its wire."""
 
     def __init__(self) -> None:
-        self.run = LockstepRun(Scenario.builtin("arena_small").replace(robots=2, motes=2, seed=5).world())
+        world = Scenario.builtin("arena_small").replace(robots=2, motes=2, seed=5).world()
+        self.run = LockstepRun(world, session=open_lockstep_session())
         self.dashboard = Endpoint(self.run.session, "default", self.run.clock, Drive.LOCKSTEP)
         self.source = LiveSource(self.dashboard)
         self.stranger = Endpoint(self.run.session, "default", self.run.clock, Drive.LOCKSTEP)

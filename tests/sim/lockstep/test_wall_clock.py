@@ -12,7 +12,7 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.task_desk import TaskDesk
 from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.exchange import Exchange
+from robrain.protocol.wire.links.exchange import Exchange
 
 SECONDS = 5.0
 LONG_S, SHORT_S = 0.7, 0.002

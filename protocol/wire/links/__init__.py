@@ -1,0 +1,1 @@
+"""What carries puts, queries and tokens between endpoints."""

@@ -1,0 +1,81 @@
+"""The link of an endpoint in a lockstep run that no other process can join."""
+
+from threading import Event
+from typing import Any
+
+from robrain.protocol.wire.answers.asked import Answer
+from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.link import (
+    Declaration,
+    Replies,
+    TakeAnswer,
+    TakeChange,
+    TakeQuery,
+    TakeSample,
+)
+from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.topic import Topic, Urgency
+
+
+class LocalLink:
+    """A `Link` within this process; nothing is declared to Zenoh.
+
+    Args:
+        exchange: of the run.
+
+    """
+
+    def __init__(self, exchange: Exchange) -> None:
+        self.declarations: list[Declaration] = []
+        self._exchange = exchange
+
+    def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
+        """See `Link`."""
+        return Publisher(topic, key, clock, self._exchange)
+
+    def subscribe(
+        self,
+        selector: str,
+        topic: Topic[Any],
+        inbox: Inbox,
+        take: TakeSample,
+        *,
+        waits: bool,
+    ) -> None:
+        """See `Link`."""
+        self.declarations.append(self._exchange.subscribe(selector, topic, inbox))
+
+    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
+        """See `Link`."""
+        self.declarations.append(self._exchange.queryable(selector, take))
+
+    def token(self, key: str) -> None:
+        """See `Link`."""
+        self.declarations.append(self._exchange.token(key))
+
+    def watch(self, selector: str, take: TakeChange) -> None:
+        """See `Link`."""
+        self.declarations.append(self._exchange.watch(selector, take))
+
+    def tokens(self, selector: str, timeout_s: float) -> list[str]:
+        """See `Link`."""
+        return self._exchange.tokens(selector)
+
+    def ask(self, selector: str, payload: bytes | None, urgency: Urgency, timeout_s: float) -> Replies:
+        """See `Link`."""
+        answers: list[Answer] = []
+        is_over = Event()
+        self._exchange.ask(selector, payload or b"", answers.append, is_over.set)
+        in_time = bool(answers) or is_over.wait(timeout_s)
+        return Replies(answers, in_time, from_outside=not in_time)
+
+    def ask_then(self, key: str, payload: bytes | None, take: TakeAnswer) -> None:
+        """See `Link`."""
+        self._exchange.ask(key, payload or b"", take, lambda: None)
+
+    def close(self) -> None:
+        """See `Link`."""
+        while self.declarations:
+            self.declarations.pop().undeclare()
