@@ -50,7 +50,10 @@ class TaskTab:
             self._by_click.on_click(lambda _: page.post(lambda: self._want_place(not self.wants_place)))
             self._kinds = self._known_kinds()
             self._kind = gui.add_dropdown("Kind", tuple(self._kinds))
-            self._kind.on_update(lambda event: page.post(lambda: self._choose(event.target.value)))
+            self._wanted = self._kind.value
+            self._kind.on_update(
+                lambda event: page.post(lambda: self._choose(event.target.value, by_hand=event.client is not None))
+            )
             self._status = gui.add_html("")
             slot = gui.add_folder("Coordinates and options", expand_by_default=False)
             self._form = FormPanel(gui, slot)
@@ -64,7 +67,7 @@ class TaskTab:
             on_choice(self._objective, lambda value: page.post(lambda: self._set_objective(Objective(value))))
             self._planning = gui.add_html("")
             self._gantt = gui.add_html("")
-        self._choose(self._kind.value)
+        self._choose(self._kind.value, by_hand=False)
 
     def draw(self, now_s: float) -> None:
         """Show the current state."""
@@ -122,8 +125,10 @@ class TaskTab:
         self._by_click.label = BY_CLICK_WAITS if wants else BY_CLICK
         self._by_click.color = "orange" if wants else "blue"
 
-    def _choose(self, kind: str) -> None:
+    def _choose(self, kind: str, *, by_hand: bool) -> None:
         if kind in self._kinds:
+            if by_hand:
+                self._wanted = kind
             self._form.show(task_fields(self._kinds[kind]))
 
     def _known_kinds(self) -> dict[str, KnownKind]:
@@ -134,13 +139,13 @@ class TaskTab:
         kinds = self._known_kinds()
         if kinds == self._kinds:
             return
-        chosen, self._kinds = self._kind.value, kinds
+        self._kinds = kinds
         names = tuple(sorted(kinds))
         if names != tuple(self._kind.options):
             self._kind.options = names  # viser keeps the value if it is still there
-            if chosen in kinds:
-                set_value(self._kind, chosen)
-        self._choose(self._kind.value)
+        if self._wanted in kinds:  # a kind that no robot announces for a moment is chosen again when it is back
+            set_value(self._kind, self._wanted)
+        self._choose(self._kind.value, by_hand=False)
 
     def _add(self) -> None:
         try:

@@ -24,7 +24,7 @@ from robrain.coordinator.drawing.palette import (
 from robrain.coordinator.recording.foxglove import messages as make
 from robrain.coordinator.recording.foxglove import scene as foxglove_scene
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping import occupancy_grid as cells
+from robrain.protocol.model.mapping import grid_geometry as cells
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
