@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 
 from robrain.cli import app
 from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
-from robrain.protocol.wire.endpoint import BY, CONGESTION
+from robrain.protocol.wire.endpoint import BY
 from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.links.zenoh_link import CONGESTION
 from robrain.protocol.wire.publisher import PRIORITY
 from robrain.protocol.wire.topic import Query, Topic
 from robrain.protocol.wire.topics import PUBLISHED, TOPICS
