@@ -19,7 +19,7 @@ from robrain.coordinator.dashboard.server.asker import Answer
 from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.stock_kinds import EXPLORE
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.wire.messages.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
@@ -49,8 +49,9 @@ class TaskTab:
             self._by_click = gui.add_button(BY_CLICK, color="blue")
             self._by_click.on_click(lambda _: page.post(lambda: self._want_place(not self.wants_place)))
             self._kinds = self._known_kinds()
-            self._kind = gui.add_dropdown("Kind", tuple(self._kinds))
-            self._wanted = self._kind.value
+            self._wanted = VISIT
+            """The kind that the operator chose last."""
+            self._kind = gui.add_dropdown("Kind", tuple(sorted(self._kinds)), initial_value=self._wanted)
             self._kind.on_update(
                 lambda event: page.post(lambda: self._choose(event.target.value, by_hand=event.client is not None))
             )
