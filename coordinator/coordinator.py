@@ -4,8 +4,8 @@ import math
 from operator import attrgetter
 
 from robrain.coordinator.charging.charge_desk import ChargeDesk
-from robrain.coordinator.exploration.assignment import Choice
-from robrain.coordinator.exploration.explorer import Explorer
+from robrain.coordinator.exploration.explorer import Explorer, Scout
+from robrain.coordinator.exploration.situation import Busy, Choice
 from robrain.coordinator.exploration.strategies import strategy_of
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
@@ -111,6 +111,7 @@ class Coordinator:
         wire.token(COORDINATOR_ALIVE)
         self._decide_due_ns = 0
         self._look_due_ns = 0
+        self._revise_due_ns = 0
         self._summary_due_ns = 0
         self._own_tasks = self.tasks.journal.new_epoch(first_epoch)
         self._busy_ns = wire.clock.now_ns()
@@ -301,17 +302,19 @@ class Coordinator:
         return [robot for robot in robots if self.tasks.of_robot(robot.name) is None]
 
     def _hand_out_frontiers(self, up: list[Robot], now_ns: int) -> None:
-        bound = [record.task.place for record in self.tasks.open if record.robot]
-        planning = self.planning
+        planning, pauses = self.planning, self.lifecycle.backoff.robots
         free, is_unplanned = self._idle(up), planning.has_unplanned()
         idle = [robot for robot in free if not (is_unplanned or planning.is_reserved(robot.name, now_ns))]
         why, names = PlanPending() if is_unplanned else TaskSoon(), {robot.name for robot in idle}
         self._kept_idle = {robot.name: why for robot in free if robot.name not in names}
-        paused = {robot.name for robot in idle if self.lifecycle.backoff.robots.why(robot.name, now_ns)}
-        if paused:
-            idle = [robot for robot in idle if robot.name not in paused]
-        choices = self.explorer.choose(idle, bound, now_ns) if idle else []
-        if choices or paused or bound or self.explorer.has_failures or not up or self.team_map.version == 0:
+        paused = {robot.name for robot in idle if pauses.why(robot.name, now_ns)}
+        scouts = [_scout(robot) for robot in idle if robot.name not in paused]
+        under_way = self._under_way(up, now_ns)
+        scouts += [_scout(self.roster.robots[name], goal) for name, goal in under_way.items()]
+        bound = [record for record in self.tasks.open if record.robot and record.robot not in under_way]
+        busy = [Busy(self._place_of(record), record.task.place) for record in bound]
+        choices = self.explorer.choose(scouts, busy, now_ns) if scouts else []
+        if choices or paused or bound or under_way or self.explorer.has_failures or not up or not self.team_map.version:
             self._busy_ns = now_ns
 
         def explore(choice: Choice) -> None:
@@ -319,6 +322,27 @@ class Coordinator:
             self._offer_own(task, choice.robot, now_ns, choice.way_m)
 
         self._guard.records(choices, explore, attrgetter("robot"), "frontier")
+
+    def _under_way(self, up: list[Robot], now_ns: int) -> dict[str, Point2D]:
+        """Goals of the robots that explore and may get another, by name, if it is time to revise goals."""
+        period_s = self.planning.policy.revise_s
+        if not period_s or now_ns < self._revise_due_ns:
+            return {}
+        self._revise_due_ns = now_ns + to_ns(period_s)
+        goals = {}
+        for robot in up:
+            bound = self.tasks.bound_to(robot.name)
+            if len(bound) != 1 or bound[0].state is not TaskState.RUNNING or not bound[0].own:
+                continue
+            if bound[0].task.kind == EXPLORE and not self.lifecycle.backoff.robots.why(robot.name, now_ns):
+                goals[robot.name] = bound[0].task.place
+        return goals
+
+    def _place_of(self, record: TaskRecord) -> Point2D:
+        """Where the robot of a record is; the task's place if that is unknown."""
+        robot = self.roster.robots.get(record.robot)
+        pose = robot.state.pose if robot is not None and robot.state is not None else None
+        return record.task.place if pose is None else Point2D(pose.x_m, pose.y_m)
 
     # -- telling --------------------------------------------------------------------------------------------
 
@@ -346,3 +370,9 @@ class Coordinator:
                 refused=most_refused(self._wire.refusals),
             )
         )
+
+
+def _scout(robot: Robot, goal: Point2D | None = None) -> Scout:
+    assert robot.state is not None
+    pose = robot.state.pose
+    return Scout(robot.name, None if pose is None else Point2D(pose.x_m, pose.y_m), robot.state.radius_m, goal)

@@ -1,24 +1,24 @@
 """The explorer: finds the frontiers of the team's map and hands each idle robot its own."""
 
-import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.exploration.assignment import (
+from robrain.coordinator.exploration.frontier_paths import FrontierPaths
+from robrain.coordinator.exploration.joint import joint
+from robrain.coordinator.exploration.narrow_ways import NarrowWays
+from robrain.coordinator.exploration.situation import (
+    SAME_GOAL_M,
+    Busy,
     Candidate,
     Choice,
     Seeker,
-    assign,
-    assign_frontiers,
+    Situation,
     is_avoided,
-    ways_to,
 )
-from robrain.coordinator.exploration.narrow_ways import NarrowWays
 from robrain.coordinator.exploration.strategies import Strategy
-from robrain.coordinator.team.roster import Robot
-from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m
 from robrain.protocol.wire.clock import to_ns
@@ -49,10 +49,42 @@ LOOK_M = 0.6
 """Robots judge a frontier by the unknown cells within 0.5 m of it; this adds the edge."""
 
 
+class KnownFloor(Protocol):
+    """What is known of the floor; the coordinator's `TeamMap` is one."""
+
+    @property
+    def grid(self) -> "OccupancyGrid | None":
+        """The map; None before anything is known."""
+        ...
+
+    @property
+    def version(self) -> int:
+        """Grows whenever the class of a cell changes; 0 while nothing is known."""
+        ...
+
+
+class Scout(NamedTuple):
+    """A robot that can explore."""
+
+    name: str
+    place: Point2D | None
+    """Where it is, arena frame; None if that is unknown."""
+    radius_m: float
+    goal: Point2D | None = None
+    """The frontier that it is on its way to."""
+
+
 class _Failure(NamedTuple):
     robot: str
     place: Point2D
     until_ns: int
+
+
+class _Question(NamedTuple):
+    version: int
+    needed_m: float
+    seekers: list[Seeker]
+    taken: list[Point2D]
 
 
 class Explorer:
@@ -64,7 +96,7 @@ class Explorer:
 
     """
 
-    def __init__(self, team_map: TeamMap, strategy: Strategy = assign) -> None:
+    def __init__(self, team_map: KnownFloor, strategy: Strategy = joint) -> None:
         self.strategy = strategy
         self.candidates: list[Candidate] = []
         """The frontiers of the map as it was last looked at."""
@@ -72,7 +104,7 @@ class Explorer:
         self._navigation: NavigationGrid | None = None
         self._version = 0
         self._failures: list[_Failure] = []
-        self._vain: tuple[int, float, list[Seeker], list[Point2D]] | None = None
+        self._vain: _Question | None = None
         """What was last asked with nothing found: the same question has the same answer."""
         self._visited: dict[Point2D, int] = {}
         """What was unknown around each frontier when a robot had been there, in cells."""
@@ -110,47 +142,53 @@ class Explorer:
         """Whether some robot shuns some place at the moment."""
         return bool(self._failures)
 
-    def choose(self, idle: list[Robot], taken: list[Point2D], now_ns: int) -> list[Choice]:
-        """Goals for the idle robots.
+    def choose(self, scouts: Sequence[Scout], busy: Sequence[Busy], now_ns: int) -> list[Choice]:
+        """Frontiers for robots.
 
         Args:
-            idle: robots without a task.
-            taken: goals of the others.
+            scouts: robots without a task, and robots under way to a frontier whose goal may be changed.
+            busy: the other robots that are bound for a place.
             now_ns: the time of the run.
+
+        Returns:
+            New goals; robots that keep theirs are left out.
 
         """
         self._failures = [failure for failure in self._failures if failure.until_ns > now_ns]
-        radius_m = max((robot.state.radius_m for robot in idle if robot.state is not None), default=0.0)
+        radius_m = max((scout.radius_m for scout in scouts if scout.place is not None), default=0.0)
         needed_m = PREFERRED_MARGIN_M + radius_m
+        narrow = [scout for scout in scouts if scout.goal in self._narrow_goals]
+        busy = [*busy, *(Busy(scout.place or scout.goal, scout.goal) for scout in narrow if scout.goal is not None)]
         seekers = [
-            Seeker(robot.name, Point2D(robot.state.pose.x_m, robot.state.pose.y_m), self._avoided_places(robot.name))
-            for robot in idle
-            if robot.state is not None and robot.state.pose is not None
+            Seeker(scout.name, scout.place, self._avoided_places(scout.name), scout.goal)
+            for scout in scouts
+            if scout.place is not None and scout not in narrow
         ]
-        question = (self._map.version, needed_m, seekers, taken)
+        question = _Question(self._map.version, needed_m, seekers, [robot.goal for robot in busy])
         if question == self._vain:
             return []
         self.idle = {name: why for name, why in self.idle.items() if any(name == seeker.name for seeker in seekers)}
-        self.idle |= {robot.name: PlaceUnknown() for robot in idle if robot.state is None or robot.state.pose is None}
+        self.idle |= {scout.name: PlaceUnknown() for scout in scouts if scout.place is None}
         navigation = self._look(needed_m)
         if navigation is None:
             return []
         candidates = [candidate for candidate in self.candidates if not self._is_spent(candidate.place)]
-        choices = assign_frontiers(navigation, candidates, seekers, taken, choose=self.strategy)
+        paths = FrontierPaths(navigation, candidates)
+        choices = _changed(self.strategy(Situation(candidates, seekers, busy, paths.costs_m)), seekers)
         chosen = {choice.robot for choice in choices}
-        left = [seeker for seeker in seekers if seeker.name not in chosen]
+        left = [seeker for seeker in seekers if seeker.name not in chosen and seeker.goal is None]
         is_narrow_due = bool(left) and now_ns >= self._narrow_due_ns
         if is_narrow_due:
             self._narrow_due_ns = now_ns + NARROW_LOOK_NS
-            places = [choice.place for choice in choices]
-            choices += self._squeeze(candidates, left, [*taken, *places], radius_m, now_ns)
+            bound = [Busy(choice.place, choice.place) for choice in choices]
+            choices += self._squeeze(candidates, left, [*busy, *bound], radius_m, now_ns)
         for choice in choices:
             self.idle.pop(choice.robot, None)
         self._vain = None if choices or not is_narrow_due else question
         return choices
 
     def _squeeze(
-        self, candidates: list[Candidate], seekers: list[Seeker], taken: list[Point2D], radius_m: float, now_ns: int
+        self, candidates: list[Candidate], seekers: list[Seeker], busy: list[Busy], radius_m: float, now_ns: int
     ) -> list[Choice]:
         """Choose goals along narrow paths for robots without any other; set `idle` for those that get none."""
         grid = self._map.grid
@@ -158,18 +196,16 @@ class Explorer:
             self.idle |= {seeker.name: NothingUnknown() for seeker in seekers}
             return []
         navigation = self._narrow.look(grid, radius_m, PREFERRED_MARGIN_M + radius_m)
+        taken = {robot.goal for robot in busy}
+        open_to = [one for one in candidates if one.place not in taken and not self._narrow.is_given_up(one.place)]
         shut = self._narrow.shut(now_ns)
-        ways_m = ways_to(navigation, candidates, seekers, shut)
-        free = [
-            index
-            for index, candidate in enumerate(candidates)
-            if candidate.place not in taken and not self._narrow.is_given_up(candidate.place)
-        ]
-        open_to = [candidates[index] for index in free]
-        choices = self.strategy(ways_m[:, free], open_to, seekers, taken, is_narrow=True)
+        paths = FrontierPaths(navigation, open_to, shut)
+        choices = self.strategy(Situation(open_to, seekers, busy, paths.costs_m, is_narrow=True))
         self._narrow_goals |= {choice.place for choice in choices}
-        for row, seeker in enumerate(seekers):
-            within = [candidate for way_m, candidate in zip(ways_m[row], candidates, strict=True) if way_m < math.inf]
+        paths = FrontierPaths(navigation, candidates, shut)
+        for seeker in seekers:
+            reached = np.isfinite(paths.costs_m(seeker.place)).tolist()
+            within = [candidate for candidate, is_reached in zip(candidates, reached, strict=True) if is_reached]
             self.idle[seeker.name] = self._why_idle(seeker, candidates, within, radius_m)
         return choices
 
@@ -216,6 +252,16 @@ class Explorer:
 
     def _avoided_places(self, robot: str) -> tuple[Point2D, ...]:
         return tuple(failure.place for failure in self._failures if failure.robot == robot)
+
+
+def _changed(choices: list[Choice], seekers: Sequence[Seeker]) -> list[Choice]:
+    """The choices that give a robot another goal than it has."""
+    goals = {seeker.name: seeker.goal for seeker in seekers}
+    return [
+        choice
+        for choice in choices
+        if (goal := goals[choice.robot]) is None or choice.place.distance_m(goal) > SAME_GOAL_M
+    ]
 
 
 def _candidate(classes: NDArray[np.int8], geometry: "GridGeometry", found: "Frontier") -> Candidate:

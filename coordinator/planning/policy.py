@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from robrain.coordinator.allocation.allocator import ALLOCATORS, OPTIMAL
-from robrain.coordinator.exploration.strategies import ASSIGNMENT, STRATEGIES
+from robrain.coordinator.exploration.strategies import JOINT, STRATEGIES
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.objective import Objective
@@ -33,8 +33,10 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """What plans are optimised for."""
     method: Name = OPTIMAL
     """Name of the allocator that makes the plans, stock or an entry point `robrain.allocators`; `nearest` for none."""
-    exploration: Name = ASSIGNMENT
+    exploration: Name = JOINT
     """Name of the exploration strategy: stock, or an entry point `robrain.exploration_strategies`."""
+    revise_s: float = 0.0
+    """Period in which the goals of exploring robots are decided anew, seconds; 0: a robot keeps its goal to the end."""
     passes: tuple[Name, ...] = STOCK_PASSES
     """Names of the refinement passes, in order: stock, or entry points `robrain.plan_passes`."""
     seed: int = 0
@@ -95,7 +97,7 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
                 raise ValueError(f"expected {name} from 0 to below 1, got {getattr(self, name)}")
         if not 0.5 <= self.confidence < 1:
             raise ValueError(f"expected confidence from 0.5 to below 1, got {self.confidence}")
-        for name in ("settle_s", "seed", "rounds", "iterations"):
+        for name in ("settle_s", "revise_s", "seed", "rounds", "iterations"):
             if getattr(self, name) < 0:
                 raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
         if self.tasks_max < 1:

@@ -30,7 +30,7 @@ from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import Failed, Refused, RobotReason, Unreachable
-from robrain.protocol.wire.reasons.tasks import DeadlinePassed, IsNext, NotOffered, RobotOut, TaskReason
+from robrain.protocol.wire.reasons.tasks import DeadlinePassed, IsNext, NotOffered, Replaced, RobotOut, TaskReason
 from robrain.protocol.wire.topics import ROBOT_OFFER
 
 logger = logging.getLogger(__name__)
@@ -113,6 +113,7 @@ class TaskLifecycle:
         if answer.accepted:
             pauses.accepted(robot)
             if not after:  # a held task stays offered until the robot reports that it has begun it
+                self._end_replaced(robot, task_id)
                 self._book.move(task_id, TaskState.RUNNING)
             return False
         if not is_reached:
@@ -133,6 +134,12 @@ class TaskLifecycle:
         if record.own:
             self.on_refused(record, robot, now_ns)
         return True
+
+    def _end_replaced(self, robot: str, task_id: str) -> None:
+        """End the coordinator's own task that a robot was at when it accepted another in its place."""
+        for record in self._book.bound_to(robot):
+            if record.own and record.task.id != task_id:
+                self._book.move(record.task.id, TaskState.CANCELLED, Replaced(task_id))
 
     def _catch_up(self, robot: str, epoch: int, now_ns: int) -> bool:
         """Handle a robot that has accepted an epoch greater than this coordinator's; True if it is now outbid.

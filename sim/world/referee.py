@@ -57,7 +57,7 @@ class Referee:
         """The team's map."""
         self._misfits = 0
         self._inbox = Inbox(PATCHES_A_STEP)
-        self._weights = _cells_per_team_cell(plan, plan.reachable(list(starts), clearance_m), geometry)
+        self._weights = floor_weights(plan, starts, clearance_m, geometry)
         self._cell_m2 = plan.resolution_m**2
         self._total = int(self._weights.sum())
         self._fraction = 0.0
@@ -90,6 +90,13 @@ class Referee:
         if self.grid.version != self._version and self._total:
             self._version = self.grid.version
             self._fraction = int(self._weights[self.grid.known()].sum()) / self._total
+
+
+def floor_weights(
+    plan: FloorPlan, starts: Sequence[Point2D], clearance_m: float, geometry: GridGeometry
+) -> NDArray[np.int64]:
+    """(H, W) of the team's grid: the number of the plan's cells in each that robots from `starts` can reach."""
+    return _cells_per_team_cell(plan, plan.reachable(list(starts), clearance_m), geometry)
 
 
 def _cells_per_team_cell(plan: FloorPlan, mask: NDArray[np.bool_], geometry: GridGeometry) -> NDArray[np.int64]:

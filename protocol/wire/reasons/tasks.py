@@ -184,6 +184,13 @@ class IsNext(Reason, frozen=True, tag="is_next"):
     """Id of the task that comes before it."""
 
 
+class Replaced(Reason, frozen=True, tag="replaced"):
+    """Its robot was given another task of the coordinator's own in its place."""
+
+    by: Name
+    """Id of that task."""
+
+
 class LeaseRanOut(Reason, frozen=True, tag="lease_ran_out"):
     """Its robot is silent."""
 
@@ -261,6 +268,7 @@ Standing = (
     | GaveUp
     | HolderOut
     | IsNext
+    | Replaced
     | IsOwn
     | IsState
     | LeaseRanOut

@@ -114,6 +114,8 @@ def words(reason: AnyReason) -> str:
             return f"{robot} is at it"
         case tasks.IsNext(after=after):
             return f"it is next, after {after}"
+        case tasks.Replaced(by=by):
+            return f"its robot was sent on to {by} instead"
         case tasks.IsOwn():
             return "it is one of the coordinator itself"
         case tasks.IsState(state=state):

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from robrain.coordinator.exploration.assignment import (
     CROWD_PENALTY_M,
     CROWD_RADIUS_M,
@@ -16,6 +15,7 @@ from robrain.coordinator.exploration.assignment import (
     assign,
     assign_frontiers,
 )
+
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from robrain.coordinator.exploration.assignment import Candidate, Choice, Seeker, assign, nearest_frontier
+
 from robrain.coordinator.exploration.strategies import ASSIGNMENT, NEAREST_FRONTIER, STRATEGIES, strategy_of
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D

@@ -1,0 +1,152 @@
+"""What an exploration strategy decides on: frontiers, robots, and the paths between them."""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Point2D
+
+AVOID_RADIUS_M = 1.0
+"""A robot that avoids a place is sent to no frontier within this distance of it."""
+
+SAME_GOAL_M = 1.0
+"""A frontier within this distance of a robot's goal is the one that it is on its way to, as the map is now."""
+KEEP_M = 3.0
+"""Path cost by which that frontier counts as nearer, so that a goal is not changed for little."""
+
+
+class Candidate(NamedTuple):
+    """A frontier that might be handed out."""
+
+    place: Point2D
+    length_m: float
+    unknown_m2: float = 0.0
+    """Unknown area beyond it, as far as a robot there may see of it at once."""
+
+
+class Seeker(NamedTuple):
+    """A robot that can be sent to a frontier."""
+
+    name: str
+    place: Point2D
+    avoided: tuple[Point2D, ...] = ()
+    """Places that it could not get to a short while ago."""
+    goal: Point2D | None = None
+    """The frontier that it is on its way to; None if it has nothing to do."""
+
+
+class Busy(NamedTuple):
+    """A robot that keeps its goal."""
+
+    place: Point2D
+    goal: Point2D
+
+
+class Choice(NamedTuple):
+    """A robot and the frontier that it gets."""
+
+    robot: str
+    place: Point2D
+    cost_m: float
+    way_m: float = math.nan
+    """How far it is."""
+    is_narrow: bool = False
+    """Whether the path passes places with less than the preferred clearance."""
+
+
+PathCosts = Callable[[Point2D], NDArray[np.float64]]
+"""Path cost from a place to each frontier, (frontiers,), metres of open floor; inf where there is no path."""
+
+
+class Situation:
+    """What a strategy decides on; read-only.
+
+    Args:
+        candidates: the frontiers.
+        seekers: the robots to send.
+        busy: the robots that keep their goals.
+        path_costs: computes path costs from a place to the frontiers.
+        is_narrow: whether paths may have less than the preferred clearance; copied into each choice.
+
+    """
+
+    def __init__(
+        self,
+        candidates: Sequence[Candidate],
+        seekers: Sequence[Seeker],
+        busy: Sequence[Busy],
+        path_costs: PathCosts,
+        *,
+        is_narrow: bool = False,
+    ) -> None:
+        self.candidates = tuple(candidates)
+        self.seekers = tuple(seekers)
+        self.busy = tuple(busy)
+        self.is_narrow = is_narrow
+        self._path_costs = path_costs
+
+    @cached_property
+    def ways_m(self) -> NDArray[np.float64]:
+        """Path costs (seekers, frontiers), metres of open floor; inf where there is no path, or the robot avoids it.
+
+        The frontier that a robot is on its way to counts as `KEEP_M` nearer.
+        """
+        ways_m = self._from([seeker.place for seeker in self.seekers])
+        for row, seeker in enumerate(self.seekers):
+            if seeker.goal is not None and (column := self.column_of(seeker.goal)) is not None:
+                ways_m[row, column] = max(0.0, ways_m[row, column] - KEEP_M)
+        for row, seeker in enumerate(self.seekers):
+            for column, candidate in enumerate(self.candidates if seeker.avoided else ()):
+                if is_avoided(candidate, seeker):
+                    ways_m[row, column] = math.inf
+        ways_m.setflags(write=False)
+        return ways_m
+
+    @cached_property
+    def busy_ways_m(self) -> NDArray[np.float64]:
+        """Path costs (busy robots, frontiers), from where the robots are."""
+        return _frozen(self._from([robot.place for robot in self.busy]))
+
+    @cached_property
+    def taken_m(self) -> NDArray[np.float64]:
+        """Path costs (busy robots, frontiers), from the robots' goals."""
+        return _frozen(self._from([robot.goal for robot in self.busy]))
+
+    @cached_property
+    def between_m(self) -> NDArray[np.float64]:
+        """Path costs (frontiers, frontiers), the less of both directions; 0 on the diagonal."""
+        one_way_m = self._from([candidate.place for candidate in self.candidates])
+        between_m: NDArray[np.float64] = np.minimum(one_way_m, one_way_m.T)
+        np.fill_diagonal(between_m, 0.0)
+        return _frozen(between_m)
+
+    def column_of(self, goal: Point2D) -> int | None:
+        """The number of the frontier that is a robot's goal as the map is now; None if there is none there any more."""
+        away_m = [candidate.place.distance_m(goal) for candidate in self.candidates]
+        column = min(range(len(away_m)), key=away_m.__getitem__, default=None)
+        return column if column is not None and away_m[column] < SAME_GOAL_M else None
+
+    def choice(self, row: int, column: int, cost_m: float) -> Choice:
+        """The choice of a frontier for a seeker, by their numbers."""
+        way_m = float(self.ways_m[row, column])
+        return Choice(self.seekers[row].name, self.candidates[column].place, float(cost_m), way_m, self.is_narrow)
+
+    def _from(self, places: Sequence[Point2D]) -> NDArray[np.float64]:
+        ways_m = np.full((len(places), len(self.candidates)), np.inf)
+        for row, place in enumerate(places if self.candidates else ()):
+            ways_m[row] = self._path_costs(place)
+        return ways_m
+
+
+def is_avoided(candidate: Candidate, seeker: Seeker) -> bool:
+    """Whether a robot must not be sent to a frontier now."""
+    return any(candidate.place.distance_m(place) < AVOID_RADIUS_M for place in seeker.avoided)
+
+
+def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    array.setflags(write=False)
+    return array
