@@ -17,6 +17,7 @@ from robrain.deploy.commands.plugin_commands import plugin_app
 from robrain.deploy.commands.scenario_options import (
     MapOption,
     MotesOption,
+    NearOption,
     RobotsOption,
     ScenarioArgument,
     SeedOption,
@@ -89,6 +90,7 @@ def run(
     robots: RobotsOption = None,
     motes: MotesOption = None,
     seed: SeedOption = None,
+    near: NearOption = None,
     until: UntilOption = None,
     time_limit: TimeLimitOption = None,
     speed: Annotated[
@@ -108,7 +110,7 @@ def run(
     def choose() -> "Scenario":
         from robrain.deploy.commands.options import choose_scenario
 
-        return choose_scenario(scenario, map_file, robots, motes, seed)
+        return choose_scenario(scenario, map_file, robots, motes, seed, near)
 
     options = RunOptions(
         until=until,

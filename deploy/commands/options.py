@@ -1,8 +1,11 @@
 """Reads and checks the options of commands."""
 
+import math
 from pathlib import Path
 
 from robrain.deploy.errors import UsageError
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario import Scenario
 
 
@@ -32,8 +35,26 @@ def above_zero(option: str, value: float | None) -> float | None:
     return value
 
 
+def place_of(option: str, text: str | None) -> Point2D | None:
+    """Read a place, arena frame, such as `3.5,-2`, if it is given (UsageError if it has another form)."""
+    if text is None:
+        return None
+    try:
+        x_m, y_m = (float(part) for part in text.split(","))
+    except ValueError:
+        x_m = y_m = math.nan
+    if not (math.isfinite(x_m) and math.isfinite(y_m)):
+        raise UsageError(f"{option} {text}: expected X,Y in metres, such as 3.5,-2")
+    return Point2D(x_m, y_m)
+
+
 def choose_scenario(
-    name: str | None, map_file: Path | None, robots: int | None, motes: int | None, seed: int | None
+    name: str | None,
+    map_file: Path | None,
+    robots: int | None,
+    motes: int | None,
+    seed: int | None,
+    near: str | None = None,
 ) -> Scenario:
     """Load the scenario of a command line.
 
@@ -43,6 +64,7 @@ def choose_scenario(
         robots: overrides the scenario's.
         motes: overrides the scenario's.
         seed: overrides the scenario's.
+        near: X,Y, around which the robots start together; overrides the scenario's starts.
 
     Raises:
         UsageError, ScenarioError: in one sentence.
@@ -61,4 +83,7 @@ def choose_scenario(
         lowest = 1 if option == "robots" else 0
         if value is not None and value < lowest:
             raise UsageError(f"--{option} {value}: expected at least {lowest}")
+    around = place_of("--near", near)
+    if around is not None:
+        scenario = scenario.replace(near=around, starts=Starts.TOGETHER)
     return scenario.replace(**{option: value for option, value in changes.items() if value is not None})

@@ -12,5 +12,8 @@ MapOption = Annotated[
 RobotsOption = Annotated[int | None, typer.Option(help="Number of robots.")]
 MotesOption = Annotated[int | None, typer.Option(help="Number of sensor motes.")]
 SeedOption = Annotated[int | None, typer.Option(help="Seed of all random numbers.")]
+NearOption = Annotated[
+    str | None, typer.Option(help="X,Y in metres, around which the robots start; default: as the scenario says.")
+]
 UntilOption = Annotated[str | None, typer.Option(help="Stop when this share is explored, such as explored=0.95.")]
 TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after this many simulated seconds.")]

@@ -3,15 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from robrain.coordinator.exploration.explorer import Explorer
-from robrain.coordinator.team.roster import Robot
+from robrain.coordinator.exploration.explorer import Explorer, Scout
+from robrain.coordinator.exploration.situation import Busy
 from robrain.coordinator.team.team_map import TeamMap
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.reasons.idle import (
     NothingUnknown,
     NoWay,
@@ -49,9 +48,7 @@ def corridor():
 
 
 def robot(name, x_m=4.0, y_m=2.7, *, radius_m=0.2):
-    one = Robot(name)
-    one.state = RobotState(robot=name, pose=Pose2D(x_m, y_m, 0.0), radius_m=radius_m)
-    return one
+    return Scout(name, Point2D(x_m, y_m), radius_m)
 
 
 def places(choices):
@@ -117,7 +114,7 @@ def test_a_robot_that_failed_everywhere_waits():
 
 def test_a_goal_that_is_taken_is_left_to_the_one_who_has_it():
     explorer = Explorer(corridor().team_map)
-    chosen = places(explorer.choose([robot("r1", 3.0)], [Point2D(2.05, 2.75)], 0))
+    chosen = places(explorer.choose([robot("r1", 3.0)], [Busy(Point2D(2.05, 2.75), Point2D(2.05, 2.75))], 0))
     assert near(chosen["r1"], 7.95, 2.75)
 
 
@@ -133,8 +130,7 @@ def test_asked_in_vain_it_answers_anew_when_the_map_has_grown():
 
 def test_asked_in_vain_it_answers_anew_when_a_robot_has_found_out_where_it_is():
     explorer = Explorer(corridor().team_map)
-    lost = Robot("r1")
-    lost.state = RobotState(robot="r1", radius_m=0.2)
+    lost = Scout("r1", None, 0.2)
     assert explorer.choose([lost], [], 0) == []
     assert explorer.idle == {"r1": PlaceUnknown()}
     assert len(explorer.choose([robot("r1")], [], 1)) == 1
@@ -163,7 +159,7 @@ def test_a_stout_robot_is_not_sent_where_it_does_not_fit():
     floor.draw(6.0, 2.0, 6.1, 2.5, OCCUPIED)
     floor.draw(6.0, 3.1, 6.1, 3.5, OCCUPIED)
     east = Point2D(7.95, 2.75)
-    taken = [Point2D(2.05, 2.75)]
+    taken = [Busy(Point2D(2.05, 2.75), Point2D(2.05, 2.75))]
     slim = places(Explorer(floor.team_map).choose([robot("r1", radius_m=0.15)], taken, 0))
     assert near(slim["r1"], east.x_m, east.y_m)
     stout = places(Explorer(floor.team_map).choose([robot("r1", radius_m=0.4)], taken, 0))

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robrain.coordinator.exploration.assignment import Candidate, Choice, Seeker, assign, nearest_frontier
 
-from robrain.coordinator.exploration.strategies import ASSIGNMENT, NEAREST_FRONTIER, STRATEGIES, strategy_of
+from robrain.coordinator.exploration.baselines import burgard, minpos, nearest
+from robrain.coordinator.exploration.joint import joint
+from robrain.coordinator.exploration.situation import KEEP_M, Busy, Candidate, Choice, Seeker, Situation
+from robrain.coordinator.exploration.strategies import BURGARD, JOINT, MINPOS, NEAREST, STRATEGIES, strategy_of
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.registry import UnknownEntry
@@ -20,16 +22,21 @@ __all__ = ["install"]
 A, B, C = (Candidate(Point2D(float(x_m), 0.0), 1.0, 1.0) for x_m in (1, 5, 9))
 R1, R2 = Seeker("r1", Point2D(0.0, 0.0)), Seeker("r2", Point2D(2.0, 0.0))
 WAYS_M = np.array([[1.0, 5.0, 9.0], [1.0, 3.0, math.inf]])
+STOCK = {NEAREST: nearest, MINPOS: minpos, BURGARD: burgard, JOINT: joint}
 
 GREEDY = """
-from robrain.coordinator.exploration.assignment import Choice
+from robrain.coordinator.exploration.situation import Choice
 
-def last(ways_m, candidates, seekers, taken, *, is_narrow=False):
-    return [Choice(seekers[0].name, candidates[-1].place, 0.0)] if candidates else []
-
-def fails(*_arguments, **_options):
-    return 1 / 0
+def last(situation):
+    return [Choice(situation.seekers[0].name, situation.candidates[-1].place, 0.0)] if situation.candidates else []
 """
+
+
+def on_a_line(candidates, seekers, busy=(), ways_m=None) -> Situation:
+    """Paths are along x, unless (robots, frontiers) path costs are given."""
+    xs_m = np.array([candidate.place.x_m for candidate in candidates])
+    rows = {} if ways_m is None else {seeker.place: row for seeker, row in zip(seekers, ways_m, strict=True)}
+    return Situation(candidates, seekers, busy, lambda place: rows.get(place, np.abs(xs_m - place.x_m)))
 
 
 def goals(choices) -> dict[str, Point2D]:
@@ -37,34 +44,74 @@ def goals(choices) -> dict[str, Point2D]:
 
 
 def test_the_nearest_frontier_goes_to_the_first_robot_that_it_is_nearest_to() -> None:
-    made = nearest_frontier(WAYS_M, [A, B, C], [R1, R2], [])
+    made = nearest(on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M))
     assert goals(made) == {"r1": A.place, "r2": B.place}
     assert [choice.way_m for choice in made] == [1.0, 3.0]
 
 
 def test_the_nearest_frontier_is_none_that_is_taken_or_shunned_or_out_of_reach() -> None:
-    assert goals(nearest_frontier(WAYS_M, [A, B, C], [R1], [A.place])) == {"r1": B.place}
+    assert goals(nearest(on_a_line([A, B, C], [R1], [Busy(A.place, A.place)]))) == {"r1": B.place}
     shy = R1._replace(avoided=(A.place,))
-    assert goals(nearest_frontier(WAYS_M, [A, B, C], [shy], [])) == {"r1": B.place}
-    assert nearest_frontier(np.full((1, 3), math.inf), [A, B, C], [R1], []) == []
+    assert goals(nearest(on_a_line([A, B, C], [shy]))) == {"r1": B.place}
+    assert nearest(on_a_line([A, B, C], [R1], ways_m=np.full((1, 3), math.inf))) == []
 
 
-@given(st.lists(st.lists(st.sampled_from([0.5, 1.0, 2.0, math.inf]), min_size=3, max_size=3), min_size=1, max_size=4))
-def test_no_stock_strategy_gives_two_robots_a_frontier_or_one_without_a_path(ways: list[list[float]]) -> None:
+def test_minpos_sends_a_robot_where_fewer_are_nearer_though_it_is_farther() -> None:
+    ahead, behind = Seeker("r1", Point2D(4.0, 0.0)), Seeker("r2", Point2D(3.0, 0.0))
+    ends = [A, B, C]
+    assert goals(minpos(on_a_line(ends, [ahead, behind]))) == {"r1": B.place, "r2": A.place}
+    # To the robot behind alone, the goal ahead is as near; a busy robot there counts as well.
+    assert goals(minpos(on_a_line([A, B], [behind]))) == {"r2": A.place}
+    assert goals(minpos(on_a_line([A, B], [behind], [Busy(Point2D(2.0, 0.0), C.place)]))) == {"r2": B.place}
+
+
+def test_burgard_sends_the_second_robot_away_from_the_goal_of_the_first() -> None:
+    near, far = Candidate(Point2D(2.0, 0.0), 1.0), Candidate(Point2D(-4.0, 0.0), 1.0)
+    ends = [Candidate(Point2D(1.5, 0.0), 1.0), near, far]
+    made = burgard(on_a_line(ends, [R1, Seeker("r2", Point2D(0.1, 0.0))]))
+    assert set(goals(made).values()) == {ends[0].place, far.place}
+
+
+def test_burgard_lowers_the_utility_near_the_goals_of_busy_robots() -> None:
+    ends = [A, Candidate(Point2D(-3.0, 0.0), 1.0)]
+    assert goals(burgard(on_a_line(ends, [R1]))) == {"r1": A.place}
+    beside = Busy(Point2D(9.0, 0.0), Point2D(1.5, 0.0))
+    assert goals(burgard(on_a_line(ends, [R1], [beside]))) == {"r1": ends[1].place}
+
+
+@given(
+    st.lists(st.lists(st.sampled_from([0.5, 1.0, 2.0, math.inf]), min_size=3, max_size=3), min_size=1, max_size=4),
+    st.sampled_from(sorted(STOCK)),
+)
+def test_no_stock_strategy_gives_two_robots_a_frontier_or_one_without_a_path(
+    ways: list[list[float]], name: str
+) -> None:
     seekers = [Seeker(f"r{row}", Point2D(0.0, float(row))) for row in range(len(ways))]
-    for strategy in (assign, nearest_frontier):
-        made = strategy(np.array(ways), [A, B, C], seekers, [])
-        assert len({choice.place for choice in made}) == len({choice.robot for choice in made}) == len(made)
-        assert all(math.isfinite(choice.way_m) for choice in made)
+    made = STOCK[name](on_a_line([A, B, C], seekers, ways_m=np.array(ways)))
+    assert len({choice.place for choice in made}) == len({choice.robot for choice in made}) == len(made)
+    assert all(math.isfinite(choice.way_m) for choice in made)
+
+
+@pytest.mark.parametrize("name", sorted(STOCK))
+def test_a_stock_strategy_chooses_nothing_without_frontiers_or_robots(name: str) -> None:
+    assert STOCK[name](on_a_line([], [R1])) == []
+    assert STOCK[name](on_a_line([A], [])) == []
 
 
 def test_the_stock_strategies_are_registered() -> None:
-    assert STRATEGIES.get(ASSIGNMENT) is assign
-    assert STRATEGIES.get(NEAREST_FRONTIER) is nearest_frontier
+    assert {name: STRATEGIES.get(name) for name in STOCK} == STOCK
+
+
+def test_the_goal_that_a_robot_has_counts_as_nearer() -> None:
+    bound = Seeker("r1", Point2D(0.0, 0.0), goal=Point2D(5.3, 0.0))
+    situation = on_a_line([A, B, C], [bound])
+    assert situation.ways_m.tolist() == [[1.0, 5.0 - KEEP_M, 9.0]]
+    assert situation.column_of(Point2D(7.0, 0.0)) is None
+    assert on_a_line([], [bound]).column_of(Point2D(5.0, 0.0)) is None
 
 
 def test_an_unknown_strategy_is_refused_with_those_that_there_are() -> None:
-    with pytest.raises(ValueError, match=r"expected exploration to be one of assignment, nearest_frontier; got nearst"):
+    with pytest.raises(ValueError, match="one of burgard, joint, minpos, nearest; got nearst"):
         PlanningPolicy(exploration="nearst")
     with pytest.raises(UnknownEntry):
         strategy_of("nearst", lambda _name, _why: None)
@@ -76,7 +123,7 @@ def test_a_strategy_of_another_distribution_is_used(install) -> None:
     try:
         told: list[tuple[str, str]] = []
         strategy = strategy_of("last", lambda name, why: told.append((name, why)))
-        assert goals(strategy(WAYS_M, [A, B, C], [R1, R2], [])) == {"r1": C.place}
+        assert goals(strategy(on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M))) == {"r1": C.place}
         assert told == []
         assert PlanningPolicy(exploration="last").exploration == "last"
     finally:
@@ -84,8 +131,7 @@ def test_a_strategy_of_another_distribution_is_used(install) -> None:
 
 
 def _stock() -> dict[str, str]:
-    home = "robrain.coordinator.exploration.assignment"
-    return {ASSIGNMENT: f"{home}:assign", NEAREST_FRONTIER: f"{home}:nearest_frontier"}
+    return {name: f"{strategy.__module__}:{name}" for name, strategy in STOCK.items()}
 
 
 @pytest.mark.parametrize(
@@ -104,17 +150,17 @@ def _stock() -> dict[str, str]:
     ],
 )
 def test_what_a_foreign_strategy_may_not_choose_is_told_and_the_stock_one_stands_in(monkeypatch, made, said) -> None:
-    monkeypatch.setitem(STRATEGIES._loaded, "odd", lambda *_arguments, **_options: made)
+    monkeypatch.setitem(STRATEGIES._loaded, "odd", lambda _situation: made)
     told: list[str] = []
     strategy = strategy_of("odd", lambda _name, why: told.append(why))
-    assert strategy(WAYS_M, [A, B, C], [R1, R2], []) == assign(WAYS_M, [A, B, C], [R1, R2], [])
+    assert strategy(on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M)) == joint(
+        on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M)
+    )
     assert len(told) == 1
     assert said in told[0]
 
 
 def test_a_team_explores_a_floor_by_the_nearest_frontier() -> None:
-    scenario = Scenario.builtin("arena_small").replace(
-        seed=3, robots=2, planning=PlanningPolicy(exploration=NEAREST_FRONTIER)
-    )
+    scenario = Scenario.builtin("arena_small").replace(seed=3, robots=2, planning=PlanningPolicy(exploration=NEAREST))
     run = scenario.run()
     assert run.explored_fraction > 0.9

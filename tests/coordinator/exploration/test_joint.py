@@ -5,17 +5,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robrain.coordinator.exploration.assignment import (
+
+from robrain.coordinator.exploration.frontier_paths import FrontierPaths
+from robrain.coordinator.exploration.joint import (
     CROWD_PENALTY_M,
     CROWD_RADIUS_M,
     GAIN_LIMIT_M,
     GAIN_M_PER_M2,
-    Candidate,
-    Seeker,
-    assign,
-    assign_frontiers,
+    joint,
 )
-
+from robrain.coordinator.exploration.situation import Busy, Candidate, Seeker, Situation
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
@@ -43,6 +42,11 @@ def candidate(x_m, y_m, unknown_m2=1.0):
 
 def seeker(name, x_m, y_m, *avoided):
     return Seeker(name, Point2D(x_m, y_m), tuple(Point2D(*place) for place in avoided))
+
+
+def assign_frontiers(navigation, candidates, seekers, taken):
+    busy = [Busy(goal, goal) for goal in taken]
+    return joint(Situation(candidates, seekers, busy, FrontierPaths(navigation, candidates).costs_m))
 
 
 def goals(choices):
@@ -131,7 +135,8 @@ def test_the_cost_on_open_floor_is_the_way_less_the_unknown_floor_beyond():
 def test_who_is_there_already_has_no_way_to_go(unknown_m2, away_m):
     """Recomputed from its cost it was less than nothing by a rounding, which ended the coordinator."""
     near = Point2D(0.0, 3.0 + away_m)
-    (choice,) = assign(np.zeros((1, 1)), [candidate(0.0, 3.0, unknown_m2)], [seeker("r1", 0.0, 3.0)], [near])
+    ends, one = [candidate(0.0, 3.0, unknown_m2)], [seeker("r1", 0.0, 3.0)]
+    (choice,) = joint(Situation(ends, one, [Busy(near, near)], lambda _place: np.zeros(1)))
     assert choice.way_m == 0.0
 
 
