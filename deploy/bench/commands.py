@@ -6,12 +6,14 @@ from typing import Annotated
 
 import typer
 
+from robrain.deploy.commands.scenario_options import NearOption
 from robrain.deploy.commands.team_options import JsonOption
 
 BENCHES = {
     "allocation": "task allocation: gaps to exact optima, times of first plans, public routing instances",
     "responses": "response times from an event to the wheels, of a live team of processes on loopback",
     "agents": "cost of a thousand simulated agents at 10 Hz for a coordinator",
+    "exploration": "exploration strategies and team sizes on map files: the full stack beside ideal motion",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
     "joining": "robots with unknown places: time and errors of joining the team's map",
     "live": "accuracy of the map of a live team whose agents are stopped at random times",
@@ -133,6 +135,32 @@ def mapping(
     from robrain.deploy.bench.mapping_plan import choose
 
     run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder, conditions), json_file)
+
+
+@bench_app.command(help=BENCHES["exploration"])
+def exploration(
+    maps: MapsOption = None,
+    robots: RobotsOption = "1,2,4,8",
+    seeds: SeedsOption = "1-10",
+    strategies: Annotated[
+        str | None, typer.Option(help="Names of exploration strategies, separated by commas; default: all.")
+    ] = None,
+    motion: Annotated[
+        str, typer.Option(help="full (the whole stack), ideal (points at top speed, exact poses), or both.")
+    ] = "full,ideal",
+    near: NearOption = None,
+    jobs: JobsOption = 1,
+    time_limit_s: TimeLimitOption = 900.0,
+    map_folder: MapFolderOption = None,
+    json_file: JsonFileOption = None,
+) -> None:
+    """Compare exploration strategies."""
+    from robrain.deploy.bench.exploration import choose, run_bench
+    from robrain.deploy.commands.options import place_of
+
+    around = place_of("--near", near)
+    place = None if around is None else (around.x_m, around.y_m)
+    run_bench(choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder), json_file)
 
 
 @bench_app.command(help=BENCHES["joining"])

@@ -99,15 +99,11 @@ def choose(
         UsageError: an option is wrong; the text names it and what was expected.
 
     """
-    if map_folder is not None and not map_folder.is_dir():
-        raise UsageError(f"--map-folder {map_folder}: expected a folder of map_server files, there is none")
-    known, absent = _known_maps(map_folder or SHARED_MAPS)
-    names = list(known) if maps is None else _words("--maps", maps)
-    chosen = {name: path for word in names for name, path in [_map_of(word, known, absent)]}
-    kinds = _of_these("--wheels", wheels, WHEELS)
-    under = _of_these("--conditions", conditions, CONDITIONS)
-    counts = _numbers("--robots", robots, 1, MAX_ROBOTS)
-    drawn = _numbers("--seeds", seeds, 0, MAX_SEED)
+    chosen, absent = choose_maps(maps, map_folder)
+    kinds = names_of("--wheels", wheels, WHEELS)
+    under = names_of("--conditions", conditions, CONDITIONS)
+    counts = numbers_of("--robots", robots, 1, MAX_ROBOTS)
+    drawn = numbers_of("--seeds", seeds, 0, MAX_SEED)
     if jobs < 1:
         raise UsageError(f"--jobs {jobs}: expected at least 1")
     if not 0 < time_limit_s < float("inf"):
@@ -120,7 +116,22 @@ def choose(
         for seed in drawn
         for one in under
     ]
-    return Plan(cases=cases, jobs=jobs, absent=absent if maps is None else [])
+    return Plan(cases=cases, jobs=jobs, absent=absent)
+
+
+def choose_maps(maps: str | None, map_folder: Path | None) -> tuple[dict[str, str], list[str]]:
+    """Path of each chosen map by name, empty for built-in scenarios; and default maps that are not on this computer.
+
+    Raises:
+        UsageError: there is no such folder or map.
+
+    """
+    if map_folder is not None and not map_folder.is_dir():
+        raise UsageError(f"--map-folder {map_folder}: expected a folder of map_server files, there is none")
+    known, absent = _known_maps(map_folder or SHARED_MAPS)
+    names = list(known) if maps is None else _words("--maps", maps)
+    chosen = {name: path for word in names for name, path in [_map_of(word, known, absent)]}
+    return chosen, absent if maps is None else []
 
 
 def all_runs(run: Callable[[Asked], Made], asked: Sequence[Asked], jobs: int) -> Iterator[Made]:
@@ -175,7 +186,8 @@ def _words(option: str, text: str) -> list[str]:
     return words
 
 
-def _of_these(option: str, text: str, those: Collection[str]) -> list[str]:
+def names_of(option: str, text: str, those: Collection[str]) -> list[str]:
+    """The names of a text such as `exact,slipping`, each of `those` (UsageError if one is not)."""
     words = _words(option, text)
     for word in words:
         if word not in those:
@@ -183,8 +195,8 @@ def _of_these(option: str, text: str, those: Collection[str]) -> list[str]:
     return words
 
 
-def _numbers(option: str, text: str, least: int, most: int) -> list[int]:
-    """The numbers of a text such as `1,2,4-6`."""
+def numbers_of(option: str, text: str, least: int, most: int) -> list[int]:
+    """The numbers of a text such as `1,2,4-6` (UsageError if one is not from `least` to `most`)."""
     numbers: list[int] = []
     for word in _words(option, text):
         first, _, last = word.partition("-") if not word.startswith("-") else (word, "", "")

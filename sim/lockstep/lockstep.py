@@ -8,7 +8,9 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
@@ -31,6 +33,8 @@ from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATO
 from robrain.sim.disturbance import Disturbance
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
+from robrain.sim.world.overlap import overlap
+from robrain.sim.world.time_use import TimeUseMeter
 from robrain.sim.world.world import World, manifest_texts
 
 TRUTH_TICKS = 10
@@ -113,6 +117,7 @@ class LockstepRun:
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)
         self.arena = world.arena(self._endpoint(team))
+        self.time_use = TimeUseMeter(self._poses())
         self._closers.append(self.arena.close)
         self._coordinator_wire = self._endpoint(team)
         self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning)
@@ -235,6 +240,10 @@ class LockstepRun:
         self._closers.append(endpoint.close)
         return endpoint
 
+    def overlap(self) -> float:
+        """How much floor several robots have seen: `sim/world/overlap.py`."""
+        return overlap(self.arena.referee.submaps, self.arena.referee.grid.geometry)
+
     def _close_recorder(self) -> None:
         self._summary = self._recorder.close()
 
@@ -248,6 +257,7 @@ class LockstepRun:
             else:
                 self.nothing_left = received.message.all_explored
                 self.idle = {robot.name: robot.idle for robot in received.message.robots if robot.idle is not None}
+        self.time_use.note(self._poses(), self.arena.accuracy.at_task, TRUTH_TICKS * TICK_S)
         plan = self.world.plan
         for body in self.arena.bodies:
             row, column = plan.cell_of(body.x_m, body.y_m)
@@ -255,6 +265,9 @@ class LockstepRun:
             # A cell's clearance is that of its middle: half a diagonal may be lost on the way from there.
             slack_m = 0.71 * plan.resolution_m
             self.wall_overlap_m = max(self.wall_overlap_m, body.radius_m - clearance_m - slack_m)
+
+    def _poses(self) -> NDArray[np.float64]:
+        return np.array([(body.x_m, body.y_m, body.yaw_rad) for body in self.arena.bodies])
 
 
 class LockstepTransport:

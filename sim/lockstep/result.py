@@ -6,6 +6,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.sim.world.floor_left import FloorLeft
+from robrain.sim.world.time_use import TimeUse
 
 
 class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -16,6 +17,8 @@ class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
     energy_j: float
     collisions: int
     pose: Pose2D
+    time_use: TimeUse = TimeUse()
+    """Where its time went."""
     pose_accuracy: PoseAccuracy | None = None
     """Accuracy of its poses over the run."""
     idle: IdleReason | None = None
@@ -42,6 +45,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Regions of floor that were not seen or cannot be reached, and why."""
     map_accuracy: MapAccuracy | None = None
     """Accuracy of the team's map at the end; None if nothing was mapped."""
+    overlap: float = 0.0
+    """Area that each robot has seen, summed over the robots, over the area that any has seen, less one."""
     explored_curve: list[tuple[float, float]]
     """Pairs of sim_time_s and explored fraction."""
     explored_percent_s: dict[int, float] = {}

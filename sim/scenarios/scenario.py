@@ -324,6 +324,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             explored_fraction=truth.explored_fraction,
             floor_left=left,
             map_accuracy=truth.map_accuracy,
+            overlap=round(run.overlap(), 3),
             explored_curve=curve,
             explored_percent_s=milestones,
             distance_m=sum(robot.distance_m for robot in truth.robots),
@@ -338,9 +339,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                     collisions=robot.collisions,
                     pose=robot.pose,
                     pose_accuracy=robot.accuracy,
+                    time_use=run.time_use.of(index),
                     idle=run.idle.get(robot.robot),
                 )
-                for robot in truth.robots
+                for index, robot in enumerate(truth.robots)
             ],
             messages=summary.messages,
             outside_messages=summary.outside,

@@ -65,6 +65,8 @@ class AccuracyWatch:
         self._true: deque[tuple[int, list[tuple[float, float, float]]]] = deque(maxlen=KEPT_TRUE_POSES)
         """Stamp, and x, y, yaw of each robot; the yaw is not wrapped."""
         self._inbox = Inbox(STATES + len(robots))
+        self.at_task = [False] * len(bodies)
+        """Whether each robot had a task in the last state that was heard, in the order of `bodies`."""
         self._steps = 0
         self._map_version = -1
         self._map_accuracy: MapAccuracy | None = None
@@ -101,7 +103,10 @@ class AccuracyWatch:
 
     def _compare(self, state: RobotState) -> None:
         index = self._index.get(state.robot)
-        if index is None or state.pose is None:
+        if index is None:
+            return
+        self.at_task[index] = state.task is not None and not state.task.state.ended
+        if state.pose is None:
             return
         true = self._true_pose(index, state.stamp_ns)
         if true is not None:

@@ -4,13 +4,14 @@ It hears the same patches that the robots send each other, so its map is what th
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.slam.submap import Submap
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -74,6 +75,11 @@ class Referee:
     def refused_patches(self) -> int:
         """Patches that do not decode, are for another grid, or are not plausible."""
         return self._misfits + self._inbox.refused
+
+    @property
+    def submaps(self) -> Mapping[tuple[str, int], Submap]:
+        """What each robot has told of the floor, by robot and number; read-only."""
+        return self._atlas.submaps
 
     def unseen_m2(self) -> NDArray[np.float64]:
         """Area of reachable floor in each unknown cell of the team's grid: (H, W), square metres."""
