@@ -9,7 +9,7 @@ import pytest
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.reconcile import LEASE_S
-from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -340,3 +340,68 @@ def test_with_no_robot_up_nothing_is_explored(team):
     robot.speaks = False
     team.run(5.0)
     assert not team.summary.all_explored
+
+
+# -- revising goals -----------------------------------------------------------------------------------------
+
+
+def test_by_default_a_robot_keeps_its_goal_to_the_end(team):
+    robot = team.robot("r1", 4.0)
+    team.corridor()
+    team.run(1.0)
+    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
+    team.run(5.0)
+    assert len(robot.offers) == 1
+
+
+def test_a_goal_is_revised_when_another_has_become_much_nearer(team):
+    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
+    robot = team.robot("r1", 4.0)
+    team.corridor()
+    team.run(1.0)
+    first = robot.offers[0].task
+    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
+    team.run(2.0)
+    assert len(robot.offers) == 2
+    assert robot.goal.x_m > 8.0
+    assert robot.withdrawals == []
+    assert team.history(first.id)[-1] is TaskState.CANCELLED
+    assert team.why(first.id) == f"its robot was sent on to {robot.task.id} instead"
+    assert team.history(robot.task.id)[-1] is TaskState.RUNNING
+    assert team.summary.tasks_open == 1
+
+
+def test_a_goal_is_not_revised_for_a_little(team):
+    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
+    robot = team.robot("r1", 5.8)
+    team.corridor()
+    team.run(1.0)
+    for x_m in (6.4, 5.4, 6.2, 5.6):
+        robot.pose = Pose2D(x_m, robot.pose.y_m, 0.0)
+        team.run(2.0)
+    assert len(robot.offers) == 1
+
+
+def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):
+    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
+    robot = team.robot("r1", 4.0)
+    team.corridor()
+    team.run(1.0)
+    first, robot.accepts = robot.task.id, False
+    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
+    team.run(3.0)
+    assert len(robot.offers) > 1
+    assert team.history(first)[-1] is TaskState.RUNNING
+    assert team.history(robot.offers[1].task.id)[-1] is TaskState.CANCELLED
+
+
+def test_a_task_that_a_person_has_submitted_is_never_revised(team):
+    team.coordinator.set_policy(PlanningPolicy(revise_s=0.5))
+    robot = team.robot("r1", 4.0)
+    team.corridor()
+    team.submit(Task(id="look", kind="visit", place=Point2D(3.0, robot.pose.y_m)))
+    team.run(4.0)
+    assert robot.task.id == "look"
+    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
+    team.run(4.0)
+    assert robot.task.id == "look"

@@ -1,0 +1,42 @@
+"""How much floor several robots have seen."""
+
+import numpy as np
+import pytest
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.occupancy_grid import FREE, GridGeometry
+from robrain.protocol.model.slam.submap import Submap
+from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.overlap import overlap
+
+GEOMETRY = GridGeometry(0.1, -1.0, -1.0, 60, 40)
+
+
+def submap(row: int, column: int, height: int, width: int, place: Pose2D = Pose2D(0.0, 0.0, 0.0)) -> Submap:  # noqa: B008
+    one = Submap(place)
+    one.take(row, column, np.full((height, width), FREE, np.int8), 1)
+    return one
+
+
+def test_nothing_seen_has_no_overlap() -> None:
+    assert overlap({}, GEOMETRY) == 0.0
+    assert overlap({("r1", 1): Submap()}, GEOMETRY) == 0.0
+
+
+def test_what_one_robot_sees_twice_is_no_overlap() -> None:
+    assert overlap({("r1", 1): submap(0, 0, 10, 10), ("r1", 2): submap(0, 0, 10, 10)}, GEOMETRY) == 0.0
+
+
+def test_what_two_robots_see_counts_once_more() -> None:
+    both = {("r1", 1): submap(0, 0, 10, 10), ("r2", 1): submap(0, 5, 10, 10)}
+    assert overlap(both, GEOMETRY) == pytest.approx(50 / 150)
+
+
+def test_a_submap_counts_where_it_lies_in_the_arena() -> None:
+    moved = submap(0, 0, 10, 10, Pose2D(1.0, 0.0, 0.0))
+    assert overlap({("r1", 1): submap(0, 10, 10, 10), ("r2", 1): moved}, GEOMETRY) == pytest.approx(1.0)
+
+
+def test_two_robots_that_start_together_overlap() -> None:
+    result = Scenario.builtin("arena_small").replace(seed=3, robots=2).run(time_limit_s=3.0)
+    assert result.overlap > 0.2
