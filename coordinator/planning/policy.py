@@ -8,6 +8,7 @@ import msgspec
 
 from robrain.coordinator.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.coordinator.exploration.strategies import JOINT, STRATEGIES
+from robrain.coordinator.exploration.strategies import NEAREST as NEAREST_STRATEGY
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.objective import Objective
@@ -15,6 +16,10 @@ from robrain.protocol.registry import UnknownEntry
 
 NEAREST: Final = "nearest"
 """The method without plans, for comparison: each task goes to the nearest idle robot."""
+
+
+RENAMED_STRATEGIES: Final = {"assignment": JOINT, "nearest_frontier": NEAREST_STRATEGY}
+"""Names that recordings and scenarios of earlier versions have, and those of today."""
 
 
 class Charging(StrEnum):
@@ -79,6 +84,8 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     Chosen: half a battery is worth a trip, and above about 0.8 charging slows down."""
 
     def __post_init__(self) -> None:
+        if self.exploration in RENAMED_STRATEGIES:
+            msgspec.structs.force_setattr(self, "exploration", RENAMED_STRATEGIES[self.exploration])
         STRATEGIES.check(self.exploration)
         for name in self.passes:
             PASSES.check(name)

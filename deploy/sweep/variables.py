@@ -81,8 +81,8 @@ def read_vary(options: Sequence[str]) -> dict[str, list[Any]]:
     Raises:
         UsageError: an option has another form, or a key comes twice.
 
-    >>> read_vary(["robots=1..3", "strategy=assignment,nearest_frontier"])
-    {'robots': [1, 2, 3], 'strategy': ['assignment', 'nearest_frontier']}
+    >>> read_vary(["robots=1..3", "strategy=joint,nearest"])
+    {'robots': [1, 2, 3], 'strategy': ['joint', 'nearest']}
     """
     found: dict[str, list[Any]] = {}
     for option in options:

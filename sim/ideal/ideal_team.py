@@ -14,7 +14,8 @@ from robrain.coordinator.exploration.explorer import Explorer, Scout
 from robrain.coordinator.exploration.situation import Busy
 from robrain.coordinator.exploration.strategies import Strategy
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry, OccupancyGrid
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.mapping.ray_cast import cast_rays_of
 from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, least_clearance_m, mapped_clearance_m
 from robrain.protocol.model.navigation.frontier import MIN_CELLS, frontier_mask

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robrain.protocol.model.mapping.occupancy_grid import GridGeometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.slam.submap import Submap
 
 

@@ -154,7 +154,7 @@ def test_task_policy_and_fault_of_a_fork_take_effect_at_its_moment(recordings: d
         output,
         at_s,
         AddTask(at_s=at_s, kind="visit", fields={"place": [13.0, 9.9], "id": "look"}),
-        SetPolicy(at_s=at_s, planning=PlanningPolicy(objective=Objective.MAKESPAN, exploration="nearest_frontier")),
+        SetPolicy(at_s=at_s, planning=PlanningPolicy(objective=Objective.MAKESPAN, exploration="nearest")),
         AddFault(fault=FaultSpec(robot="r3", kind=FaultKind.CAN_CUT, at_s=at_s)),
     )
     assert result.same_before
@@ -167,7 +167,7 @@ def test_task_policy_and_fault_of_a_fork_take_effect_at_its_moment(recordings: d
 
 def test_strategy_of_a_fork_explores_otherwise(recordings: dict[str, Path], tmp_path: Path) -> None:
     output = tmp_path / "fork.mcap"
-    policy = PlanningPolicy(exploration="nearest_frontier")
+    policy = PlanningPolicy(exploration="nearest")
     result = fork(recordings["explored"], output, 2.0, SetPolicy(at_s=2.0, planning=policy))
     assert result.same_before
     _, after_s = last_equal_s(recordings["explored"], output)

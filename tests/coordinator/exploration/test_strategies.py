@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -115,6 +116,12 @@ def test_an_unknown_strategy_is_refused_with_those_that_there_are() -> None:
         PlanningPolicy(exploration="nearst")
     with pytest.raises(UnknownEntry):
         strategy_of("nearst", lambda _name, _why: None)
+
+
+def test_names_of_earlier_versions_are_still_read() -> None:
+    assert PlanningPolicy(exploration="assignment").exploration == JOINT
+    assert PlanningPolicy(exploration="nearest_frontier").exploration == NEAREST
+    assert msgspec.json.decode('{"exploration": "assignment"}', type=PlanningPolicy) == PlanningPolicy()
 
 
 def test_a_strategy_of_another_distribution_is_used(install) -> None:

@@ -15,17 +15,17 @@ CLINIC = ROOT / "examples" / "maps" / "clinic.yaml"
 
 
 def test_every_combination_runs_with_every_seed() -> None:
-    plan = make_plan(DEPOT, [3, 1], {"robots": [1, 2], "strategy": ["assignment", "nearest_frontier"]})
+    plan = make_plan(DEPOT, [3, 1], {"robots": [1, 2], "strategy": ["joint", "nearest"]})
     assert [setting.values for setting in plan.settings] == [
-        {"robots": 1, "strategy": "assignment"},
-        {"robots": 1, "strategy": "nearest_frontier"},
-        {"robots": 2, "strategy": "assignment"},
-        {"robots": 2, "strategy": "nearest_frontier"},
+        {"robots": 1, "strategy": "joint"},
+        {"robots": 1, "strategy": "nearest"},
+        {"robots": 2, "strategy": "joint"},
+        {"robots": 2, "strategy": "nearest"},
     ]
     runs = plan.runs()
     assert [(run.setting, run.seed) for run in runs] == [(k, seed) for k in range(4) for seed in (1, 3)]
     assert len({run.name for run in runs}) == 8
-    assert runs[3].name == "2-robots=1,strategy=nearest_frontier-seed3"
+    assert runs[3].name == "2-robots=1,strategy=nearest-seed3"
 
 
 def test_a_setting_is_the_scenario_with_its_values() -> None:
@@ -60,7 +60,7 @@ def test_a_map_can_be_varied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     [
         ({"robots": ["two"]}, r"--vary robots=two: team.robots: Expected `int`"),
         ({"robots": [0]}, "--vary robots=0: team: expected robots from 1 to 1000"),
-        ({"strategy": ["asignment"]}, "did you mean assignment"),
+        ({"strategy": ["jiont"]}, "did you mean joint"),
         ({"map": ["nix.yaml"]}, "--vary map=nix.yaml: .*nix.yaml: expected a map_server YAML file"),
         ({"robots": [2, 2]}, "--vary robots: expected each value once, got 2, 2"),
         ({"until": [0.9, 2]}, "until_explored above 0 and at most 1"),
