@@ -11,6 +11,7 @@ from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.ideal.ideal_run import run_ideal
 from robrain.sim.ideal.ideal_team import SPEED_M_S
 from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.time_use import TimeUse
 
@@ -19,6 +20,7 @@ MOTIONS = (FULL, IDEAL)
 """The whole stack, or points at top speed with exact poses (`sim/ideal/ideal_team.py`)."""
 BOUND_PERCENTILE = 95.0
 UNTIL = 0.99
+USUAL_TEAM = 4
 
 
 class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,7 +35,8 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
     motion: str
     """Of `MOTIONS`."""
     near: tuple[float, float] | None = None
-    """Around which place the robots start, metres, arena frame; None: where there is room, drawn by the seed."""
+    """Around which place the robots start, metres, arena frame; None: where `USUAL_TEAM` robots would start with that
+    seed, so that teams of all sizes start at the same spot."""
     revise_s: float | None = None
     """Period in which goals are decided anew; None: as planning has it."""
     time_limit_s: float = 900.0
@@ -44,9 +47,14 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
         policy = msgspec.structs.replace(found.planning, exploration=self.strategy)
         if self.revise_s is not None:
             policy = msgspec.structs.replace(policy, revise_s=self.revise_s)
-        near = found.near if self.near is None else Point2D(*self.near)
-        changes: dict[str, object] = {"planning": policy, "near": near, "until_explored": UNTIL}
-        return found.replace(robots=self.robots, seed=self.seed, time_limit_s=self.time_limit_s, **changes)
+        changes: dict[str, object] = {"planning": policy, "until_explored": UNTIL, "time_limit_s": self.time_limit_s}
+        found = found.replace(robots=USUAL_TEAM, seed=self.seed, starts=Starts.TOGETHER, **changes)
+        if self.near is not None:
+            found = found.replace(near=Point2D(*self.near))
+        elif found.near is None:
+            start = found.world().robots[0].start
+            found = found.replace(near=Point2D(start.x_m, start.y_m))
+        return found.replace(robots=self.robots)
 
 
 class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):

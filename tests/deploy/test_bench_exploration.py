@@ -80,6 +80,14 @@ def test_ideal_motion_and_the_full_stack_explore_the_same_floor_from_the_same_pl
     assert full.overlap is not None
 
 
+@pytest.mark.parametrize("near", [None, (2.0, 2.0)])
+def test_teams_of_all_sizes_start_at_the_same_spot(near: tuple[float, float] | None) -> None:
+    one, eight = (
+        msgspec.structs.replace(SMALL, robots=robots, near=near).scenario().world().robots[0].start for robots in (1, 8)
+    )
+    assert (one.x_m, one.y_m) == (eight.x_m, eight.y_m)
+
+
 def test_a_run_that_cannot_be_made_says_why() -> None:
     assert "robots" in run_case(msgspec.structs.replace(SMALL, robots=400)).why_not
 

@@ -245,9 +245,3 @@ def test_near_takes_the_team_into_a_rock_of_the_cave() -> None:
     poses = spawn_poses(plan, 8, 0.2, near=Point2D(11.0, 9.0), rng=_rng(), spacing_m=0.6)
     roamed = plan.reachable([Point2D(poses[0].x_m, poses[0].y_m)], 0.2)
     assert np.count_nonzero(roamed) * plan.resolution_m**2 < 25
-
-
-@pytest.mark.parametrize("near", [None, Point2D(2.0, 2.0)])
-def test_a_larger_team_begins_with_the_places_of_a_smaller_one(near: Point2D | None) -> None:
-    few, many = (spawn_poses(_two_rooms(), count, 0.2, near=near, rng=_rng(3), spacing_m=0.5) for count in (1, 9))
-    assert many[: len(few)] == few
