@@ -12,7 +12,7 @@ pytestmark = pytest.mark.system
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
     done = commands.run("bench", "--list")
     assert done.returncode == 0, done.stderr
-    names = ["allocation", "responses", "agents", "mapping", "joining", "live", "log"]
+    names = ["allocation", "responses", "agents", "exploration", "mapping", "joining", "live", "log"]
     assert [line.split()[0] for line in done.stdout.splitlines()] == names
 
 
