@@ -51,7 +51,9 @@ class TaskTab:
             self._kinds = self._known_kinds()
             self._wanted = VISIT
             """The kind that the operator chose last."""
-            self._kind = gui.add_dropdown("Kind", tuple(sorted(self._kinds)), initial_value=self._wanted)
+            names = tuple(sorted(self._kinds))
+            first = self._wanted if self._wanted in names else None
+            self._kind = gui.add_dropdown("Kind", names, initial_value=first)
             self._kind.on_update(
                 lambda event: page.post(lambda: self._choose(event.target.value, by_hand=event.client is not None))
             )
