@@ -61,6 +61,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("bench allocation", [], "team"),
     ("coordinator", [], "navigation"),
     ("bench log", ["room.clf"], "navigation"),
+    ("bench exploration", [], "sim"),
     ("bench mapping", [], "sim"),
     ("bench joining", [], "sim"),
     ("bench live", [], "sim"),

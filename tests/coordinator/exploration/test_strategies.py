@@ -1,6 +1,8 @@
 """Exploration strategies: chosen by name, also those of other distributions, which are checked."""
 
 import math
+import re
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -133,6 +135,21 @@ def test_a_strategy_of_another_distribution_is_used(install) -> None:
         assert goals(strategy(on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M))) == {"r1": C.place}
         assert told == []
         assert PlanningPolicy(exploration="last").exploration == "last"
+    finally:
+        STRATEGIES.__init__(STRATEGIES.what, STRATEGIES.group, _stock())  # type: ignore[misc]
+
+
+def test_the_strategy_of_the_how_to_sends_robots_where_most_is_unknown(install) -> None:
+    page = Path(__file__).parents[3] / "docs" / "how-to" / "extend-planning.md"
+    _pass, code = re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    install("widest", {"widest": "widest:widest"}, {"widest.py": code}, group="robrain.exploration_strategies")
+    STRATEGIES.__init__(STRATEGIES.what, STRATEGIES.group, _stock())  # type: ignore[misc]
+    try:
+        told: list[str] = []
+        strategy = strategy_of("widest", lambda _name, why: told.append(why))
+        ends = [A, B._replace(unknown_m2=9.0), C._replace(unknown_m2=5.0)]
+        assert goals(strategy(on_a_line(ends, [R1, R2]))) == {"r1": B.place, "r2": C.place}
+        assert told == []
     finally:
         STRATEGIES.__init__(STRATEGIES.what, STRATEGIES.group, _stock())  # type: ignore[misc]
 
