@@ -399,7 +399,7 @@ def test_a_task_that_a_person_has_submitted_is_never_revised(team):
     team.coordinator.set_policy(PlanningPolicy(revise_s=0.5))
     robot = team.robot("r1", 4.0)
     team.corridor()
-    team.submit(Task(id="look", kind="visit", place=Point2D(3.0, robot.pose.y_m)))
+    team.submit(Task(id="look", kind="explore", place=Point2D(3.0, robot.pose.y_m)))
     team.run(4.0)
     assert robot.task.id == "look"
     robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)

@@ -114,8 +114,6 @@ def words(reason: AnyReason) -> str:
             return f"{robot} is at it"
         case tasks.IsNext(after=after):
             return f"it is next, after {after}"
-        case tasks.Replaced(by=by):
-            return f"its robot was sent on to {by} instead"
         case tasks.IsOwn():
             return "it is one of the coordinator itself"
         case tasks.IsState(state=state):
@@ -214,6 +212,8 @@ def words(reason: AnyReason) -> str:
             return f"refused: {words(refusal)}"
         case robots.RefusedOften(times=times, because=refusal):
             return f"refused {times} times: {words(refusal)}"
+        case tasks.Replaced(by=by):
+            return f"its robot was sent on to {by} instead"
         case offers.RobotHalted():
             return "the robot is halted"
         case tasks.RobotOut(robot=robot, because=why_not, attempt=attempt, attempts=attempts):
