@@ -141,12 +141,13 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None) -> None:
 
 
 def table(runs: Sequence[ExplorationRun]) -> Table:
-    """Means over the seeds and their 95 % intervals, a row for each group."""
-    shown = Table(title="Exploration: mean over the seeds ± 95 % interval", title_justify="left")
+    """Means over the seeds, with their 95 % intervals where runs are judged; a row for each group."""
+    title = "Exploration: means over the seeds (± 95 % interval); drive to stand are shares of the robots' time in %"
+    shown = Table(title=title, title_justify="left")
     for heading in ("map", "motion", "strategy"):
         shown.add_column(heading, no_wrap=True)
     headings = ("N", "runs", "90 % s", "95 % s", "99 % s", "bound s", "speed-up", "overlap", "m", "J/m²")
-    for heading in (*headings, "drive %", "turn %", "wait %", "stand %", "hits"):
+    for heading in (*headings, "drive", "turn", "wait", "stand", "hits"):
         shown.add_column(heading, justify="right", no_wrap=True)
     groups = by_group(runs)
     for group, made in groups.items():
@@ -164,7 +165,9 @@ def table(runs: Sequence[ExplorationRun]) -> Table:
             group.strategy,
             str(group.robots),
             str(len(made)),
-            *(_interval([run.explored_percent_s.get(percent) for run in made]) for percent in (90, 95, 99)),
+            _mean(_times(made, 90)),
+            _interval(_times(made, JUDGED_PERCENT)),
+            _mean(_times(made, 99)),
             f"{sum(run.bound_s for run in made) / len(made):.1f}",
             speed_up,
             _mean([run.overlap for run in made], 2),
@@ -258,7 +261,8 @@ def _interval(values: Sequence[float | None], decimals: int = 1) -> str:
 
 def _mean(values: Sequence[float | None], decimals: int = 1) -> str:
     known = [value for value in values if value is not None]
-    return f"{sum(known) / len(known):.{decimals}f}" if known else "–"
+    of = "" if len(known) == len(values) else f" ({len(known)} of {len(values)})"
+    return f"{sum(known) / len(known):.{decimals}f}{of}" if known else "–"
 
 
 def _write(path: Path | None, runs: list[ExplorationRun]) -> None:
