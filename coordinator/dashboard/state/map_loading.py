@@ -1,4 +1,4 @@
-"""Loads what merges maps beside the page's loop: it takes half a second, and the page must be seen before."""
+"""Loads the code that merges maps, on a thread: it takes half a second, and the page is to be seen before."""
 
 import contextlib
 import sys
@@ -41,7 +41,7 @@ class MapLoading:
         self._held.clear()
 
     def close(self) -> None:
-        """Wait until it has ended: it may be amid code that does not bear the interpreter's end."""
+        """Wait for the thread: native code that it runs must not be cut off when the interpreter ends."""
         if self._thread is not None:
             self._thread.join(JOIN_S)
 

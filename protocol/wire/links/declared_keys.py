@@ -1,9 +1,9 @@
-"""Keys that were declared to Zenoh, so that it remembers the way of what arrives or is asked there."""
+"""Keys that were declared to Zenoh, so that it looks up once where samples and queries of a key go."""
 
 import zenoh
 
 DECLARED_KEYS = 16384
-"""So many of one endpoint; further ones are used as they are."""
+"""Maximum number of declared keys of one endpoint; further keys are used undeclared."""
 
 
 class DeclaredKeys:
