@@ -41,7 +41,7 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     exploration: Name = JOINT
     """Name of the exploration strategy: stock, or an entry point `robrain.exploration_strategies`."""
     revise_s: float = 0.0
-    """Period in which the goals of exploring robots are decided anew, seconds; 0: a robot keeps its goal to the end."""
+    """Period, seconds, in which exploring robots may be given another goal; 0: a robot keeps its goal."""
     passes: tuple[Name, ...] = STOCK_PASSES
     """Names of the refinement passes, in order: stock, or entry points `robrain.plan_passes`."""
     seed: int = 0

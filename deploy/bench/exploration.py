@@ -14,9 +14,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.report.mean_interval import MeanInterval, mean_interval
 from robrain.deploy.bench.exploration_runs import FULL, IDEAL, MOTIONS, ExplorationCase, ExplorationRun, run_case
 from robrain.deploy.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
-from robrain.deploy.bench.mapping_plan import SHARED_MAPS, all_runs, choose_maps, names_of, numbers_of
+from robrain.deploy.bench.mapping_plan import SHARED_MAPS, all_runs, check_limits, choose_maps, names_of, numbers_of
 from robrain.deploy.commands.terminal import print_line, say
-from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.sim.scenarios.scenario import MAX_SEED
 from robrain.sim.scenarios.scenario_file import MAX_ROBOTS
@@ -84,10 +83,7 @@ def choose(
     moves = names_of("--motion", motions, MOTIONS)
     counts = numbers_of("--robots", robots, 1, MAX_ROBOTS)
     drawn = numbers_of("--seeds", seeds, 0, MAX_SEED)
-    if jobs < 1:
-        raise UsageError(f"--jobs {jobs}: expected at least 1")
-    if not 0 < time_limit_s < math.inf:
-        raise UsageError(f"--time-limit-s {time_limit_s:g}: expected a number above 0")
+    check_limits(jobs, time_limit_s)
     cases = [
         ExplorationCase(
             map=name,

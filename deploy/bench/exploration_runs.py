@@ -8,8 +8,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.protocol.model.navigation.path_planning import distance_field
 from robrain.protocol.wire.errors import RobrainError
-from robrain.sim.ideal.ideal_run import run_ideal
+from robrain.sim.ideal.ideal_run import IdealResult, run_ideal
 from robrain.sim.ideal.ideal_team import SPEED_M_S
+from robrain.sim.lockstep.result import RunResult
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario import Scenario
@@ -38,7 +39,7 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
     """Around which place the robots start, metres, arena frame; None: where `USUAL_TEAM` robots would start with that
     seed, so that teams of all sizes start at the same spot."""
     revise_s: float | None = None
-    """Period in which goals are decided anew; None: as planning has it."""
+    """Period in which robots may be given another goal; None: as planning has it."""
     time_limit_s: float = 900.0
 
     def scenario(self) -> Scenario:
@@ -111,18 +112,12 @@ def bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, sp
 
 def _full(case: ExplorationCase) -> ExplorationRun:
     scenario = case.scenario()
-    floor = _Floor(scenario)
     result = scenario.run()
     spent = [robot.time_use for robot in result.per_robot]
-    return ExplorationRun(
-        case=case,
-        explored_percent_s=result.explored_percent_s,
-        explored_fraction=result.explored_fraction,
-        sim_time_s=result.sim_time_s,
-        bound_s=floor.bound_s,
-        distance_m=result.distance_m,
+    run = _common(case, scenario, result)
+    return msgspec.structs.replace(
+        run,
         energy_j=result.energy_j,
-        explored_m2=result.explored_fraction * floor.area_m2,
         overlap=result.overlap,
         collisions=result.collisions,
         time_use=TimeUse(**{name: sum(getattr(one, name) for one in spent) for name in TimeUse.__struct_fields__}),
@@ -131,9 +126,15 @@ def _full(case: ExplorationCase) -> ExplorationRun:
 
 def _ideal(case: ExplorationCase) -> ExplorationRun:
     scenario = case.scenario()
-    floor = _Floor(scenario)
     result = run_ideal(scenario)
     driving_s = max(0.0, result.sim_time_s * case.robots - result.standing_s)
+    run = _common(case, scenario, result)
+    return msgspec.structs.replace(run, time_use=TimeUse(driving_s=driving_s, standing_s=result.standing_s))
+
+
+def _common(case: ExplorationCase, scenario: Scenario, result: RunResult | IdealResult) -> ExplorationRun:
+    """What both motions tell."""
+    floor = _Floor(scenario)
     return ExplorationRun(
         case=case,
         explored_percent_s=result.explored_percent_s,
@@ -142,7 +143,6 @@ def _ideal(case: ExplorationCase) -> ExplorationRun:
         bound_s=floor.bound_s,
         distance_m=result.distance_m,
         explored_m2=result.explored_fraction * floor.area_m2,
-        time_use=TimeUse(driving_s=driving_s, standing_s=result.standing_s),
     )
 
 

@@ -104,10 +104,7 @@ def choose(
     under = names_of("--conditions", conditions, CONDITIONS)
     counts = numbers_of("--robots", robots, 1, MAX_ROBOTS)
     drawn = numbers_of("--seeds", seeds, 0, MAX_SEED)
-    if jobs < 1:
-        raise UsageError(f"--jobs {jobs}: expected at least 1")
-    if not 0 < time_limit_s < float("inf"):
-        raise UsageError(f"--time-limit-s {time_limit_s:g}: expected a number above 0")
+    check_limits(jobs, time_limit_s)
     cases = [
         Case(map=name, path=path, robots=count, seed=seed, wheels=kind, time_limit_s=time_limit_s, conditions=one)
         for name, path in chosen.items()
@@ -117,6 +114,14 @@ def choose(
         for one in under
     ]
     return Plan(cases=cases, jobs=jobs, absent=absent)
+
+
+def check_limits(jobs: int, time_limit_s: float) -> None:
+    """Check `--jobs` and `--time-limit-s` (UsageError if one is not above 0)."""
+    if jobs < 1:
+        raise UsageError(f"--jobs {jobs}: expected at least 1")
+    if not 0 < time_limit_s < float("inf"):
+        raise UsageError(f"--time-limit-s {time_limit_s:g}: expected a number above 0")
 
 
 def choose_maps(maps: str | None, map_folder: Path | None) -> tuple[dict[str, str], list[str]]:

@@ -79,7 +79,7 @@ class IdealTeam:
         radius_m: of each robot.
         lidar: of each robot.
         strategy: which robot is sent to which frontier.
-        revise_s: period in which goals of robots under way are decided anew; 0: never.
+        revise_s: period in which robots may be given another goal; 0: they keep theirs.
         rng: draws the lidars' noise.
 
     """
