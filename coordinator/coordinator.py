@@ -324,9 +324,12 @@ class Coordinator:
         self._guard.records(choices, explore, attrgetter("robot"), "frontier")
 
     def _under_way(self, up: list[Robot], now_ns: int) -> dict[str, Point2D]:
-        """Goals of the robots that explore and may get another, by name, if it is time to revise goals."""
+        """Goals of the robots that explore and may get another, by name, if it is time to revise goals.
+
+        A robot alone keeps its goal: nobody else takes away what it is bound for.
+        """
         period_s = self.planning.policy.revise_s
-        if not period_s or now_ns < self._revise_due_ns:
+        if not period_s or now_ns < self._revise_due_ns or len(up) < 2:
             return {}
         self._revise_due_ns = now_ns + to_ns(period_s)
         goals = {}

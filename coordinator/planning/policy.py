@@ -40,8 +40,9 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Name of the allocator that makes the plans, stock or an entry point `robrain.allocators`; `nearest` for none."""
     exploration: Name = JOINT
     """Name of the exploration strategy: stock, or an entry point `robrain.exploration_strategies`."""
-    revise_s: float = 0.0
-    """Period, seconds, in which exploring robots may be given another goal; 0: a robot keeps its goal."""
+    revise_s: float = 1.0
+    """Period, seconds, in which the exploring robots of a team of two or more may be given another goal; 0: a robot
+    keeps its goal, as one alone always does."""
     passes: tuple[Name, ...] = STOCK_PASSES
     """Names of the refinement passes, in order: stock, or entry points `robrain.plan_passes`."""
     seed: int = 0
