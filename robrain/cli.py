@@ -24,6 +24,7 @@ from robrain.deploy.commands.scenario_options import (
     TimeLimitOption,
     UntilOption,
 )
+from robrain.deploy.commands.scenarios_command import scenarios
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
 from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.processes.agent_words import agent_words
@@ -309,6 +310,7 @@ def replay(
 
 
 app.command()(fork)
+app.command()(scenarios)
 
 RobotOption = Annotated[str | None, typer.Option(help="This robot only; default: the whole team.")]
 ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]

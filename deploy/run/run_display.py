@@ -98,6 +98,8 @@ def show_result(result: RunResult) -> None:
     positions = {robot.name: robot.pose_accuracy for robot in result.per_robot}
     for line in accuracy_lines(result.map_accuracy, positions):
         print_line(line)
+    for task in result.tasks:
+        print_line(task.words)
     for left in result.floor_left:
         if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
             print_line(left.words)

@@ -6,6 +6,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.sim.world.floor_left import FloorLeft
+from robrain.sim.world.scenario_tasks import TaskOutcome
 from robrain.sim.world.time_use import TimeUse
 
 
@@ -62,6 +63,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     outside_messages: int
     """Messages from other processes; 0 in a run that can be repeated."""
     mote_readings: int
+    tasks: list[TaskOutcome] = []
+    """What became of the tasks of the scenario, in the order of its file."""
     recording: str | None
     digest: str
     """SHA-256 over every recorded message; ends in `+outside:N` if some came from other processes."""

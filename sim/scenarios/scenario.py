@@ -40,6 +40,7 @@ from robrain.sim.scenarios.scenario_file import (
     ScenarioTable,
     ScenarioTables,
     TeamTable,
+    builtin_folder,
     parse_scenario,
     read_builtin,
     read_scenario_file,
@@ -48,6 +49,7 @@ from robrain.sim.scenarios.scenario_file import (
 from robrain.sim.world.arena import RobotHardware, clearance_m
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
+from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 from robrain.sim.world.world import World, build_world
 
 CURVE_STEP_S = 5.0
@@ -92,6 +94,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()
     """Late frames and scans, paused agents."""
+    tasks: tuple[TaskSpec, ...] = ()
+    """What the scenario itself asks of the team."""
+    about: str = ""
+    """What it shows, in one sentence."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -114,11 +120,15 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             raise ScenarioError(f"{self.name}: expected either near or scattered starts, got both")
         if self.near is not None and not (math.isfinite(self.near.x_m) and math.isfinite(self.near.y_m)):
             raise ScenarioError(f"{self.name}: expected finite coordinates for near, got {self.near}")
+        try:
+            check_tasks(self.tasks)
+        except ValueError as error:
+            raise ScenarioError(f"{self.name}: {error}") from error
 
     @classmethod
     def builtin(cls, name: str) -> Self:
         """A scenario that comes with robrain, such as `depot` (ScenarioError if there is none of that name)."""
-        return cls._from_tables(*read_builtin(name), base=Path())
+        return cls._from_tables(*read_builtin(name), base=builtin_folder())
 
     @classmethod
     def from_file(cls, path: Path | str) -> Self:
@@ -153,6 +163,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         assert floor is not None  # ScenarioTables has checked it
         return cls(
             name=tables.scenario.name,
+            about=tables.scenario.about,
             floor=floor,
             robots=tables.team.robots,
             motes=tables.motes.count,
@@ -166,6 +177,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             faults=tables.faults,
             surfaces=tables.surfaces,
             disturbance=tables.disturbance,
+            tasks=tables.tasks,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -176,7 +188,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         """The scenario as a scenario file with every key; a floor from a map file is named `map.yaml` in it."""
         near_m = (self.near.x_m, self.near.y_m) if self.near is not None else None
         tables = ScenarioTables(
-            scenario=ScenarioTable(self.name, self.seed, self.until_explored, self.time_limit_s),
+            scenario=ScenarioTable(self.name, self.about, self.seed, self.until_explored, self.time_limit_s),
             floor=None if isinstance(self.floor, Path) else self.floor,
             map=MapTable(MAP_YAML_ATTACHMENT) if isinstance(self.floor, Path) else None,
             team=TeamTable(self.robots, near_m, self.starts, self.starts_known),
@@ -189,6 +201,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             faults=self.faults,
             surfaces=self.surfaces,
             disturbance=self.disturbance,
+            tasks=self.tasks,
         )
         return written_scenario(tables)
 
@@ -231,6 +244,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             surfaces=self.surfaces,
             disturbance=self.disturbance,
             starts_known=self.starts_known,
+            tasks=self.tasks,
         )
 
     def team(self, *, seed: int | None = None, record: Path | str | None = None, by: str = "script") -> Team:
@@ -307,7 +321,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             ended, curve, milestones = _drive(run, until, limit_s, pacer, on_progress)
             wall_time_s = pacer.wall_time_s
             run.arena.accuracy.measure_map()
-            truth, left = run.truth, run.floor_left()
+            truth, left, tasks = run.truth, run.floor_left(), run.arena.tasks.outcomes()
         finally:
             summary = run.close()
         assert summary is not None  # the run was built, so it has a recorder
@@ -347,6 +361,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             messages=summary.messages,
             outside_messages=summary.outside,
             mote_readings=run.mote_readings,
+            tasks=tasks,
             recording=str(summary.path) if summary.path is not None else None,
             digest=summary.digest,
         )
@@ -426,11 +441,15 @@ def _drive(
 
 
 def why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
-    """Why a run ends now: `interrupted`, `explored`, `time_limit` or `nothing_left`; empty while it goes on."""
+    """Why a run ends now: `interrupted`, `explored`, `time_limit` or `nothing_left`; empty while it goes on.
+
+    While a task of the scenario is open, only Ctrl-C and the time limit end it.
+    """
     if interrupted:
         return "interrupted"
-    if run.explored_fraction >= until_explored:
+    is_done = run.arena.tasks.all_ended
+    if is_done and run.explored_fraction >= until_explored:
         return "explored"
     if run.sim_time_s >= time_limit_s - 1e-9:
         return "time_limit"
-    return "nothing_left" if run.nothing_left else ""
+    return "nothing_left" if is_done and run.nothing_left else ""

@@ -20,6 +20,7 @@ def scenario_document(scenario: Scenario) -> dict[str, Any]:
     tables = ScenarioTables(
         scenario=ScenarioTable(
             name=scenario.name,
+            about=scenario.about,
             seed=scenario.seed,
             until_explored=scenario.until_explored,
             time_limit_s=scenario.time_limit_s,
@@ -41,6 +42,7 @@ def scenario_document(scenario: Scenario) -> dict[str, Any]:
         faults=scenario.faults,
         surfaces=scenario.surfaces,
         disturbance=scenario.disturbance,
+        tasks=scenario.tasks,
     )
     found = msgspec.to_builtins(tables)
     assert isinstance(found, dict)

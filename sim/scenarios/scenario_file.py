@@ -19,10 +19,12 @@ from robrain.sim.motes.field import FieldSpec
 from robrain.sim.motes.mote import MoteSpec
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.motes.radio import RadioModel
+from robrain.sim.scenarios.file_mistakes import unknown_name
 from robrain.sim.spec_checks import check_above_zero, check_within
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
+from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 
 MAX_ROBOTS = 1000
 MAX_MOTES = 10000
@@ -33,6 +35,8 @@ class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str
     """Name in results and recordings."""
+    about: str = ""
+    """What it shows, in one sentence; `robrain scenarios` prints it."""
     seed: int = 1
     """Seed of all random numbers."""
     until_explored: float = 0.98
@@ -100,10 +104,12 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     faults: tuple[FaultSpec, ...] = ()
     surfaces: SurfaceSpec = SurfaceSpec()
     disturbance: DisturbanceSpec = DisturbanceSpec()
+    tasks: tuple[TaskSpec, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.map is None):
             raise ValueError("expected either [floor] or [map]")
+        check_tasks(self.tasks)
 
     @property
     def network(self) -> SensorNetwork:
@@ -135,6 +141,11 @@ def builtin_names() -> list[str]:
     """The scenarios that come with robrain."""
     files = resources.files("robrain.sim.scenarios").iterdir()
     return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+
+
+def builtin_folder() -> Path:
+    """Folder of the scenarios that come with robrain; their maps are beside them."""
+    return Path(str(resources.files("robrain.sim.scenarios")))
 
 
 def read_builtin(name: str) -> tuple[ScenarioTables, str]:
@@ -174,10 +185,14 @@ def parse_scenario(text: str, where: str) -> ScenarioTables:
 
     """
     try:
-        return msgspec.convert(parse_toml(text, LARGE), ScenarioTables)
+        document = parse_toml(text, LARGE)
     except BadToml as error:
         raise ScenarioError(f"{where}: {error}") from error
+    try:
+        return msgspec.convert(document, ScenarioTables)
     except msgspec.ValidationError as error:
+        if unknown := unknown_name(document, ScenarioTables):
+            raise ScenarioError(f"{where}: {unknown}") from error
         what, _, key = str(error).partition(" - at `$")
         key = key.rstrip("`").lstrip(".")
         raise ScenarioError(f"{where}: {f'{key}: ' if key else ''}{what}") from error

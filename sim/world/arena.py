@@ -39,6 +39,7 @@ from robrain.sim.world.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
 from robrain.sim.world.chargers import Chargers, ChargerSpec
 from robrain.sim.world.fault_injection import FaultSchedule, FaultSpec
 from robrain.sim.world.referee import Referee, team_geometry
+from robrain.sim.world.scenario_tasks import TaskSchedule, TaskSpec
 from robrain.sim.world.sensor_desk import CameraDesk, SensorDesk
 
 __all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
@@ -65,6 +66,7 @@ class Arena:
         faults: what breaks, and when.
         surfaces: glass and mirrors among the walls; None if there are none.
         disturbance: delays of frames and scans; None for no delays.
+        tasks: what the scenario asks of the team, and when.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -85,6 +87,7 @@ class Arena:
         faults: Sequence[FaultSpec] = (),
         surfaces: Surfaces | None = None,
         disturbance: Disturbance | None = None,
+        tasks: Sequence[TaskSpec] = (),
     ) -> None:
         names = [robot.name for robot in robots]
         _check_names(names, "robot")
@@ -141,6 +144,7 @@ class Arena:
         self.referee = Referee(plan, starts, least_clearance_m(radius_m), team_geometry(plan), endpoint)
         self.accuracy = AccuracyWatch(names, self._bodies, self.referee, walls, geometry, endpoint)
         self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
+        self.tasks = TaskSchedule(tasks, endpoint)
         self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(ARENA_TRUTH)
         self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
@@ -195,6 +199,8 @@ class Arena:
         self._team.report(tick)
         self._team.sense(tick)
         self._motes.step(self._bodies)
+        if self.tasks.is_on:
+            self.tasks.step(self.sim_time_s)
         if self._ticks % self._clock_period_ticks == 0:
             self._clock_publisher.put(ArenaClock(sim_time_s=self.sim_time_s))
         if self._ticks % self._true_pose_period_ticks == 0:

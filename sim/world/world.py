@@ -28,6 +28,7 @@ from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
 from robrain.sim.world.referee import team_geometry
+from robrain.sim.world.scenario_tasks import TaskSpec
 
 ROBOT_SPACING_M = 0.7
 MOTE_CLEARANCE_M = 0.1
@@ -51,6 +52,8 @@ class World:
     """Late frames and scans, paused agents."""
     starts_known: bool = True
     """Whether robots are told where they start; if not, only the first robot is."""
+    tasks: tuple[TaskSpec, ...] = ()
+    """What the scenario asks of the team."""
 
     def arena(self, endpoint: Endpoint) -> Arena:
         """An arena with all of it, that speaks by this endpoint."""
@@ -65,6 +68,7 @@ class World:
             faults=self.faults,
             surfaces=None if self.surfaces.is_plain else Surfaces.draw(self.surfaces, self.plan, self.seed),
             disturbance=Disturbance(self.disturbance, self.seed),
+            tasks=self.tasks,
         )
 
     def arena_rng(self) -> np.random.Generator:

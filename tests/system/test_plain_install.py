@@ -26,6 +26,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("demo", ["--headless"], "sim"),
     ("up", ["depot"], "sim"),
     ("arena", ["depot"], "sim"),
+    ("scenarios", [], "sim"),
     ("dashboard", [], "team"),
     ("replay", ["run.mcap"], "team"),
     ("status", [], WORKS),

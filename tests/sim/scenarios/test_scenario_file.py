@@ -23,9 +23,9 @@ WRONG = {
     "no TOML": ("[scenario\n", "", "is not TOML"),
     "empty": ("", "", "missing required field `scenario`"),
     "no name": (f"[scenario]\n{FLOOR}", "scenario", "missing required field `name`"),
-    "unknown table": (f"{GOOD}[robots]\ncount = 3\n", "", "unknown field `robots`"),
-    "unknown key": (GOOD + "[team]\nrobot = 3\n", "team", "unknown field `robot`"),
-    "unknown key of the floor": (f"{GOOD}colour = 3\n", "floor", "unknown field `colour`"),
+    "unknown table": (f"{GOOD}[robot_team]\ncount = 3\n", "", "unknown table `robot_team`"),
+    "unknown key": (GOOD + "[team]\nrobot = 3\n", "team", "`robot` (did you mean `robots`?); there are near_m,"),
+    "unknown key of the floor": (f"{GOOD}colour = 3\n", "floor", "unknown key `colour`; there are blocks, pillars,"),
     "seed of another type": (GOOD.replace("[floor]", 'seed = "7"\n[floor]'), "scenario.seed", "Expected `int`"),
     "robots of another type": (GOOD + "[team]\nrobots = 2.5\n", "team.robots", "Expected `int`"),
     "a place with one number": (GOOD + "[team]\nnear_m = [1.0]\n", "team.near_m", "length 2"),
@@ -47,7 +47,7 @@ WRONG = {
     "a place for a bus": (fault("can_cut", PLACE), "faults[0]", "for nothing else"),
     "carried back": (fault("carried_off", PLACE, "until_s = 2.0"), "faults[0]", "expected no until_s"),
     "carried to no place": (fault("carried_off", "place_m = [1.0, inf]"), "faults[0]", "expected finite place_m"),
-    "a fault that there is not": (fault("stolen"), "faults[0].kind", "'stolen'"),
+    "a fault that there is not": (fault("stolen"), "faults[0].kind", "unknown value 'stolen'; it may be battery_lies"),
     "a floor without size": (GOOD.replace("4.0", "0.0"), "floor", "size_m"),
 }  # fmt: skip
 
