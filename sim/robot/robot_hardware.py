@@ -38,3 +38,8 @@ class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields
 
     name: str
     start: Pose2D
+
+    @property
+    def disc(self) -> tuple[float, float, float]:
+        """x, y and radius of its footprint at the start, arena frame."""
+        return self.start.x_m, self.start.y_m, self.radius_m

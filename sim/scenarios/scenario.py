@@ -46,6 +46,8 @@ from robrain.sim.scenarios.scenario_file import (
     read_scenario_file,
     written_scenario,
 )
+from robrain.sim.traffic.specs import TrafficSpec
+from robrain.sim.traffic.traffic import plan_traffic
 from robrain.sim.world.arena import RobotHardware, clearance_m
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
@@ -96,6 +98,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """Late frames and scans, paused agents."""
     tasks: tuple[TaskSpec, ...] = ()
     """What the scenario itself asks of the team."""
+    traffic: TrafficSpec = TrafficSpec()
+    """Doors, moving obstacles and people."""
     about: str = ""
     """What it shows, in one sentence."""
     seed: int = 1
@@ -178,6 +182,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             surfaces=tables.surfaces,
             disturbance=tables.disturbance,
             tasks=tables.tasks,
+            traffic=tables.traffic,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -202,6 +207,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             surfaces=self.surfaces,
             disturbance=self.disturbance,
             tasks=self.tasks,
+            doors=self.traffic.doors,
+            movers=self.traffic.movers,
+            people=self.traffic.people,
         )
         return written_scenario(tables)
 
@@ -227,6 +235,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             world = build_world(
                 plan, self.robots, self.motes, self.near, self.seed, self.hardware, self.network, chargers, self.starts
             )
+            discs = [robot.disc for robot in world.robots]
+            traffic = plan_traffic(self.traffic, plan, discs, self.seed) if self.traffic.is_on else None
         except MapError as error:
             raise ScenarioError(str(error)) from error
         for fault in self.faults:
@@ -245,6 +255,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             disturbance=self.disturbance,
             starts_known=self.starts_known,
             tasks=self.tasks,
+            traffic=traffic,
         )
 
     def team(self, *, seed: int | None = None, record: Path | str | None = None, by: str = "script") -> Team:

@@ -43,6 +43,9 @@ def scenario_document(scenario: Scenario) -> dict[str, Any]:
         surfaces=scenario.surfaces,
         disturbance=scenario.disturbance,
         tasks=scenario.tasks,
+        doors=scenario.traffic.doors,
+        movers=scenario.traffic.movers,
+        people=scenario.traffic.people,
     )
     found = msgspec.to_builtins(tables)
     assert isinstance(found, dict)

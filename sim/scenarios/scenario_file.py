@@ -21,6 +21,7 @@ from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.motes.radio import RadioModel
 from robrain.sim.scenarios.file_mistakes import unknown_name
 from robrain.sim.spec_checks import check_above_zero, check_within
+from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
@@ -105,11 +106,19 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     surfaces: SurfaceSpec = SurfaceSpec()
     disturbance: DisturbanceSpec = DisturbanceSpec()
     tasks: tuple[TaskSpec, ...] = ()
+    doors: tuple[DoorSpec, ...] = ()
+    movers: tuple[MoverSpec, ...] = ()
+    people: tuple[PeopleSpec, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.map is None):
             raise ValueError("expected either [floor] or [map]")
         check_tasks(self.tasks)
+
+    @property
+    def traffic(self) -> TrafficSpec:
+        """What `[[doors]]`, `[[movers]]` and `[[people]]` say."""
+        return TrafficSpec(doors=self.doors, movers=self.movers, people=self.people)
 
     @property
     def network(self) -> SensorNetwork:

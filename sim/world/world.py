@@ -24,6 +24,7 @@ from robrain.sim.maps.placement import Starts, scatter_points, scatter_poses, sp
 from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.traffic.traffic import TrafficPlan
 from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
@@ -54,6 +55,8 @@ class World:
     """Whether robots are told where they start; if not, only the first robot is."""
     tasks: tuple[TaskSpec, ...] = ()
     """What the scenario asks of the team."""
+    traffic: TrafficPlan | None = None
+    """Doors, moving obstacles and people; None if there are none."""
 
     def arena(self, endpoint: Endpoint) -> Arena:
         """An arena with all of it, that speaks by this endpoint."""
@@ -69,6 +72,7 @@ class World:
             surfaces=None if self.surfaces.is_plain else Surfaces.draw(self.surfaces, self.plan, self.seed),
             disturbance=Disturbance(self.disturbance, self.seed),
             tasks=self.tasks,
+            traffic=self.traffic,
         )
 
     def arena_rng(self) -> np.random.Generator:

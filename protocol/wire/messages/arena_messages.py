@@ -1,5 +1,6 @@
 """Messages of a simulated world."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import msgspec
@@ -55,6 +56,28 @@ class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
     place: Point2D
 
 
+class BodyKind(StrEnum):
+    """What moves on a simulated floor and is no robot."""
+
+    DOOR = "door"
+    """A closed door."""
+    MOVER = "mover"
+    PERSON = "person"
+
+
+class BodyTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """True pose of a closed door, a moving obstacle or a person."""
+
+    body: Name
+    kind: BodyKind
+    pose: Pose2D
+    """Of its middle, arena frame; the yaw is the direction of its length."""
+    length_m: Length
+    width_m: Length
+    is_round: bool = False
+    """Whether it is a disc; a rectangle if not."""
+
+
 class ArenaTruth(Message, frozen=True, kw_only=True):
     """The true state of the simulated world and the accuracy of the team's map, for referees and viewers only."""
 
@@ -66,6 +89,8 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     """Share of the reachable floor that the team's maps know."""
     map_accuracy: MapAccuracy | None = None
     """Accuracy of the team's map; null if it was not judged yet."""
+    bodies: Annotated[list[BodyTruth], Meta(max_length=100_000)] | msgspec.UnsetType = msgspec.UNSET
+    """Closed doors, moving obstacles and people; absent on a floor without any."""
 
 
 class ArenaPreparation(Message, frozen=True, kw_only=True):
