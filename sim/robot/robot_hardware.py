@@ -1,5 +1,7 @@
 """Hardware parameters of simulated robots."""
 
+from typing import Any
+
 import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
@@ -38,6 +40,11 @@ class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields
 
     name: str
     start: Pose2D
+    load: tuple[str, ...] | None = None
+    """Its plugins; all stock ones if None."""
+    plugins: dict[str, dict[str, Any]] = {}
+    """Parameters of its plugins."""
+    has_lidar: bool = True
 
     @property
     def disc(self) -> tuple[float, float, float]:

@@ -51,6 +51,7 @@ from robrain.sim.traffic.traffic import plan_traffic
 from robrain.sim.world.arena import RobotHardware, clearance_m
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
+from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 from robrain.sim.world.world import World, build_world
 
@@ -100,6 +101,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """What the scenario itself asks of the team."""
     traffic: TrafficSpec = TrafficSpec()
     """Doors, moving obstacles and people."""
+    mote_places: tuple[tuple[float, float], ...] = ()
+    """Places of the first motes, x and y in the arena frame; the others are drawn from the seed."""
+    roster: tuple[RobotSpec, ...] = ()
+    """What the first robots are, where they differ from `hardware`."""
     about: str = ""
     """What it shows, in one sentence."""
     seed: int = 1
@@ -169,8 +174,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             name=tables.scenario.name,
             about=tables.scenario.about,
             floor=floor,
-            robots=tables.team.robots,
-            motes=tables.motes.count,
+            robots=tables.robot_count,
+            roster=tables.robots,
+            motes=max(tables.motes.count, len(tables.motes.places_m)),
+            mote_places=tables.motes.places_m,
             near=Point2D(*tables.team.near_m) if tables.team.near_m is not None else None,
             starts=tables.team.starts,
             starts_known=tables.team.starts_known,
@@ -197,7 +204,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             floor=None if isinstance(self.floor, Path) else self.floor,
             map=MapTable(MAP_YAML_ATTACHMENT) if isinstance(self.floor, Path) else None,
             team=TeamTable(self.robots, near_m, self.starts, self.starts_known),
-            motes=MotesTable(count=self.motes, **msgspec.structs.asdict(self.network.motes)),
+            motes=MotesTable(
+                count=self.motes,
+                places_m=self.mote_places[: self.motes],
+                **msgspec.structs.asdict(self.network.motes),
+            ),
             radio=self.network.radio,
             field=self.network.field,
             robot=self.hardware,
@@ -210,6 +221,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             doors=self.traffic.doors,
             movers=self.traffic.movers,
             people=self.traffic.people,
+            robots=self.roster,
         )
         return written_scenario(tables)
 
@@ -233,7 +245,17 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         try:
             plan, chargers = self.plan(), self.chargers
             world = build_world(
-                plan, self.robots, self.motes, self.near, self.seed, self.hardware, self.network, chargers, self.starts
+                plan,
+                self.robots,
+                self.motes,
+                self.near,
+                self.seed,
+                self.hardware,
+                self.network,
+                chargers,
+                self.starts,
+                self.mote_places,
+                self.roster,
             )
             discs = [robot.disc for robot in world.robots]
             traffic = plan_traffic(self.traffic, plan, discs, self.seed) if self.traffic.is_on else None

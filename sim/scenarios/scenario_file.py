@@ -1,5 +1,6 @@
 """Scenario files: the TOML that describes a floor, a team and its motes."""
 
+import math
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -25,9 +26,12 @@ from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSp
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
+from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 
 MAX_ROBOTS = 1000
+ROBOTS = 4
+"""Of a team, if the file does not say."""
 MAX_MOTES = 10000
 
 
@@ -63,8 +67,8 @@ class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[team]`: the robots and their starts."""
 
-    robots: int = 4
-    """Number of robots, named `r1`, `r2` …"""
+    robots: int | None = None
+    """Number of robots, named `r1`, `r2` …; as many as there are `[[robots]]` if absent, or 4."""
     near_m: tuple[float, float] | None = None
     """Point around which the robots start; if absent, where there is most room."""
     starts: Starts = Starts.TOGETHER
@@ -75,18 +79,23 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if self.starts is Starts.SCATTERED and self.near_m is not None:
             raise ValueError("expected either near_m or scattered starts, got both")
-        check_within(self, 1, MAX_ROBOTS, "robots")
+        if self.robots is not None:
+            check_within(self, 1, MAX_ROBOTS, "robots")
 
 
 class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[motes]`: number and kind of the sensor motes."""
 
     count: int = 0
-    """Number of motes, named `m1`, `m2` …"""
+    """Number of motes, named `m1`, `m2` …; at least as many as there are `places_m`."""
+    places_m: tuple[tuple[float, float], ...] = ()
+    """Places of the first motes; those of the others are drawn from the seed."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_within(self, 0, MAX_MOTES, "count")
+        if not all(math.isfinite(number) for place in self.places_m for number in place):
+            raise ValueError("expected finite coordinates in places_m")
 
 
 class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -106,6 +115,7 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     surfaces: SurfaceSpec = SurfaceSpec()
     disturbance: DisturbanceSpec = DisturbanceSpec()
     tasks: tuple[TaskSpec, ...] = ()
+    robots: tuple[RobotSpec, ...] = ()
     doors: tuple[DoorSpec, ...] = ()
     movers: tuple[MoverSpec, ...] = ()
     people: tuple[PeopleSpec, ...] = ()
@@ -114,6 +124,11 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if (self.floor is None) == (self.map is None):
             raise ValueError("expected either [floor] or [map]")
         check_tasks(self.tasks)
+
+    @property
+    def robot_count(self) -> int:
+        """Number of robots."""
+        return self.team.robots or len(self.robots) or ROBOTS
 
     @property
     def traffic(self) -> TrafficSpec:

@@ -79,7 +79,7 @@ def test_a_folder_and_a_file_of_other_bytes_are_no_scenarios(tmp_path: Path):
 
 def test_what_is_left_out_has_its_default():
     tables = parse_scenario(GOOD, "s.toml")
-    assert (tables.scenario.seed, tables.team.robots, tables.motes.count) == (1, 4, 0)
+    assert (tables.scenario.seed, tables.robot_count, tables.motes.count) == (1, 4, 0)
     assert (tables.scenario.until_explored, tables.scenario.time_limit_s) == (0.98, 900.0)
     assert tables.team.near_m is None
 
