@@ -5,13 +5,14 @@ generation of infinite cave levels*, PCG 2010): noise, in which a cell turns to 
 Chambers are cleared beforehand and joined by winding galleries. What a robot cannot reach is rock.
 """
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from robrain.sim.scenarios.scenario_file import builtin_folder
-
+FOLDER = Path(__file__).parents[2] / "sim" / "scenarios"
 SEED = 9
 WIDTH_M, HEIGHT_M, RESOLUTION_M = 36.0, 24.0, 0.05
 CELL_M = 0.4
@@ -89,10 +90,9 @@ def _smooth(rock: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def main() -> None:
     """Write picture and YAML beside the scenario."""
-    folder = builtin_folder()
     picture = Image.fromarray(np.where(cave(), 0, 254).astype(np.uint8)[::-1])
-    picture.save(folder / "cave.png", optimize=True, bits=8)
-    (folder / "cave.yaml").write_text(YAML, encoding="utf-8")
+    picture.save(FOLDER / "cave.png", optimize=True, bits=8)
+    (FOLDER / "cave.yaml").write_text(YAML, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,9 @@
 """Ways around the walls of a floor, for people."""
 
+import heapq
 import math
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -13,7 +11,13 @@ from robrain.sim.maps.floor_plan import FloorPlan
 PITCH_M = 0.15
 """Distance between neighbouring points of the lattice that ways are found on."""
 STRAIGHT, DIAGONAL = 5, 7
-"""Lengths of its edges: whole numbers, so that sums are exact and the ways the same on every processor."""
+"""Lengths of its edges: whole numbers, so that the order of equal ways does not depend on rounding."""
+_STEPS = (
+    (-1, 0, STRAIGHT), (0, -1, STRAIGHT), (0, 1, STRAIGHT), (1, 0, STRAIGHT),
+    (-1, -1, DIAGONAL), (-1, 1, DIAGONAL), (1, -1, DIAGONAL), (1, 1, DIAGONAL),
+)  # fmt: skip
+Node = tuple[int, int]
+"""Row and column of the lattice."""
 SAMPLE_M = 0.05
 """Distance between the points of a straight line at which its clearance is checked."""
 
@@ -32,22 +36,17 @@ class Walkways:
         self._radius_m = radius_m
         self._step = max(1, round(PITCH_M / plan.resolution_m))
         free = plan.clearance_m[:: self._step, :: self._step] >= radius_m
-        self._shape = free.shape
-        self._free = free
-        self._graph = _graph(free)
+        self._free = {(row, column) for row, column in np.argwhere(free).tolist()}
 
     def way(self, start: Point2D, end: Point2D) -> list[Point2D] | None:
         """Corners of the shortest way, from start to end; None if there is none."""
         begin, goal = self._node(start), self._node(end)
         if begin is None or goal is None:
             return None
-        lengths, before = dijkstra(self._graph, directed=False, indices=np.array([begin]), return_predecessors=True)
-        if not math.isfinite(lengths[0, goal]):
+        nodes = self._search(begin, goal)
+        if not nodes:
             return None
-        nodes = [goal]
-        while nodes[-1] != begin:
-            nodes.append(int(before[0, nodes[-1]]))
-        points = [start, *(self._place(node) for node in reversed(nodes)), end]
+        points = [start, *(self._place(node) for node in nodes), end]
         return self._pulled(points)
 
     def has_room(self, place: Point2D) -> bool:
@@ -58,22 +57,48 @@ class Walkways:
         """Whether the body can move there in a straight line."""
         return self._clear(start, end)
 
-    def _node(self, place: Point2D) -> int | None:
-        """The nearest point of the lattice that is reached in a straight line."""
+    def _search(self, begin: Node, goal: Node) -> list[Node]:
+        """Nodes of a shortest way, by A* (Hart, Nilsson and Raphael 1968); empty if there is none.
+
+        A diagonal step needs both nodes beside it to be free.
+        """
+        best, before = {begin: 0}, {begin: begin}
+        queue = [(_least(begin, goal), begin)]
+        done: set[Node] = set()
+        while queue:
+            _, node = heapq.heappop(queue)
+            if node == goal:
+                nodes = [goal]
+                while nodes[-1] != begin:
+                    nodes.append(before[nodes[-1]])
+                return nodes[::-1]
+            if node in done:
+                continue
+            done.add(node)
+            row, column = node
+            for row_step, column_step, length in _STEPS:
+                there = (row + row_step, column + column_step)
+                sides = {(row + row_step, column), (row, column + column_step), there}
+                if not sides <= self._free:
+                    continue
+                way = best[node] + length
+                if way < best.get(there, way + 1):
+                    best[there], before[there] = way, node
+                    heapq.heappush(queue, (way + _least(there, goal), there))
+        return []
+
+    def _node(self, place: Point2D) -> Node | None:
+        """The nearest node that is reached in a straight line."""
         if not self.has_room(place):
             return None
         row, column = self._plan.cell_of(place.x_m, place.y_m)
         middle_row, middle_column = row // self._step, column // self._step
-        near = []
-        for at_row in range(middle_row - 2, middle_row + 4):
-            for at_column in range(middle_column - 2, middle_column + 4):
-                if 0 <= at_row < self._shape[0] and 0 <= at_column < self._shape[1] and self._free[at_row, at_column]:
-                    node = at_row * self._shape[1] + at_column
-                    near.append((place.distance_m(self._place(node)), node))
-        return next((node for _, node in sorted(near) if self._clear(place, self._place(node))), None)
+        around = [(middle_row + up, middle_column + right) for up in range(-2, 4) for right in range(-2, 4)]
+        near = sorted((place.distance_m(self._place(node)), node) for node in around if node in self._free)
+        return next((node for _, node in near if self._clear(place, self._place(node))), None)
 
-    def _place(self, node: int) -> Point2D:
-        row, column = divmod(node, self._shape[1])
+    def _place(self, node: Node) -> Point2D:
+        row, column = node
         return self._plan.centre_of(row * self._step, column * self._step)
 
     def _pulled(self, points: list[Point2D]) -> list[Point2D]:
@@ -99,19 +124,7 @@ class Walkways:
         return bool(plan.clearance_m[rows.astype(np.int64), columns.astype(np.int64)].min() >= self._radius_m)
 
 
-def _graph(free: NDArray[np.bool_]) -> csr_array:
-    """Edges between neighbouring free points; a diagonal one needs both points beside it to be free."""
-    numbers = np.arange(free.size).reshape(free.shape)
-    sides = [
-        (numbers[:, :-1], numbers[:, 1:], free[:, :-1] & free[:, 1:], STRAIGHT),
-        (numbers[:-1], numbers[1:], free[:-1] & free[1:], STRAIGHT),
-    ]
-    square = free[:-1, :-1] & free[1:, 1:] & free[:-1, 1:] & free[1:, :-1]
-    sides += [
-        (numbers[:-1, :-1], numbers[1:, 1:], square, DIAGONAL),
-        (numbers[:-1, 1:], numbers[1:, :-1], square, DIAGONAL),
-    ]
-    ones = np.concatenate([one[there] for one, _, there, _ in sides])
-    others = np.concatenate([other[there] for _, other, there, _ in sides])
-    lengths = np.concatenate([np.full(int(there.sum()), float(length)) for _, _, there, length in sides])
-    return csr_array(coo_array((lengths, (ones, others)), shape=(free.size, free.size)))
+def _least(one: Node, other: Node) -> int:
+    """Length of a way between two nodes where there is nothing between them."""
+    rows, columns = abs(one[0] - other[0]), abs(one[1] - other[1])
+    return STRAIGHT * max(rows, columns) + (DIAGONAL - STRAIGHT) * min(rows, columns)

@@ -27,7 +27,7 @@ WRONG = {
     "unknown key": (GOOD + "[team]\nrobot = 3\n", "team", "`robot` (did you mean `robots`?); there are near_m,"),
     "unknown key of the floor": (f"{GOOD}colour = 3\n", "floor", "unknown key `colour`; there are blocks, pillars,"),
     "seed of another type": (GOOD.replace("[floor]", 'seed = "7"\n[floor]'), "scenario.seed", "Expected `int`"),
-    "robots of another type": (GOOD + "[team]\nrobots = 2.5\n", "team.robots", "Expected `int`"),
+    "robots of another type": (GOOD + "[team]\nrobots = 2.5\n", "team.robots", "Expected `int | null`"),
     "a place with one number": (GOOD + "[team]\nnear_m = [1.0]\n", "team.near_m", "length 2"),
     "neither floor nor map": ('[scenario]\nname = "s"\n', "", "either [floor] or [map]"),
     "floor and map": (f'{GOOD}[map]\nfile = "map.yaml"\n', "", "either [floor] or [map]"),
@@ -110,5 +110,5 @@ def test_each_built_in_scenario_bears_the_name_of_its_file(name):
 
 
 def test_an_unknown_name_is_answered_with_those_that_there_are():
-    with pytest.raises(ScenarioError, match="no scenario 'depo': built in are arena_small, depot"):
+    with pytest.raises(ScenarioError, match="no scenario 'depo': built in are arena_small, cave, depot, hospital"):
         read_builtin("depo")
