@@ -69,11 +69,14 @@ class BodyTruth(msgspec.Struct, frozen=True, kw_only=True):
     """True pose of a closed door, a moving obstacle or a person."""
 
     body: Name
+    """Its name, such as `person1`."""
     kind: BodyKind
     pose: Pose2D
     """Of its middle, arena frame; the yaw is the direction of its length."""
     length_m: Length
+    """Extent along its yaw; the diameter of a disc."""
     width_m: Length
+    """Extent across it."""
     is_round: bool = False
     """Whether it is a disc; a rectangle if not."""
 
