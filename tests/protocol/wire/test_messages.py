@@ -311,6 +311,16 @@ EXAMPLES = [
         motes=[arena_messages.MoteTruth(mote="m3", place=Point2D(5.0, -2.0))],
         explored_fraction=0.25,
         map_accuracy=MapAccuracy(occupied_cells=400, cells_off=10, share_off=0.025, doubled_walls_m=0.5),
+        bodies=[
+            arena_messages.BodyTruth(
+                body="door1",
+                kind=arena_messages.BodyKind.DOOR,
+                pose=Pose2D(4.0, 2.0, 0.5),
+                length_m=1.25,
+                width_m=0.125,
+                is_round=False,
+            )
+        ],
     ),
     arena_messages.ScriptInput(**STAMP, key="robrain/default/task/submit", payload=b"{}"),
     arena_messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
