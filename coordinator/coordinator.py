@@ -1,7 +1,10 @@
 """The coordinator: receives states, merges maps, assigns frontiers and tasks, publishes the team's state."""
 
 import math
+from collections.abc import Sequence
 from operator import attrgetter
+
+import msgspec
 
 from robrain.coordinator.charging.charge_desk import ChargeDesk
 from robrain.coordinator.exploration.explorer import Explorer, Scout
@@ -15,6 +18,8 @@ from robrain.coordinator.planning.own_decisions import own_decision
 from robrain.coordinator.planning.plan_executor import PlanExecutor
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.rules.rule import Rule
+from robrain.coordinator.rules.rule_desk import RuleDesk
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
@@ -68,10 +73,17 @@ class Coordinator:
         journal: where its tasks are written down, and from which it goes on; its owner closes it. None keeps them in
             memory.
         policy: what its plans are for, and how they are made.
+        rules: by which it makes tasks from what is sensed.
 
     """
 
-    def __init__(self, wire: Endpoint, journal: Journal | None = None, policy: PlanningPolicy | None = None) -> None:
+    def __init__(
+        self,
+        wire: Endpoint,
+        journal: Journal | None = None,
+        policy: PlanningPolicy | None = None,
+        rules: Sequence[Rule] = (),
+    ) -> None:
         self.roster = Roster()
         self.team_map = TeamMap()
         policy = policy or PlanningPolicy()
@@ -120,6 +132,9 @@ class Coordinator:
         self._requests = TaskRequests(
             wire, self.tasks, self.team_map, self.capabilities, self.lifecycle.reasons.explain
         )
+        self.rules: RuleDesk | None = None
+        if rules:
+            self.rules = RuleDesk(wire, rules, self.tasks, self.roster, self._requests, self._new_id)
         with self.lifecycle.as_far_as_written(wire.clock.now_ns()):
             self.tasks.end_what_cannot_be_read()
         self.tasks.tell_again(RETOLD_TASKS)
@@ -141,6 +156,8 @@ class Coordinator:
             self._decide_due_ns = now_ns
         if stage("halts", True, self.halts.hear):
             self._summary_due_ns = now_ns
+        if self.rules is not None and self.rules.has_some:
+            stage("rules", None, self.rules.step, now_ns)
         looks = has_heard or self._requests.has_changed or now_ns >= self._look_due_ns
         if looks:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
@@ -368,6 +385,7 @@ class Coordinator:
                 messages=self._inbox.received,
                 halt=self.halts.status(now_ns),
                 refused=most_refused(self._wire.refusals),
+                rules=msgspec.UNSET if self.rules is None else self.rules.status(),
             )
         )
 

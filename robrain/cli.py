@@ -77,6 +77,9 @@ app.add_typer(bench_app, name="bench")
 RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]
+RulesOption = Annotated[
+    Path | None, typer.Option(help="TOML file with [[rules]], by which tasks are made from what is sensed.")
+]
 JournalOption = Annotated[
     Path | None, typer.Option(help="File for the tasks; default: TEAM.journal in this folder. With `up`: none is kept.")
 ]
@@ -170,6 +173,7 @@ def up(
         typer.Option(help="Endpoint of the team's hub; default: where commands on this machine look for a team."),
     ] = None,
     journal: JournalOption = None,
+    rules: RulesOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per line: hub, dashboard, forwarders, and the result.")
@@ -184,6 +188,10 @@ def up(
 
     check_name("team", team)
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
+    if rules is not None:
+        from robrain.deploy.run.rules_file import read_rules
+
+        chosen = chosen.replace(rules=read_rules(rules))
     options = UpOptions(
         team=team,
         listen=listen,
@@ -249,12 +257,13 @@ def coordinator(
     planning: Annotated[
         Path | None, typer.Option(help="TOML file with a [planning] table, such as a scenario.")
     ] = None,
+    rules: RulesOption = None,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
     from robrain.deploy.processes.live_commands import coordinator_command
     from robrain.deploy.processes.live_process import place_of
 
-    coordinator_command(place_of(connect, listen), check_name("team", team), journal, objective, planning)
+    coordinator_command(place_of(connect, listen), check_name("team", team), journal, objective, planning, rules)
 
 
 @app.command()

@@ -5,7 +5,7 @@ delivered before the put returns; so equal seeds give equal runs. Zenoh is used 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import Provenance, RunSetup
 from robrain.coordinator.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
+from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.answers.collector import CalmCollector
@@ -54,6 +55,7 @@ class LockstepRun:
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
         session: an open lockstep session to use instead of one of its own, on which others may be; closed with the run.
         planning: objective and settings of the coordinator's planning.
+        rules: by which the coordinator makes tasks.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: what it takes to make the run again, for the recording.
 
@@ -74,6 +76,7 @@ class LockstepRun:
         listen: str | None = None,
         session: zenoh.Session | None = None,
         planning: PlanningPolicy | None = None,
+        rules: Sequence[Rule] = (),
         should_stop: Callable[[], bool] = lambda: False,
         setup: RunSetup | None = None,
     ) -> None:
@@ -87,6 +90,7 @@ class LockstepRun:
         self._ticks = 0
         self._endpoints: list[Endpoint] = []
         self._planning = planning
+        self._rules = rules
         self._should_stop = should_stop
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
@@ -120,7 +124,7 @@ class LockstepRun:
         self.time_use = TimeUseMeter(self._poses())
         self._closers.append(self.arena.close)
         self._coordinator_wire = self._endpoint(team)
-        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning)
+        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning, rules=self._rules)
         disturbance = Disturbance(world.disturbance, world.seed)
         self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
         self.hosts = []

@@ -18,6 +18,7 @@ import zenoh
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import MAP_YAML_ATTACHMENT, RunSetup
+from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.disturbance import DisturbanceSpec
@@ -86,6 +87,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     chargers: tuple[ChargerSpec, ...] = ()
     planning: PlanningPolicy = PlanningPolicy()
     """Objective and parameters of the coordinator's plans."""
+    rules: tuple[Rule, ...] = ()
+    """Tasks that the coordinator makes when something is sensed."""
     faults: tuple[FaultSpec, ...] = ()
     """Hardware faults and their times."""
     surfaces: SurfaceSpec = SurfaceSpec()
@@ -163,6 +166,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             network=tables.network,
             chargers=tables.chargers,
             planning=tables.planning,
+            rules=tables.rules,
             faults=tables.faults,
             surfaces=tables.surfaces,
             disturbance=tables.disturbance,
@@ -186,6 +190,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             robot=self.hardware,
             chargers=self.chargers,
             planning=self.planning,
+            rules=self.rules,
             faults=self.faults,
             surfaces=self.surfaces,
             disturbance=self.disturbance,
@@ -388,6 +393,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             listen=listen,
             session=session,
             planning=self.planning,
+            rules=self.rules,
             should_stop=should_stop,
             setup=setup,
         )

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.protocol.wire.errors import BadToml
 from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.disturbance import DisturbanceSpec
@@ -97,6 +98,7 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robot: RobotHardware = RobotHardware()
     chargers: tuple[ChargerSpec, ...] = ()
     planning: PlanningPolicy = PlanningPolicy()
+    rules: tuple[Rule, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
     surfaces: SurfaceSpec = SurfaceSpec()
     disturbance: DisturbanceSpec = DisturbanceSpec()
@@ -104,6 +106,7 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.map is None):
             raise ValueError("expected either [floor] or [map]")
+        check_rules(self.rules)
 
     @property
     def network(self) -> SensorNetwork:

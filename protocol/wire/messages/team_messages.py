@@ -19,6 +19,7 @@ from robrain.protocol.model.ranges import (
 from robrain.protocol.wire.border.refusals import Refused
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.robot_messages import Faults
+from robrain.protocol.wire.messages.rule_messages import Rules
 from robrain.protocol.wire.reasons import IdleReason, Unavailable
 
 
@@ -89,6 +90,8 @@ class TeamState(Message, frozen=True, kw_only=True):
     """None until somebody halts the team."""
     refused: Refused = msgspec.UNSET
     """Messages that the coordinator has refused."""
+    rules: Rules = msgspec.UNSET
+    """Its rules, and what they have done."""
 
 
 class Halt(Message, frozen=True, kw_only=True):
