@@ -168,9 +168,7 @@ class Team:
         self._ticks = 0
         self._stamp_ms = 0
 
-    def begin(
-        self, journal: Journal | None, policy: PlanningPolicy | None = None, rules: Sequence[Rule] = ()
-    ) -> None:
+    def begin(self, journal: Journal | None, policy: PlanningPolicy | None = None, rules: Sequence[Rule] = ()) -> None:
         """A coordinator takes over; the one before has ended, as by a kill: it never says another word."""
         if self._coordinator_wire is not None:
             self._coordinator_wire.close()

@@ -267,7 +267,7 @@ def test_a_task_that_cannot_be_is_refused_in_words_and_not_tried_at_each_reading
     status = sensed.status()
     assert status.refused == 1
     assert "outside of the map" in status.why
-    assert [(one.topic, one.key) for one in sensed.team.coordinator._wire.refusals.most()] == [("rule", "heat")]
+    assert [(one.topic, one.key) for one in sensed.team.coordinator._wire.refusals.counts()] == [("rule", "heat")]
 
 
 def test_a_kind_that_no_robot_does_is_refused_like_any_submission(begin):
