@@ -1,9 +1,9 @@
 """Seek: finds the source of a plume. Climbs the field of a quantity until it has seen it fall on all sides.
 
-The field is what the robot's own sensor board measures on the way, and what motes around have just told. From the place
-of the task on the robot goes where the fitted field rises most, or to the fitted summit if that is near. There it drives
-around the summit; if the field still has its summit within that circle, that is the source. Where the field is flat,
-the robot looks for a rise on a spiral.
+The field is what the robot's own sensor board measures on the way, and what motes around have just told. From the
+place of the task on, the robot goes where the fitted field rises most, until a fitted summit is near. It drives around
+that summit; if the field still has its summit within the circle, that is the source. If not, it drives around the new
+summit. Where the field is flat, it looks for a rise on a spiral.
 """
 
 import math
@@ -31,14 +31,16 @@ SAMPLE_S = 0.5
 PROBE_M = 1.0
 """From the place the robot first drives so far to three sides: without readings beside the way there is no slope."""
 STEP_M = 1.5
-"""It climbs in steps of this length, and believes in a fitted summit that is nearer than two of them."""
+"""It climbs in steps of this length. A fitted summit that is nearer than two of them, and known better than to one, is
+looked at from all sides."""
 CIRCLE_M = 1.0
 """Radius of the circle on which a summit is looked at from all sides."""
 CIRCLE_POINTS = 5
+CIRCLES_MAX = 4
 SIDES_MIN = 3
 """Points of the circle that must be reached: walls may be in the way of the others."""
 SUMMIT_SD_M = 0.5
-"""A summit must be known at least so well."""
+"""A source must be known at least so well."""
 MOVED_M = 0.3
 """A step that moves the robot less has led nowhere; `STUCK_MAX` of these in a row end the climb."""
 STUCK_MAX = 3
@@ -187,24 +189,34 @@ class Climb:
 
     def _is_near(self, fit: FieldFit, here: Point2D) -> bool:
         """Whether a fitted summit is so near that it is worth a look from all sides."""
-        return fit.summit is not None and fit.summit_sd_m < SUMMIT_SD_M and _apart_m(fit.summit, here) < 2.0 * STEP_M
+        return fit.summit is not None and fit.summit_sd_m < STEP_M and _apart_m(fit.summit, here) < 2.0 * STEP_M
 
     def _look_around(self, summit: Point2D) -> Generator[None, None, Point2D | None]:
-        """Drive around a summit; where it is then, if it is still within the circle, else None."""
+        """Drive around a summit, and around the one that is fitted then; None if it is found nowhere near."""
+        for _ in range(CIRCLES_MAX):
+            reached = yield from self._circle(summit)
+            fit = self._fit(summit, NEAR_WIDTH_M)
+            if fit is None or fit.summit is None or reached < SIDES_MIN:
+                return None
+            off_m = _apart_m(fit.summit, summit)
+            if off_m <= CIRCLE_M and fit.summit_sd_m <= SUMMIT_SD_M:
+                self.value, self.sd_m = fit.summit_value, fit.summit_sd_m
+                return fit.summit
+            if off_m > 2.0 * STEP_M:
+                return None
+            summit = fit.summit
+        return None
+
+    def _circle(self, middle: Point2D) -> Generator[None, None, int]:
+        """Drive around a place; how many points of the circle were reached."""
         reached = 0
-        begin_rad = math.atan2(self._here().y_m - summit.y_m, self._here().x_m - summit.x_m)
+        here = self._here()
+        begin_rad = math.atan2(here.y_m - middle.y_m, here.x_m - middle.x_m)
         for point in range(CIRCLE_POINTS):
-            goal = _off(summit, CIRCLE_M, begin_rad + point * math.tau / CIRCLE_POINTS)
+            goal = _off(middle, CIRCLE_M, begin_rad + point * math.tau / CIRCLE_POINTS)
             got_there = yield from self._drive(goal)
             reached += got_there and self._away_m(goal) < CIRCLE_M
-            self._check_time()
-        fit = self._fit(summit, NEAR_WIDTH_M)
-        if fit is None or fit.summit is None or reached < SIDES_MIN:
-            return None
-        if _apart_m(fit.summit, summit) > CIRCLE_M or fit.summit_sd_m > SUMMIT_SD_M:
-            return None
-        self.value, self.sd_m = fit.summit_value, fit.summit_sd_m
-        return fit.summit
+        return reached
 
     def _uphill(self, fit: FieldFit, here: Point2D) -> Generator[None, None, None]:
         """One step up, around what stands in the way."""
@@ -261,7 +273,7 @@ class Climb:
             is_meant = reading.quantity == self._seek.quantity and now_ns - taken_ns < to_ns(HEARD_S)
             if is_meant and reading.place is not None and _apart_m(reading.place, here) < self._seek.reach_m:
                 self.heard += 1
-                self._field.add(reading.place, reading.value, to_seconds(taken_ns))
+                self._field.hear(reading.mote, reading.place, reading.value, to_seconds(taken_ns))
 
     def _fit(self, at: Point2D, width_m: float = WIDTH_M) -> FieldFit | None:
         return self._field.fit(at, to_seconds(self._clock.now_ns()), width_m)

@@ -12,7 +12,8 @@ from typing import NamedTuple
 from robrain.protocol.model.geometry import Point2D
 
 SAMPLES_MAX = 400
-"""The oldest of more are forgotten."""
+"""The robot's oldest readings beyond these are forgotten."""
+MOTES_MAX = 200
 RIDGE = 1e-3
 """Added to the slopes' share of the normal equations: of readings that lie in line, only the slope along counts."""
 TERMS = 4
@@ -69,23 +70,33 @@ class FieldSamples:
     def __init__(self, fade_s: float = 120.0) -> None:
         self._fade_s = fade_s
         self._samples: deque[Sample] = deque(maxlen=SAMPLES_MAX)
+        self._of_motes: dict[str, Sample] = {}
 
     def __len__(self) -> int:
-        return len(self._samples)
+        return len(self._samples) + len(self._of_motes)
 
     def add(self, place: Point2D, value: float, time_s: float) -> None:
-        """One more reading, taken at a place of the arena frame."""
+        """One more reading of the robot, taken at a place of the arena frame."""
         self._samples.append(Sample(place, value, time_s))
+
+    def hear(self, mote: str, place: Point2D, value: float, time_s: float) -> None:
+        """A mote's reading: its latest alone counts, or those that stand still would outweigh the robot that moves."""
+        before = self._of_motes.get(mote)
+        if before is None and len(self._of_motes) >= MOTES_MAX:
+            return
+        if before is None or time_s >= before.time_s:
+            self._of_motes[mote] = Sample(place, value, time_s)
 
     def fit(self, at: Point2D, now_s: float, width_m: float) -> FieldFit | None:
         """The field around a place, to which readings `width_m` away count a quarter; None if too little is known."""
-        if len(self._samples) < FIT_MIN:
+        samples = [*self._samples, *self._of_motes.values()]
+        if len(samples) < FIT_MIN:
             return None
         normal = [[0.0] * TERMS for _ in range(TERMS)]
         right = [0.0] * TERMS
-        base = sum(sample.value for sample in self._samples) / len(self._samples)
+        base = sum(sample.value for sample in samples) / len(samples)
         rows = []
-        for sample in self._samples:
+        for sample in samples:
             x, y = (sample.place.x_m - at.x_m) / width_m, (sample.place.y_m - at.y_m) / width_m
             square = x * x + y * y
             age_s = max(0.0, now_s - sample.time_s)
