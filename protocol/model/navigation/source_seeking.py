@@ -17,6 +17,8 @@ MOTES_MAX = 200
 RIDGE = 1e-3
 """Added to the slopes' share of the normal equations: of readings that lie in line, only the slope along counts."""
 TERMS = 4
+SIGNIFICANT = 3.0
+"""A maximum must be curved by so many standard deviations."""
 FIT_MIN = 6
 """Fewer readings make no fit."""
 
@@ -43,7 +45,7 @@ class FieldFit(NamedTuple):
     curvature: float
     """Half of the second derivative: below 0 near a maximum."""
     summit: Point2D | None
-    """Where the fitted field is greatest; None where it has no maximum."""
+    """Where the fitted field is greatest; None where it has no maximum that can be told from noise."""
     summit_value: float
     summit_sd_m: float
     """Standard deviation of the summit along x or y, by the fit alone; infinite without one."""
@@ -118,10 +120,10 @@ class FieldSamples:
             whole += weight
         variance = square_sum / whole * len(rows) / max(1, len(rows) - TERMS)
         slope_sd = math.sqrt(variance * max(inverse[1][1], inverse[2][2], 0.0)) / width_m
-        curve = found[3]
+        curve, curve_sd = found[3], math.sqrt(variance * max(inverse[3][3], 0.0))
         slope = (found[1] / width_m, found[2] / width_m)
         summit, summit_value, summit_sd_m = None, math.nan, math.inf
-        if curve < 0.0:
+        if curve < -SIGNIFICANT * curve_sd:
             along_x, along_y = -found[1] / (2.0 * curve), -found[2] / (2.0 * curve)
             summit = Point2D(at.x_m + width_m * along_x, at.y_m + width_m * along_y)
             summit_value = base + found[0] - curve * (along_x * along_x + along_y * along_y)

@@ -24,6 +24,7 @@ from robrain.protocol.wire.messages import (
     recorder_messages,
     replay_messages,
     robot_messages,
+    rule_messages,
     team_messages,
 )
 from robrain.protocol.wire.reasons.idle import NoWay
@@ -207,6 +208,11 @@ EXAMPLES = [
             not_stopped=["r2"],
         ),
         refused=REFUSED,
+        rules=[
+            rule_messages.RuleStatus(
+                name="heat", made=3, open=1, alarms=2, refused=1, why="no robot does it", last_ns=1_400_000_000
+            )
+        ],
     ),
     robot_messages.RobotLinks(
         **STAMP,
