@@ -112,6 +112,11 @@ class RuleDesk:
         """Whether anything has arrived since the last step."""
         return self._inbox.has_some
 
+    @property
+    def has_open(self) -> bool:
+        """Whether a task of a rule is open."""
+        return any(status.open for status in self.status())
+
     def step(self, now_ns: int) -> None:
         """Hear what has arrived, and make the tasks that follow from it."""
         self._now_ns = now_ns

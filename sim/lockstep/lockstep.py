@@ -160,6 +160,12 @@ class LockstepRun:
         """Share of the reachable floor that the team's maps know."""
         return self.arena.referee.explored_fraction
 
+    @property
+    def has_open_alarm(self) -> bool:
+        """Whether a task that a rule has made is open."""
+        rules = self.coordinator.rules
+        return rules is not None and rules.has_open
+
     def floor_left(self) -> list[FloorLeft]:
         """Regions of floor that were not seen or cannot be reached, and why."""
         robots = self.world.robots

@@ -432,10 +432,13 @@ def _drive(
 
 
 def why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
-    """Why a run ends now: `interrupted`, `explored`, `time_limit` or `nothing_left`; empty while it goes on."""
+    """Why a run ends now: `interrupted`, `explored`, `time_limit` or `nothing_left`; empty while it goes on.
+
+    An explored floor is not the end as long as a task of a rule is open.
+    """
     if interrupted:
         return "interrupted"
-    if run.explored_fraction >= until_explored:
+    if run.explored_fraction >= until_explored and not run.has_open_alarm:
         return "explored"
     if run.sim_time_s >= time_limit_s - 1e-9:
         return "time_limit"

@@ -3,7 +3,8 @@
 The field is what the robot's own sensor board measures on the way, and what motes around have just told. From the
 place of the task on, the robot goes where the fitted field rises most, until a fitted summit is near. It drives around
 that summit; if the field still has its summit within the circle, that is the source. If not, it drives around the new
-summit. Where the field is flat, it looks for a rise on a spiral.
+summit. Where the field is flat, it looks for a rise on a spiral. Where walls keep it from climbing on, the highest
+place that it has reached is the result, marked as being at a wall.
 """
 
 import math
@@ -42,8 +43,9 @@ SIDES_MIN = 3
 SUMMIT_SD_M = 0.5
 """A source must be known at least so well."""
 MOVED_M = 0.3
-"""A step that moves the robot less has led nowhere; `STUCK_MAX` of these in a row end the climb."""
-STUCK_MAX = 3
+"""A step that moves the robot less has led nowhere."""
+STUCK_MAX = 4
+"""So many steps in a row that lead no higher end the climb."""
 GOLDEN_RAD = math.radians(137.5)
 SPIRAL_M = 0.8
 """The first turn of the spiral; its radius grows by the square root."""
@@ -72,6 +74,8 @@ class SourceFound(msgspec.Struct, frozen=True, kw_only=True):
     """Arena frame."""
     sd_m: float
     """Standard deviation of the place along x or y, by the fit alone."""
+    at_wall: bool
+    """The field rises on behind what the robot cannot pass; the place is the highest that it has reached."""
 
 
 class SeekBehavior(Errand[Seek]):
@@ -95,7 +99,7 @@ class SeekBehavior(Errand[Seek]):
         return Work(path_m=PACE_M_S * seek.duration_s + seek.reach_m, wait_s=0.5 * seek.duration_s)
 
     def do(self, task: Task, seek: Seek) -> Script:
-        """Climb. Result: `x_m`, `y_m`, `value`, `quantity`, `sd_m`, `samples`, `heard`."""
+        """Climb. Result: `x_m`, `y_m`, `value`, `quantity`, `sd_m`, `at_wall`, `samples`, `heard`."""
         if not self._hears_motes:
             self._hears_motes = True
             self.env.wire.subscribe(self._readings, MOTE_READING)
@@ -103,13 +107,18 @@ class SeekBehavior(Errand[Seek]):
         summit = yield from climb.climb()
         place = Point2D(round(summit.x_m, 3), round(summit.y_m, 3))
         value, sd_m = round(climb.value, 3), round(climb.sd_m, 3)
-        self.found.notify(SourceFound(task=task.id, quantity=seek.quantity, value=value, place=place, sd_m=sd_m))
+        self.found.notify(
+            SourceFound(
+                task=task.id, quantity=seek.quantity, value=value, place=place, sd_m=sd_m, at_wall=climb.is_at_wall
+            )
+        )
         return {
             "x_m": place.x_m,
             "y_m": place.y_m,
             "value": value,
             "quantity": seek.quantity,
             "sd_m": sd_m,
+            "at_wall": climb.is_at_wall,
             "samples": climb.samples,
             "heard": climb.heard,
         }
@@ -142,6 +151,7 @@ class Climb:
         self.value = math.nan
         """Of the field at the summit that was found."""
         self.sd_m = math.inf
+        self.is_at_wall = False
         self._errand = errand
         self._travel = errand.travel
         self._clock = errand.env.clock
@@ -161,7 +171,8 @@ class Climb:
         """
         yield from self._probe()
         stuck = turns = 0
-        while True:
+        top = -math.inf
+        while stuck < STUCK_MAX:
             self._check_time()
             here = self._here()
             fit = self._fit(here)
@@ -173,12 +184,16 @@ class Climb:
             elif fit is None or fit.is_flat:
                 turns += 1
                 yield from self._drive(self._on_spiral(turns))
-                continue
             else:
+                stuck = stuck + 1 if fit.value <= top else 0
+                top = max(top, fit.value)
                 yield from self._uphill(fit, here)
-                stuck = stuck + 1 if self._away_m(here) < MOVED_M else 0
-            if stuck >= STUCK_MAX:
-                raise Failed(f"cannot get nearer to the source of {self._seek.quantity}: it is behind walls, or moves")
+        highest = self._field.highest()
+        if highest is None:
+            raise Failed(f"cannot get nearer to the source of {self._seek.quantity}")
+        yield from self._drive(highest.place)
+        self.is_at_wall, self.value, self.sd_m = True, highest.value, CIRCLE_M
+        return highest.place
 
     def _probe(self) -> Generator[None, None, None]:
         for turn in range(3):

@@ -14,6 +14,8 @@ from robrain.protocol.model.geometry import Point2D
 SAMPLES_MAX = 400
 """The robot's oldest readings beyond these are forgotten."""
 MOTES_MAX = 200
+HIGHEST_OF = 100
+BESIDE_M = 0.3
 RIDGE = 1e-3
 """Added to the slopes' share of the normal equations: of readings that lie in line, only the slope along counts."""
 TERMS = 4
@@ -88,6 +90,21 @@ class FieldSamples:
             return
         if before is None or time_s >= before.time_s:
             self._of_motes[mote] = Sample(place, value, time_s)
+
+    def highest(self) -> Sample | None:
+        """The greatest of the robot's last readings, each averaged with those right beside it; None before any."""
+        last = list(self._samples)[-HIGHEST_OF:]
+        best = None
+        for sample in last:
+            beside = [
+                other.value
+                for other in last
+                if math.hypot(other.place.x_m - sample.place.x_m, other.place.y_m - sample.place.y_m) <= BESIDE_M
+            ]
+            mean = sum(beside) / len(beside)
+            if best is None or mean > best.value:
+                best = Sample(sample.place, mean, sample.time_s)
+        return best
 
     def fit(self, at: Point2D, now_s: float, width_m: float) -> FieldFit | None:
         """The field around a place, to which readings `width_m` away count a quarter; None if too little is known."""

@@ -98,7 +98,7 @@ class Seek(TaskParameters, frozen=True, kw_only=True):
     """Find where a quantity is greatest: climb its field from the place on, by readings on the way.
 
     Result: `x_m`, `y_m`, and the `value` there, as fitted to the readings; `sd_m`, how well the place is known;
-    `samples` that the robot has taken, `heard` readings of motes that it has used.
+    `at_wall`, whether it rises on behind what the robot cannot pass; `samples` taken, `heard` readings of motes.
     """
 
     quantity: Name = "temperature_c"

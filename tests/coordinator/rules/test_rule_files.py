@@ -46,7 +46,7 @@ def test_rules_of_the_scenario_plume_survive_being_written():
 @pytest.mark.parametrize(
     ("before", "after", "expected"),
     [
-        ("above = 26.0", "", "rules[0].reading: expected one of above, below, rising_per_min and falling_per_min, got n"),
+        ("above = 26.0", "", "rules[0].reading: expected one of above, below, rising_per_min and falling_per_min, go"),
         ("above = 26.0", "above = 2.0\nbelow = 1.0", "got above and below"),
         ("above = 26.0", "above = nan", "expected above to be finite, got nan"),
         ("above = 26.0", "above = 26.0\nclear_at = 27.0", "expected clear_at to be at most above = 26, got 27"),

@@ -42,18 +42,21 @@ def test_the_source_is_found_and_told_with_its_place_and_value(errands):
     assert math.hypot(found["x_m"] - SOURCE.x_m, found["y_m"] - SOURCE.y_m) < 0.25
     assert found["value"] == pytest.approx(30.0, abs=1.0)
     assert found["samples"] > 10
+    assert found["at_wall"] is False
     assert run.pose().distance_m(SOURCE) < 2.0
     (event,) = [received.message for received in told.drain()]
     assert (event.event, event.value["place"]["x_m"]) == ("found", found["x_m"])
     assert run.arena.collisions == 0
 
 
-def test_a_source_that_is_behind_the_wall_is_not_claimed_within_the_room(errands):
+def test_a_source_behind_the_wall_is_marked_as_such(errands):
     run = errands("seek")
     heat(run, Point2D(9.0, 2.0), FieldSpec(plumes=1, width_m=4.0, wind_m_s=0.0, temperature=HOT.temperature))
-    status = run.finish(seek(duration_s=150.0), 240.0)
-    assert status.state is TaskState.FAILED
-    assert "source" in status.why
+    status = run.finish(seek(), 240.0)
+    assert (status.state, status.why) == (TaskState.DONE, "")
+    assert status.result["at_wall"] is True
+    assert 5.0 < status.result["x_m"] < 6.0  # the highest place in the room, whose east wall is at 6 m
+    assert abs(status.result["y_m"] - 2.0) < 0.8
 
 
 def test_in_a_flat_field_the_robot_ends_with_why(errands):
