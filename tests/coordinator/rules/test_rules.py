@@ -155,6 +155,27 @@ def test_repeated_readings_count_once(begin):
     assert len(sensed.made()) == 1
 
 
+def test_a_repetition_by_another_clock_does_not_extend_the_time(begin):
+    sensed = begin(rule(reading={"above": 26.0, "for_s": 4.0}))
+    reading = sensed.sense(27.0)
+    sensed.team.run(5.0)
+    sensed.again(reading, via="r2", taken_ns=reading.taken_ns + to_ns(4.5))
+    sensed.team.run(1.0)
+    assert sensed.made() == []
+
+
+def test_a_reading_told_again_after_a_restart_makes_no_second_task(begin):
+    one = rule(cooldown_s=0.0, max_open=10)
+    sensed = begin(one)
+    reading = sensed.sense(27.0)
+    sensed.team.run(1.0)
+    sensed.senses(20.0)
+    sensed.restart(one)
+    sensed.again(reading)
+    sensed.team.run(1.0)
+    assert len(sensed.made()) == 1
+
+
 def test_readings_without_a_number_count_once_too(begin):
     sensed = begin(rule(cooldown_s=0.0, max_open=10))
     reading = sensed.sense(27.0, sequence=None)
@@ -340,6 +361,7 @@ def test_an_event_told_again_after_a_restart_makes_no_second_task(begin):
     sensed.notify({}, stamp_ns=stamp_ns)
     sensed.team.run(1.0)
     sensed.restart(one)
+    sensed.team.run(1.0)
     sensed.notify({}, stamp_ns=stamp_ns)
     sensed.team.run(1.0)
     assert len(sensed.made()) == 1
