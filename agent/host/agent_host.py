@@ -305,7 +305,13 @@ class AgentHost:
 
     def _open_wire(self) -> Endpoint:
         wire = Endpoint(
-            self._session, self._team, self.clock, self.drive, on_outside=self._on_outside, refusals=self._refusals
+            self._session,
+            self._team,
+            self.clock,
+            self.drive,
+            on_outside=self._on_outside,
+            refusals=self._refusals,
+            party=self.name,
         )
         if len(self._wires) >= self._wires_looked_at:
             # A new list: the host's own thread may be going through the old one. Closed ones are let go.

@@ -459,6 +459,9 @@ ARENA_TRUTH = Topic(
     recorded=True,
     max_bytes=16_777_216,
 )
+ARENA_LINKS = Topic(name="arena_links", pattern="arena/links", by=Role.ARENA, message=arena_messages.ArenaLinks,
+                    doc="Who hears whom on the team's simulated radio", rate_hz=2, delivery=Delivery.LATEST,
+                    recorded=True, max_bytes=16_777_216)  # fmt: skip
 ARENA_PREPARATION = Topic(
     name="arena_preparation", pattern="arena/preparation", by=Role.ARENA, message=arena_messages.ArenaPreparation,
     doc="Floor plan and places before a lockstep run begins, while its navigation is compiled",

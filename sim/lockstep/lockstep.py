@@ -26,11 +26,13 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.links.exchange import Exchange
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, OutsideInput, ScriptInput
+from robrain.protocol.wire.links.radio_network import COORDINATOR, EVERYWHERE
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
+from robrain.sim.links.radio_run import RadioRun, check_alone
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.overlap import overlap
@@ -90,10 +92,15 @@ class LockstepRun:
         self._should_stop = should_stop
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
+        is_alone = session is None and listen is None
+        check_alone(world, scenario, is_alone=is_alone)
         self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
-        is_alone = session is None and listen is None
-        self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
+        self._radio = RadioRun(world, self.session, self.clock) if world.links is not None else None
+        if self._radio is None:
+            self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
+        else:
+            self._exchange = self._radio.exchange
         try:
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
@@ -117,9 +124,11 @@ class LockstepRun:
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)
         self.arena = world.arena(self._endpoint(team))
+        if self._radio is not None:
+            self._radio.follow(self.arena.bodies, self._watcher)
         self.time_use = TimeUseMeter(self._poses())
         self._closers.append(self.arena.close)
-        self._coordinator_wire = self._endpoint(team)
+        self._coordinator_wire = self._endpoint(team, COORDINATOR)
         self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning)
         disturbance = Disturbance(world.disturbance, world.seed)
         self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
@@ -184,6 +193,11 @@ class LockstepRun:
         return self._recorder.outside
 
     @property
+    def links(self) -> LinkCounters | None:
+        """What became of messages between robots and coordinator so far; None if everybody hears everybody."""
+        return None if self._radio is None else self._radio.counters
+
+    @property
     def digest(self) -> str:
         """Digest of all that was recorded so far."""
         return self._recorder.digest
@@ -212,6 +226,8 @@ class LockstepRun:
         self._ticks += 1
         self.clock.advance_to(to_ns(self._ticks * TICK_S))
         self.arena.step()
+        if self._radio is not None:
+            self._radio.step()
         now_ns = self.clock.now_ns()
         for host, pauses in zip(self.hosts, self._pauses, strict=True):
             if pauses is None or not pauses.covers(now_ns):
@@ -234,8 +250,8 @@ class LockstepRun:
             self._closers.pop()()
         return self._summary
 
-    def _endpoint(self, team: str) -> Endpoint:
-        endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._note_outside)
+    def _endpoint(self, team: str, party: str = EVERYWHERE) -> Endpoint:
+        endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._note_outside, party=party)
         self._endpoints.append(endpoint)
         self._closers.append(endpoint.close)
         return endpoint

@@ -22,6 +22,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
+from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.lockstep.result import RobotResult, RunResult
@@ -92,6 +93,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()
     """Late frames and scans, paused agents."""
+    links: LinkSpec | None = None
+    """The radio between robots and coordinator; None if everybody hears everybody."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -166,6 +169,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             faults=tables.faults,
             surfaces=tables.surfaces,
             disturbance=tables.disturbance,
+            links=tables.links,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -189,6 +193,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             faults=self.faults,
             surfaces=self.surfaces,
             disturbance=self.disturbance,
+            links=self.links,
         )
         return written_scenario(tables)
 
@@ -216,6 +221,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             )
         except MapError as error:
             raise ScenarioError(str(error)) from error
+        if self.links is not None:
+            self.links.check_names([robot.name for robot in world.robots], self.name)
         for fault in self.faults:
             if fault.robot not in (robot.name for robot in world.robots):
                 names = f"r1 to r{self.robots}"
@@ -231,6 +238,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             surfaces=self.surfaces,
             disturbance=self.disturbance,
             starts_known=self.starts_known,
+            links=self.links,
         )
 
     def team(self, *, seed: int | None = None, record: Path | str | None = None, by: str = "script") -> Team:
@@ -347,6 +355,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             messages=summary.messages,
             outside_messages=summary.outside,
             mote_readings=run.mote_readings,
+            links=run.links,
             recording=str(summary.path) if summary.path is not None else None,
             digest=summary.digest,
         )

@@ -12,6 +12,7 @@ from robrain.protocol.wire.errors import BadToml
 from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
+from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
@@ -100,6 +101,7 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     faults: tuple[FaultSpec, ...] = ()
     surfaces: SurfaceSpec = SurfaceSpec()
     disturbance: DisturbanceSpec = DisturbanceSpec()
+    links: LinkSpec | None = None
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.map is None):

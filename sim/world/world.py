@@ -18,6 +18,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
+from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts, scatter_points, scatter_poses, spawn_poses
@@ -51,6 +52,8 @@ class World:
     """Late frames and scans, paused agents."""
     starts_known: bool = True
     """Whether robots are told where they start; if not, only the first robot is."""
+    links: LinkSpec | None = None
+    """Who hears whom; None if everybody hears everybody."""
 
     def arena(self, endpoint: Endpoint) -> Arena:
         """An arena with all of it, that speaks by this endpoint."""

@@ -68,6 +68,49 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     """Accuracy of the team's map; null if it was not judged yet."""
 
 
+class LinkCounters(msgspec.Struct, kw_only=True):
+    """What became of messages between radios: samples by hearer, requests and replies of queries."""
+
+    delivered: Count = 0
+    """Samples that have arrived or are on their way."""
+    lost: Count = 0
+    """Samples that got lost by chance."""
+    crowded: Count = 0
+    """Samples dropped because a radio had too much to send."""
+    out_of_reach: Count = 0
+    """Samples for hearers to whom there was no way."""
+    overflowed: Count = 0
+    """Samples and replies dropped because too many were on their way."""
+    outdated: Count = 0
+    """Samples of lossless topics that were never delivered: their sender had kept newer ones instead."""
+    relayed: Count = 0
+    """Samples, requests and replies that a radio has passed on for others."""
+    asked: Count = 0
+    """Requests."""
+    timed_out: Count = 0
+    """Requests and replies that were too late, or for which there was no way."""
+
+
+class RadioTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """One radio of the team."""
+
+    party: Name
+    """The robot, or `coordinator`."""
+    place: Point2D
+    hears: Annotated[list[Name], Meta(max_length=100_000)]
+    """Parties that it hears without a relay."""
+    hops: Count | None = None
+    """Number of hops to the coordinator; null if there is no way."""
+
+
+class ArenaLinks(Message, frozen=True, kw_only=True):
+    """Who hears whom on the team's simulated radio, for viewers only."""
+
+    radios: Annotated[list[RadioTruth], Meta(max_length=100_000)]
+    counters: LinkCounters
+    """Since the start of the run."""
+
+
 class ArenaPreparation(Message, frozen=True, kw_only=True):
     """The arena before the first step of a lockstep run, while its navigation is compiled; for viewers only."""
 
