@@ -111,3 +111,17 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     def relays_by(self, party: str) -> bool:
         """Whether a party passes on messages of others."""
         return self.relays if isinstance(self.relays, bool) else party in self.relays
+
+
+def check_alone(links: LinkSpec | None, where: str, *, is_alone: bool) -> None:
+    """Check that no other process joins a run with `[links]`: it would hear, and be heard by, everybody.
+
+    Raises:
+        ScenarioError: one may; names `where`.
+
+    """
+    if links is not None and not is_alone:
+        raise ScenarioError(
+            f"{where}: links: expected a run that no other process can join, got one with a dashboard or a port to "
+            "listen on: run it without them and look at its recording, or leave [links] out"
+        )

@@ -12,26 +12,11 @@ from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.protocol.wire.messages.arena_messages import ArenaLinks, LinkCounters, RadioTruth
 from robrain.protocol.wire.topics import ARENA_LINKS
-from robrain.sim.errors import ScenarioError
 from robrain.sim.links.team_radio import TeamRadio
 from robrain.sim.robot.robot_body import RobotBody
 from robrain.sim.world.world import World
 
 TELL_PERIOD_NS = to_ns(0.5)
-
-
-def check_alone(world: World, scenario: str, *, is_alone: bool) -> None:
-    """Check that no other process joins a run with `[links]`: it would hear, and be heard by, everybody.
-
-    Raises:
-        ScenarioError: one may.
-
-    """
-    if world.links is not None and not is_alone:
-        raise ScenarioError(
-            f"{scenario}: links: expected a run that no other process joins, such as a dashboard: "
-            "run it without them, or leave [links] out"
-        )
 
 
 class RadioRun:

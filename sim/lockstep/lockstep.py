@@ -32,7 +32,8 @@ from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
-from robrain.sim.links.radio_run import RadioRun, check_alone
+from robrain.sim.links.link_spec import check_alone
+from robrain.sim.links.radio_run import RadioRun
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.overlap import overlap
@@ -93,7 +94,7 @@ class LockstepRun:
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
         is_alone = session is None and listen is None
-        check_alone(world, scenario, is_alone=is_alone)
+        check_alone(world.links, scenario or world.plan.name, is_alone=is_alone)
         self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
         self._radio = RadioRun(world, self.session, self.clock) if world.links is not None else None
@@ -292,6 +293,7 @@ class LockstepTransport:
     Args:
         run: the run, of the default team; closed by `close`.
         is_noted: whether the queries are recorded, so that the run can be repeated.
+        party: whose radio is used, with `[links]`: a robot's name, `coordinator`, or `EVERYWHERE`, which needs none.
 
     """
 
@@ -300,8 +302,9 @@ class LockstepTransport:
     patience_s = 0.0
     gather_s = 0.0
 
-    def __init__(self, run: LockstepRun, *, is_noted: bool = True) -> None:
+    def __init__(self, run: LockstepRun, *, is_noted: bool = True, party: str = EVERYWHERE) -> None:
         self._is_noted = is_noted
+        self.party = party
         self.run = run
         """Arena, hosts and coordinator, to look at from inside."""
         self.summary: RecordingSummary | None = None

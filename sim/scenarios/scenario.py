@@ -20,9 +20,10 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
-from robrain.sim.links.link_spec import LinkSpec
+from robrain.sim.links.link_spec import LinkSpec, check_alone
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.lockstep.result import RobotResult, RunResult
@@ -241,7 +242,14 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             links=self.links,
         )
 
-    def team(self, *, seed: int | None = None, record: Path | str | None = None, by: str = "script") -> Team:
+    def team(
+        self,
+        *,
+        seed: int | None = None,
+        record: Path | str | None = None,
+        by: str = "script",
+        party: str = EVERYWHERE,
+    ) -> Team:
         """The scenario's team in lockstep, for a script; close it, or use it in a `with` block.
 
         Equal seeds and equal calls give equal runs. Time passes only within the methods of `Team` that wait.
@@ -250,6 +258,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             seed: of all random numbers; the scenario's own if None.
             record: MCAP file to write.
             by: name of the client in the records.
+            party: whose radio the script uses, with `[links]`: `coordinator`, or a robot's name; by default it hears
+                and is heard everywhere.
 
         Raises:
             RobrainError: the scenario cannot be simulated, or a file not opened; the text says why.
@@ -258,7 +268,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         scenario = self if seed is None else self.replace(seed=seed)
         world = scenario.world()
         warm_up()
-        return Team(LockstepTransport(scenario.open(world, record=record, is_script=True)), by=by)
+        return Team(LockstepTransport(scenario.open(world, record=record, is_script=True), party=party), by=by)
 
     def run(
         self,
@@ -295,6 +305,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         until = self.until_explored if until_explored is None else until_explored
         limit_s = self.time_limit_s if time_limit_s is None else time_limit_s
         setup = Pacer(0.0)
+        check_alone(self.links, self.name, is_alone=listen is None and session is None)
         world = self.world()
         if before_set_up is not None:
             before_set_up(world)
