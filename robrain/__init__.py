@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
+    from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
     from robrain.sim.lockstep.result import RunResult
     from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
     from robrain.sim.maps.surfaces import SurfaceSpec
@@ -74,10 +75,12 @@ __all__ = [
     "HardwareAbsent",
     "KnownKind",
     "Level",
+    "LinkSpec",
     "MoteReading",
     "NobodyThere",
     "Objective",
     "Outcome",
+    "PartitionSpec",
     "PauseSpec",
     "Pillar",
     "PlanningPolicy",
@@ -164,6 +167,7 @@ _NAMES = {
     "robrain.protocol.wire.messages.team_messages": ("TeamState",),
     "robrain.sim.world.chargers": ("ChargerSpec",),
     "robrain.sim.disturbance": ("DisturbanceSpec", "PauseSpec"),
+    "robrain.sim.links.link_spec": ("LinkSpec", "PartitionSpec"),
     "robrain.sim.errors": ("ScenarioError",),
     "robrain.sim.firmware.battery": ("BatterySpec",),
     "robrain.sim.maps.drawing": ("Block", "FloorDrawing", "Pillar", "Wall", "rasterise"),

@@ -72,10 +72,11 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     relays: bool | tuple[str, ...] = True
     """Who passes on messages of others: everybody, nobody, or those with these names (robots, or `coordinator`)."""
     lost_after_s: float = 2.0
-    """Time after which those whom a party does not hear any more are absent for it, as by Zenoh's lease."""
+    """Time after which a party counts those that it no longer hears as absent, as by Zenoh's lease."""
     coordinator_m: tuple[float, float] | None = None
     """Place of the coordinator's radio, arena frame; that of the first robot's start if absent."""
     partitions: tuple[PartitionSpec, ...] = ()
+    """Times in which parts of the team do not hear each other."""
 
     def __post_init__(self) -> None:
         check_above_zero(self, "range_m", "bandwidth_bytes_s")

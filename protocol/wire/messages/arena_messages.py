@@ -107,6 +107,7 @@ class ArenaLinks(Message, frozen=True, kw_only=True):
     """Who hears whom on the team's simulated radio, for viewers only."""
 
     radios: Annotated[list[RadioTruth], Meta(max_length=100_000)]
+    """The coordinator's, then the robots'."""
     counters: LinkCounters
     """Since the start of the run."""
 

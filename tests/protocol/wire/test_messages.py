@@ -255,6 +255,17 @@ EXAMPLES = [
         ranges_mm=[0, 1500, 8000],
     ),
     arena_messages.ArenaClock(**STAMP, sim_time_s=1.5),
+    arena_messages.ArenaLinks(
+        **STAMP,
+        radios=[
+            arena_messages.RadioTruth(party="coordinator", place=Point2D(1.0, 2.0), hears=["r1"], hops=0),
+            arena_messages.RadioTruth(party="r1", place=Point2D(5.0, 2.0), hears=["coordinator"], hops=1),
+            arena_messages.RadioTruth(party="r2", place=Point2D(25.0, 2.0), hears=[]),
+        ],
+        counters=arena_messages.LinkCounters(
+            delivered=9, lost=1, crowded=2, out_of_reach=3, overflowed=4, outdated=5, relayed=6, asked=7, timed_out=8
+        ),
+    ),
     arena_messages.ArenaPreparation(
         **STAMP,
         parts_ready=3,

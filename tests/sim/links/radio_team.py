@@ -42,7 +42,10 @@ class RadioTeam:
     def __init__(self, links, xs_m, *, seed=1, party="", record=None, **floor):
         scenario = corridor(links, robots=len(xs_m), **floor).replace(seed=seed)
         world = scenario.world()
-        robots = [msgspec.structs.replace(robot, start=Pose2D(x_m, Y_M, 0.0)) for robot, x_m in zip(world.robots, xs_m, strict=True)]
+        robots = [
+            msgspec.structs.replace(robot, start=Pose2D(x_m, Y_M, 0.0))
+            for robot, x_m in zip(world.robots, xs_m, strict=True)
+        ]
         self.run = scenario.open(replace(world, robots=robots), record=record)
         self.team = Team(LockstepTransport(self.run, party=party), by="test")
 
@@ -60,8 +63,8 @@ class RadioTeam:
         while self.run.sim_time_s < until_s - 1e-9:
             self.run.tick()
 
-    def places_m(self):
-        return {robot.robot: robot.pose.x_m for robot in self.run.truth.robots}
+    def pose_of(self, robot):
+        return next(one.pose for one in self.run.truth.robots if one.robot == robot)
 
     def __enter__(self):
         return self

@@ -79,10 +79,12 @@ def test_robot_is_called_and_driven_through_relays(xs_m):
     far = f"r{len(xs_m)}"
     with RadioTeam(RANGE, xs_m, party="coordinator") as team:
         team.go(2.0)
-        before_m = team.places_m()[far]
-        team.team.call(far, "driver", "drive", -1.0)
-        team.go(8.0)
-        assert before_m - team.places_m()[far] == pytest.approx(1.0, abs=0.1)
+        team.team.unload(far, "explore")
+        team.go(4.0)
+        before = team.pose_of(far)
+        team.team.call(far, "driver", "drive", -0.5)
+        team.go(7.0)
+        assert before.distance_m(team.pose_of(far)) == pytest.approx(0.5, abs=0.1)
 
 
 def test_without_the_relay_the_same_call_reaches_nobody():
@@ -161,7 +163,7 @@ def test_task_of_a_robot_that_is_cut_off_is_done_by_another():
         team.go(2.0)
         task = team.team.submit("visit", id="far", place=(28.0, 2.0))
         team.go(5.9)
-        assert team.team.task(task).robot == "r2"
+        assert team.team.get(task).robot == "r2"
         record = team.team.wait(task, timeout_s=100.0)
         assert (record.state, record.robot) == (TaskState.DONE, "r1")
 
