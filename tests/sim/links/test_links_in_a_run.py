@@ -1,17 +1,22 @@
 """Robots and coordinator that hear each other by radio: range, relays, partitions, and what the team makes of it."""
 
+import msgspec
 import pytest
 
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import (
     ARENA_LINKS,
     COORDINATOR_STATE,
     ROBOT_ALIVE,
+    ROBOT_CALL,
     ROBOT_PLUGINS,
     ROBOT_STATE,
 )
 from robrain.sim.errors import ScenarioError
+from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.scenarios.scenario import Scenario
 from tests.sim.links.radio_team import RadioTeam, corridor, counted, robots_in
 
@@ -242,3 +247,38 @@ def test_result_of_a_run_counts_what_became_of_the_messages():
 def test_run_that_others_may_join_has_no_links(run):
     with pytest.raises(ScenarioError, match="corridor: links: expected a run that no other process can join"):
         run(corridor(RANGE, robots=1))
+
+
+def test_robots_that_were_apart_have_one_map_again_and_refuse_nothing_of_each_other():
+    cut = PartitionSpec(from_s=3.0, until_s=8.0, groups=(("r2",),))
+    scenario = Scenario.builtin("depot").replace(robots=2, seed=4, links=LinkSpec(partitions=(cut,)))
+    run = scenario.open(scenario.world())
+    wire = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
+    states = Inbox()
+    wire.subscribe(states, ROBOT_STATE)
+
+    def known_m2():
+        by_robots = [
+            float(wire.ask(ROBOT_CALL, b"[]", robot=name, plugin="mapper", function="known_area_m2"))
+            for name in ("r1", "r2")
+        ]
+        return [*by_robots, run.coordinator.team_map.known_area_m2]
+
+    while run.sim_time_s < 7.9:
+        run.tick()
+    apart = known_m2()
+    assert max(apart) > 1.05 * min(apart)
+    while run.sim_time_s < 10.0:
+        run.tick()
+    assert max(known_m2()) <= 1.02 * min(known_m2())
+    assert [state.message.refused for state in states.drain()] == [msgspec.UNSET] * 2
+    wire.close()
+    run.close()
+
+
+def test_exploration_within_ten_metres_ends_in_less_than_twice_the_time():
+    scenario = Scenario.builtin("depot").replace(robots=4, seed=13)
+    free, limited = (scenario.replace(links=links).run() for links in (None, LinkSpec(range_m=10.0)))
+    assert free.ended == limited.ended == "explored"
+    assert limited.sim_time_s <= 2.0 * free.sim_time_s
+    assert limited.links.out_of_reach > 0
