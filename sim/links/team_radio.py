@@ -25,6 +25,8 @@ RESEND_NS = to_ns(0.1)
 """After which a request or reply that was lost is sent again."""
 _RNG_OF_LINKS = 5
 
+Place = tuple[float, float]
+"""Metres, arena frame."""
 Places = Callable[[], NDArray[np.float64]]
 """(N, 2): where the robots are, metres, arena frame."""
 
@@ -58,8 +60,8 @@ class TeamRadio:
         self._spec = spec
         self._plan = plan
         self._rng = np.random.default_rng([seed, _RNG_OF_LINKS])
-        self._reach_m = [spec.range_m]
-        """By the number of walls, as far as they were needed."""
+        self._in_range: dict[tuple[str, str], tuple[Place, Place, bool]] = {}
+        """Places of each pair when it was measured last, and whether they were in range of each other."""
         self._hears: dict[str, list[str]] = {party: [] for party in self.parties}
         self._ways: dict[str, dict[str, list[str]]] = {}
         """From a party to each that it reaches: the radios that send, and the hearer."""
@@ -69,20 +71,21 @@ class TeamRadio:
         """When each radio has sent all that it has to send."""
 
     @property
-    def places_m(self) -> dict[str, tuple[float, float]]:
+    def places_m(self) -> dict[str, Place]:
         """Where the radios are, metres, arena frame."""
         robots = [(float(x_m), float(y_m)) for x_m, y_m in self.where()]
         return dict(zip(self.parties, [self._own_m, *robots], strict=True))
 
-    def look(self, now_ns: int, on: Collection[str]) -> None:
+    def look(self, now_ns: int, on: Collection[str]) -> bool:
         """See `RadioNetwork`."""
         if on == self._on and self._looked_ns is not None and now_ns < self._looked_ns + LOOK_PERIOD_NS:
-            return
+            return False
         self._looked_ns, self._on = now_ns, on
         hears = self._measure(to_seconds(now_ns))
         if hears != self._hears:
             self._hears = hears
             self._ways.clear()
+        return True
 
     def hears(self, party: str) -> list[str]:
         """Those whom a party hears without a relay, in the order of `parties`."""
@@ -162,12 +165,19 @@ class TeamRadio:
         on = [party for party in self.parties if party in self._on]
         for number, one in enumerate(on):
             for other in on[number + 1 :]:
-                if groups[one] == groups[other] and self._is_in_range(places[one], places[other]):
+                if groups[one] == groups[other] and self._are_in_range(one, other, places):
                     hears[one].append(other)
                     hears[other].append(one)
         return hears
 
-    def _is_in_range(self, from_m: tuple[float, float], to_m: tuple[float, float]) -> bool:
+    def _are_in_range(self, one: str, other: str, places: dict[str, Place]) -> bool:
+        from_m, to_m = places[one], places[other]
+        known = self._in_range.get((one, other))
+        if known is None or known[:2] != (from_m, to_m):
+            known = self._in_range[one, other] = from_m, to_m, self._is_in_range(from_m, to_m)
+        return known[2]
+
+    def _is_in_range(self, from_m: Place, to_m: Place) -> bool:
         spec = self._spec
         square_m2 = (to_m[0] - from_m[0]) ** 2 + (to_m[1] - from_m[1]) ** 2
         if square_m2 > spec.range_m**2:

@@ -246,7 +246,8 @@ class RadioExchange(PartyExchange):
         """Who counts on whom, by what was heard until now."""
         now_ns, network, heard_ns = self._clock.now_ns(), self._network, self._heard_ns
         homes = [home for party, home in self._homes.items() if party]
-        network.look(now_ns, [home.party for home in homes if home.links])
+        if not network.look(now_ns, [home.party for home in homes if home.links]):
+            return
         for speaker in homes:
             for hearer in homes:
                 pair = speaker.party, hearer.party

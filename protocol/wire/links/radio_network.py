@@ -19,8 +19,8 @@ class RadioNetwork(Protocol):
     parties: Sequence[str]
     """Everybody who has a radio."""
 
-    def look(self, now_ns: int, on: Collection[str]) -> None:
-        """Take in where the parties are now, and which of them are switched on."""
+    def look(self, now_ns: int, on: Collection[str]) -> bool:
+        """Take in where the parties are now, and which of them are switched on; returns False if it is not yet time."""
 
     def reaches(self, speaker: str, hearer: str) -> bool:
         """Whether there is a way from one party to another, by relays or without."""

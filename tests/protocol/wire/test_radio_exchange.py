@@ -33,6 +33,7 @@ class Air:
 
     def look(self, now_ns, on):
         self.on = on
+        return True
 
     def reaches(self, speaker, hearer):
         return not self.apart & {speaker, hearer}
@@ -184,7 +185,9 @@ def test_with_its_sender_what_it_kept_has_gone(team):
     team.air.apart = {"r2"}
     put(1)
     team.ends["r1"].close()
+    team.go(1.0)
     team.air.apart = set()
+    team.ends["r1"] = team.open("r1")
     team.go(2.0)
     assert not texts(inbox)
 

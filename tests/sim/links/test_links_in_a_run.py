@@ -7,9 +7,11 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topics import (
     ARENA_LINKS,
     COORDINATOR_STATE,
+    HALT,
     ROBOT_ALIVE,
     ROBOT_CALL,
     ROBOT_PLUGINS,
@@ -173,7 +175,7 @@ def test_task_of_a_robot_that_is_cut_off_is_done_by_another():
         assert (record.state, record.robot) == (TaskState.DONE, "r1")
 
 
-def test_no_task_is_lost_or_done_twice_in_a_team_that_is_cut_again_and_again():
+def test_no_task_is_lost_in_a_team_that_is_cut_again_and_again():
     cuts = "\n".join(
         f'[[links.partitions]]\nfrom_s = {at_s}\nuntil_s = {at_s + 5}\ngroups = [["r{1 + at_s // 10 % 3}"]]'
         for at_s in range(5, 95, 10)
@@ -184,6 +186,16 @@ def test_no_task_is_lost_or_done_twice_in_a_team_that_is_cut_again_and_again():
         ended = [team.team.wait(task, timeout_s=200.0) for task in tasks]
         assert [record.state for record in ended] == [TaskState.DONE] * len(tasks)
         assert len(team.team.list()) == len(tasks)
+
+
+def test_halt_that_a_robot_misses_stops_it_when_it_is_back():
+    with RadioTeam(CUT_R2.format(from_s=1.0, until_s=5.0), [2.0, 4.0]) as team:
+        team.go(2.0)
+        team.wire("coordinator").publisher(HALT).put(Halt(halted=True, by="operator", reason="a test"))
+        team.go(4.9)
+        assert [team.team.state(name).halted for name in ("r1", "r2")] == [True, False]
+        team.go(6.5)
+        assert [team.team.state(name).halted for name in ("r1", "r2")] == [True, True]
 
 
 def test_equal_seeds_give_equal_runs_and_others_other_ones():

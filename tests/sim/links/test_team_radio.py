@@ -144,6 +144,12 @@ def test_a_request_takes_its_hops_and_none_where_there_is_no_way():
     assert network.carry("r1", "r4", 10, 0, to_ns(1.0)) is None
 
 
+def test_a_request_that_would_wait_too_long_for_its_radio_is_too_late():
+    network = radio(bandwidth_bytes_s=1000.0, queue_s=0.25)
+    assert network.carry("r1", "r2", 1000, 0, to_ns(2.0)) == to_ns(1.0)
+    assert network.carry("r1", "r2", 10, 0, to_ns(0.5)) is None
+
+
 def test_a_partition_is_in_force_from_its_begin_until_its_end():
     cut = PartitionSpec(from_s=1.0, until_s=2.0, groups=(("r3", "r4"),))
     heard = {}
