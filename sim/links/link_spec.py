@@ -5,6 +5,7 @@ from collections.abc import Iterable
 
 import msgspec
 
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.sim.errors import ScenarioError
 from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
@@ -73,6 +74,9 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Who passes on messages of others: everybody, nobody, or those with these names (robots, or `coordinator`)."""
     lost_after_s: float = 2.0
     """Time after which a party counts those that it no longer hears as absent, as by Zenoh's lease."""
+    return_after_s: float = 10.0
+    """Time after which a robot with nothing to do drives back to its start, where it may be heard again; `inf` to
+    stay where it is. Robots that do not know where they start stay."""
     coordinator_m: tuple[float, float] | None = None
     """Place of the coordinator's radio, arena frame; that of the first robot's start if absent."""
     partitions: tuple[PartitionSpec, ...] = ()
@@ -85,6 +89,7 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         check_within(self, 0, LOSS_MAX, "loss")
         check_within(self, 0, DELAY_MAX_S, "delay_s")
         check_not_negative(self, "lost_after_s", finite=True)
+        check_not_negative(self, "return_after_s")
         if self.coordinator_m is not None and not all(map(math.isfinite, self.coordinator_m)):
             raise ValueError(f"expected finite coordinates for coordinator_m, got {list(self.coordinator_m)}")
 
@@ -102,6 +107,12 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             if name not in known:
                 there = f"{COORDINATOR} and r1 to {known[-1]}"
                 raise ScenarioError(f"{where}: links: {key}: no party {name!r}; there are {there}")
+
+    def idle_parameters(self, start: Pose2D) -> dict[str, dict[str, object]]:
+        """Parameters of a robot's plugin `idle`, if it returns to its start."""
+        if self.return_after_s == math.inf:
+            return {}
+        return {"idle": {"home": [start.x_m, start.y_m], "return_after_s": self.return_after_s}}
 
     def reach_m(self, walls: int) -> float:
         """Distance up to which two radios hear each other with that many walls between them."""

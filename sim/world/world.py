@@ -112,6 +112,7 @@ class World:
                 **_range_sensors(robot),
                 **_home(self.chargers),
                 "obstacle_distance": {"radius_m": robot.radius_m},
+                **(self.links.idle_parameters(start) if self.links is not None and is_known and not connect else {}),
             },
         )
 

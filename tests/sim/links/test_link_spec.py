@@ -20,6 +20,7 @@ bandwidth_bytes_s = 250000.0
 queue_s = 0.5
 relays = ["r1", "coordinator"]
 lost_after_s = 3.0
+return_after_s = 20.0
 coordinator_m = [1.0, 2.0]
 
 [[links.partitions]]
@@ -43,6 +44,7 @@ def test_scenario_file_has_it_all_and_is_written_again():
         queue_s=0.5,
         relays=("r1", "coordinator"),
         lost_after_s=3.0,
+        return_after_s=20.0,
         coordinator_m=(1.0, 2.0),
         partitions=(
             PartitionSpec(from_s=30.0, until_s=60.0, groups=(("r1",), ("r2", "coordinator"))),
@@ -50,6 +52,18 @@ def test_scenario_file_has_it_all_and_is_written_again():
         ),
     )
     assert Scenario.from_toml(scenario.to_toml()).links == scenario.links
+
+
+def test_robots_are_told_to_wait_at_their_start_if_they_know_it_and_are_to_return():
+    def idle(lines, **changes):
+        world = corridor(lines, robots=2).replace(**changes).world()
+        return world.robots[1].start, world.robot_file(world.robots[1]).parameters.get("idle")
+
+    start, parameters = idle("return_after_s = 5.0")
+    assert parameters == {"home": [start.x_m, start.y_m], "return_after_s": 5.0}
+    assert idle("return_after_s = inf")[1] is None
+    assert idle("", starts_known=False)[1] is None
+    assert idle("", links=None)[1] is None
 
 
 def test_an_empty_table_limits_nothing_and_no_table_is_none():
@@ -69,6 +83,7 @@ def test_an_empty_table_limits_nothing_and_no_table_is_none():
         ("bandwidth_bytes_s = 0", "links: expected bandwidth_bytes_s > 0, got 0.0"),
         ("queue_s = inf", "links: expected queue_s > 0, got inf"),
         ("wall_db = -3", "links: expected wall_db from 0 to 200.0, got -3.0"),
+        ("return_after_s = -1", "links: expected return_after_s >= 0, got -1.0"),
         ("lost_after_s = inf", "links: expected lost_after_s >= 0, got inf"),
         ("coordinator_m = [nan, 1.0]", "links: expected finite coordinates for coordinator_m, got [nan, 1.0]"),
         ("relays = 3", "links.relays: Expected `bool | array`, got `int`"),

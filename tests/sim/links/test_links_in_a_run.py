@@ -1,5 +1,7 @@
 """Robots and coordinator that hear each other by radio: range, relays, partitions, and what the team makes of it."""
 
+import math
+
 import msgspec
 import pytest
 
@@ -186,6 +188,21 @@ def test_no_task_is_lost_in_a_team_that_is_cut_again_and_again():
         ended = [team.team.wait(task, timeout_s=200.0) for task in tasks]
         assert [record.state for record in ended] == [TaskState.DONE] * len(tasks)
         assert len(team.team.list()) == len(tasks)
+
+
+@pytest.mark.parametrize(("return_after_s", "is_back"), [(1.0, True), (math.inf, False)])
+def test_robot_that_drives_out_of_reach_returns_to_its_start_and_is_heard(return_after_s, is_back):
+    links = f"{RANGE}\nrelays = false\nreturn_after_s = {return_after_s}"
+    with RadioTeam(links, [2.0, 10.0]) as team:
+        team.go(3.0)
+        team.team.unload("r1", "visit")
+        team.team.submit("visit", id="far", place=(20.0, 2.0))
+        up_at = []
+        for now_s in range(4, 26):
+            team.go(now_s)
+            up_at.append(next(robot.up for robot in team.team.state().robots if robot.name == "r2"))
+        away = up_at.index(False)
+        assert any(up_at[away:]) is is_back
 
 
 def test_halt_that_a_robot_misses_stops_it_when_it_is_back():
