@@ -41,6 +41,10 @@ class Surroundings(NamedTuple):
         return any(place.distance_m(at) <= reach_m + slack_m for at, reach_m in self.chargers or ())
 
 
+NOWHERE = Surroundings()
+"""Nothing is known of the place."""
+
+
 class InvariantJudge:
     """Judges one invariant, message by message, with memory that does not grow with the length of the run.
 

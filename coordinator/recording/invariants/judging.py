@@ -14,7 +14,7 @@ from typing import Any
 from robrain.coordinator.recording.invariants.energy_balance import EnergyBalance
 from robrain.coordinator.recording.invariants.findings import Ruling, Standing
 from robrain.coordinator.recording.invariants.halts import Halts
-from robrain.coordinator.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
+from robrain.coordinator.recording.invariants.invariant_judge import NOWHERE, Handler, InvariantJudge, Surroundings
 from robrain.coordinator.recording.invariants.stranded import NotStranded
 from robrain.coordinator.recording.invariants.task_at_one import TaskAtOne
 from robrain.coordinator.recording.invariants.task_kept import TaskKept
@@ -36,7 +36,7 @@ class Judging:
 
     """
 
-    def __init__(self, surroundings: Surroundings = Surroundings(), start_ns: int = 0) -> None:  # noqa: B008 - immutable
+    def __init__(self, surroundings: Surroundings = NOWHERE, start_ns: int = 0) -> None:
         self._judges = [judge(surroundings, start_ns) for judge in JUDGES]
         self._handlers: dict[type, list[Handler]] = {}
         for judge in self._judges:
@@ -66,8 +66,8 @@ class Judging:
 
 def judge(
     messages: Iterable[tuple[Any, int]],
-    surroundings: Surroundings = Surroundings(),
-    start_ns: int = 0,  # noqa: B008
+    surroundings: Surroundings = NOWHERE,
+    start_ns: int = 0,
 ) -> list[Ruling]:
     """Judge decoded messages, each with the run's clock when it was recorded."""
     judging = Judging(surroundings, start_ns)

@@ -37,6 +37,7 @@ class TaskOnce(InvariantJudge):
         self._changes = TaskChanges()
         self._still: dict[str, _StillAt] = {}
         self._heard_any = False
+        self._reopened: set[str] = set()
 
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
@@ -56,10 +57,12 @@ class TaskOnce(InvariantJudge):
             return
         assert before is not None  # it had ended
         ended, ended_ns = before
+        was_reopened = task in self._reopened
+        (self._reopened.discard if event.state.ended else self._reopened.add)(task)
         if event.state is TaskState.DONE and ended.state is TaskState.DONE:
             changes, first_s = (ended.change, event.change), self.time_s(ended_ns)
             self.break_(time_ns, DoneAgain(task=task, robot=event.robot, changes=changes, first_s=first_s))
-        else:
+        elif not was_reopened:
             self.break_(time_ns, Reopened(task=task, ended=ended.state, state=event.state))
 
     def _take_state(self, state: RobotState, time_ns: int) -> None:

@@ -13,9 +13,9 @@ import msgspec
 
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.invariants.findings import Ruling
-from robrain.coordinator.recording.invariants.invariant_judge import Surroundings
+from robrain.coordinator.recording.invariants.invariant_judge import NOWHERE, Surroundings
 from robrain.coordinator.recording.invariants.judging import Judging, broken
-from robrain.coordinator.recording.reader.contents import several_senders
+from robrain.coordinator.recording.reader.contents import has_numbers, several_senders
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, recording_info, topic_named_by
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.protocol.wire.border.codec import BadPayload
@@ -93,7 +93,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 def check_recording(
     path: Path,
     on_progress: Callable[[float], None] | None = None,
-    surroundings: Surroundings = Surroundings(),  # noqa: B008 - immutable, so a shared default is safe
+    surroundings: Surroundings = NOWHERE,
 ) -> Verdict:
     """Check a recording from its first message to its last, and judge the invariants of its run.
 
@@ -167,7 +167,7 @@ class _Check:
         self._last[sender] = message
         # Bytes of others carry no stamps and numbers of ours.
         if before is not None and topic.encoding == JSON:
-            self._check_order(before, message)
+            self._check_order(before, message, has_numbers=has_numbers(topic))
 
     def compare_counts(self, counts: dict[str, int], summary: dict[str, str]) -> None:
         for key in sorted(counts.keys() | self.counts.keys()):
@@ -205,11 +205,13 @@ class _Check:
             self.add(Severity.PROBLEM, Kind.MALFORMED, message.topic_key, message.log_time_ns, text)
             return None
 
-    def _check_order(self, before: RecordedMessage, message: RecordedMessage) -> None:
+    def _check_order(self, before: RecordedMessage, message: RecordedMessage, *, has_numbers: bool) -> None:
         key, now_ns = message.topic_key, message.log_time_ns
         if message.publish_time_ns < before.publish_time_ns:
             by_s = to_seconds(before.publish_time_ns - message.publish_time_ns)
             self.add(Severity.PROBLEM, Kind.STAMP_BACK, key, now_ns, f"its stamp is {by_s:g} s before the one before")
+        if not has_numbers:
+            return
         missing = message.sequence - before.sequence - 1
         if message.sequence < before.sequence:
             text = f"its sender counts again from {message.sequence}, after {before.sequence}"
