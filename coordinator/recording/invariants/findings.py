@@ -51,6 +51,8 @@ class Missing(StrEnum):
     """No robot reports its radius."""
     ROBOTS = "robots"
     """No robot reports its state."""
+    SIMULATOR = "simulator"
+    """The floor plan needs the simulator, which is not installed."""
     START = "start"
     """The messages begin in the middle of a run."""
     SUMMARIES = "summaries"

@@ -31,6 +31,8 @@ class Surroundings(NamedTuple):
     """Distance from a place (x, y), arena frame, to the nearest wall, 0 inside one; None if the floor is not known."""
     chargers: tuple[ChargerPlace, ...] | None = None
     """Every charger; None if they are not known."""
+    no_floor: Missing = Missing.FLOOR
+    """Why there is no floor, if there is none."""
 
     def charger_distance_m(self, place: Point2D) -> float | None:
         """Distance to the nearest charger; None if chargers are not known or there are none."""

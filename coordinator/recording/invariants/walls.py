@@ -37,7 +37,7 @@ class Walls(InvariantJudge):
         if not self._has_truth:
             return Missing.TRUTH
         if self.surroundings.clearance_m is None:
-            return Missing.FLOOR
+            return self.surroundings.no_floor
         return None if self.cases else Missing.RADIUS
 
     def _take_state(self, state: RobotState, _time_ns: int) -> None:

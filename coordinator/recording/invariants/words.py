@@ -32,6 +32,7 @@ _MISSING = {
     Missing.FLOOR: "the floor plan is not known",
     Missing.RADIUS: "no robot reports its radius",
     Missing.ROBOTS: "no robot reports its state",
+    Missing.SIMULATOR: "the floor plan needs the simulator: pip install 'robrain[sim]'",
     Missing.START: "it begins in the middle of a run",
     Missing.SUMMARIES: "it has no summaries of the coordinator",
     Missing.TASKS: "it has no changes of tasks",
