@@ -4,6 +4,7 @@ Each planted bug replaces a function of the product for one run; the same run wi
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -38,6 +39,7 @@ from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.sim.firmware import motor_controller
 from robrain.sim.firmware.battery import Battery, BatterySpec
 from robrain.sim.robot.robot_body import RobotBodies
@@ -94,8 +96,8 @@ def halts(team: Team) -> None:
     team.run_for(6.0)
 
 
-def cut_off(team: Team) -> None:
-    """The robot with the task hears nobody, and the coordinator hears nothing of it."""
+def cut_off(team: Team, *, hears: bool = False) -> None:
+    """The coordinator hears nothing of the robot with the task, and the robot nothing of it unless it `hears`."""
     team.run_for(1.0)
     team.submit("visit", id="long", place=(2.0, 2.0), service_s=30.0)
     team.run_for(5.0)
@@ -110,7 +112,8 @@ def cut_off(team: Team) -> None:
             note(state, now_ns)
 
     roster.note_state = note_others  # type: ignore[method-assign]
-    host._inbox.drain = list  # hears nothing
+    if not hears:
+        host._inbox.drain = list
     team.run_for(10.0)
     assert team.get("long").robot not in ("", name)
 
@@ -146,6 +149,7 @@ RUNS = {
     "visits": (visits, SMALL),
     "halts": (halts, SMALL),
     "cut_off": (cut_off, SMALL),
+    "not_heard": (partial(cut_off, hears=True), SMALL),
     "forgetful": (forgetful, SMALL),
     "standing": (standing, WITH_CHARGER),
     "long_day": (long_day, weak(WITH_CHARGER)),
@@ -187,6 +191,15 @@ def test_a_robot_that_keeps_its_task_after_the_lease_is_found(monkeypatch: pytes
     monkeypatch.setattr(TaskDesk, "check_lease", lambda *_: None)
     [one] = only(judged(cut_off), TaskAtTwo)
     assert (one.task, one.robots) == ("long", ("r1", "r2"))
+
+
+def test_a_robot_that_counts_its_lease_from_what_it_hears_alone_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def renew(desk: TaskDesk, _summary: TeamState, _robot: str, now_ns: int) -> None:
+        desk.coordinator_heard_ns = now_ns
+
+    monkeypatch.setattr(TaskDesk, "hear_coordinator", renew)
+    [one] = only(judged(partial(cut_off, hears=True)), TaskAtTwo)
+    assert one.task == "long"
 
 
 def test_an_end_that_is_told_twice_as_two_changes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
