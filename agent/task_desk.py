@@ -24,8 +24,10 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.cost_messages import TaskCost
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, NotAtTask, Occupied, OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.robots import NotHeard
 from robrain.protocol.wire.reasons.words import told
 
 Accept = Callable[[Any], TaskAnswer]
@@ -136,6 +138,16 @@ class TaskDesk:
             return facts
         left_s = round(max(0.0, to_seconds(foreseen[1] - now_ns)), 2)
         return facts._replace(task=msgspec.structs.replace(status, left_s=left_s))
+
+    def hear_coordinator(self, summary: TeamState, robot: str, now_ns: int) -> None:
+        """Renew the lease by the coordinator's summary: it counts from the state of this robot that was heard last.
+
+        A coordinator gives a silent robot's task to another, also when that robot hears it. One that has not heard the
+        robot yet has just begun to listen, and waits for longer than a lease.
+        """
+        mine = next((each for each in summary.robots if each.name == robot), None)
+        age_ns = 0 if mine is None or isinstance(mine.out, NotHeard) else to_ns(mine.age_s)
+        self.coordinator_heard_ns = now_ns - age_ns
 
     def foresee(self, task_id: str, end_ns: int | None) -> None:
         """A behavior says when its task will end, as well as it knows, if it does; on any thread."""

@@ -186,8 +186,9 @@ class AgentHost:
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:
             halting.hear()
-        if self._inbox.has_some and self._inbox.drain():
-            self.desk.coordinator_heard_ns = now_ns
+        if self._inbox.has_some:
+            for received in self._inbox.drain():
+                self.desk.hear_coordinator(received.message, self.name, now_ns)
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
