@@ -7,8 +7,10 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.coordinator.recording.invariants.judging import Judging, broken
 from robrain.coordinator.recording.writer.provenance import software_versions
 from robrain.deploy.bench.mapping_plan import errors_alone
+from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.deploy.sweep.run_outcome import RunRecord, RunState, outcome_of
 from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.scenarios.scenario import Progress, Scenario
@@ -66,13 +68,16 @@ def _done(task: RunTask) -> RunRecord:
     if task.recording is not None:
         Path(task.recording).parent.mkdir(parents=True, exist_ok=True)
     _stop_if_asked()
-    result = scenario.run(record=task.recording, on_progress=_stop_if_asked)
+    judging = Judging(surroundings_of(scenario))
+    result = scenario.run(
+        record=task.recording, on_progress=_stop_if_asked, before_start=lambda run: run.follow(judging.hear)
+    )
     if result.ended == "interrupted":
         raise _Stopped
     return RunRecord(
         run=task.run,
         state=RunState.DONE,
-        outcome=outcome_of(result),
+        outcome=outcome_of(result, broken(judging.finish())),
         wall_time_s=result.setup_time_s + result.wall_time_s,
         recording=Path(task.recording).name if task.recording is not None else None,
     )
