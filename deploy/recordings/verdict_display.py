@@ -40,7 +40,7 @@ def _show_findings(console: Console, verdict: Verdict) -> None:
 
 def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
     table = Table(box=None, pad_edge=False)
-    for heading in ("invariant", "", "judged of"):
+    for heading in ("invariant", "", "cases"):
         table.add_column(heading, overflow="fold")
     for ruling in rulings:
         table.add_row(INVARIANTS[ruling.invariant], *_standing(ruling))
