@@ -150,6 +150,7 @@ def test_a_held_task_is_not_abandoned() -> None:
 
 def test_a_task_is_not_abandoned_while_the_coordinator_is_away() -> None:
     told = given_to("r1")
+    told.pass_time(2.0)
     told.states["r1"] = {}
     told.has_coordinator = False
     told.pass_time(30.0)
