@@ -355,6 +355,8 @@ class TaskDesk:
         """
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""
+        if self.coordinator_heard_ns is not None and self.coordinator_heard_ns > now_ns:  # the clock was set back
+            self.coordinator_heard_ns = now_ns
         held, heard_ns = self.held, self.coordinator_heard_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)

@@ -132,6 +132,8 @@ class Coordinator:
     def step(self) -> None:
         """Hear, decide, act."""
         now_ns = self._wire.clock.now_ns()
+        if now_ns < self._now_ns:
+            self._clock_set_back(now_ns)
         if self._wire.has_waiting:
             self._wire.serve()
         has_heard = self._inbox.has_some
@@ -157,6 +159,13 @@ class Coordinator:
         if now_ns >= self._summary_due_ns:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
             stage("summary", None, self._tell_summary, now_ns)
+
+    def _clock_set_back(self, now_ns: int) -> None:
+        """What was due by the old time is due now: a coordinator that is silent meanwhile loses its robots."""
+        self._decide_due_ns = self._look_due_ns = self._summary_due_ns = self._revise_due_ns = 0
+        self.roster.clock_set_back(now_ns)
+        self.lifecycle.clock_set_back(now_ns)
+        self.planning.clock_set_back()
 
     def _new_id(self, kind: str) -> str:
         """An id for a task of the coordinator's own; whoever asked for a task may have named it alike."""

@@ -44,6 +44,7 @@ from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.plugin_messages import LogRecord, PluginInfo
 from robrain.protocol.wire.messages.robot_messages import PluginFault, RobotState
+from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import RobotHalted
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
@@ -62,6 +63,10 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
+NEVER_HEARD_S = 1e6
+"""Age of a robot's state, in a summary, if the coordinator has not heard it yet."""
+FIRST_SUMMARIES = 2
+"""Those of the first second of a coordinator."""
 WIRES_MIN = 128
 """Number of wires, closed ones included, from which closed ones are let go."""
 WOKEN_PASSES = 2
@@ -186,8 +191,9 @@ class AgentHost:
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:
             halting.hear()
-        if self._inbox.has_some and self._inbox.drain():
-            self.desk.coordinator_heard_ns = now_ns
+        if self._inbox.has_some:
+            for received in self._inbox.drain():
+                self._hear_coordinator(received.message, now_ns)
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
@@ -203,11 +209,23 @@ class AgentHost:
         if self.desk.held is not None and self.desk.go_on(now_ns) and self._schedule is not None:
             for _ in range(WOKEN_PASSES):
                 self._schedule.step(self._registry.plugins, now_ns)
-        if now_ns >= self._state_due_ns:
-            self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
+        if not 0 < self._state_due_ns - now_ns <= STATE_PERIOD_NS:  # it is due, or the clock was set back
+            self._state_due_ns = max(min(self._state_due_ns, now_ns) + STATE_PERIOD_NS, now_ns)
             self._publish_state()
         elif self.desk.differs_from(self._told_facts):  # the next task must not wait for the period
             self._publish_state()
+
+    def _hear_coordinator(self, summary: TeamState, now_ns: int) -> None:
+        """Renew the lease, unless the coordinator does not hear this robot: it then gives the task to another.
+
+        The lease then counts from the last state that has reached the coordinator. One that has never heard the robot
+        counts from its own start, which its first summaries tell.
+        """
+        own = next((robot for robot in summary.robots if robot.name == self.name), None)
+        if own is None or own.up or (own.age_s >= NEVER_HEARD_S and summary.seq < FIRST_SUMMARIES):
+            self.desk.coordinator_heard_ns = now_ns
+        elif own.age_s < NEVER_HEARD_S:
+            self.desk.coordinator_heard_ns = now_ns - to_ns(own.age_s)
 
     def close(self) -> None:
         """Stop the plugins and leave the wire."""

@@ -249,3 +249,12 @@ def test_remaining_time_is_reported_while_the_task_runs_and_is_never_negative(de
     assert desk.standing(0).task.left_s is None
     desk.offer(offer("t1", epoch=2), 0)  # the same task again: the old estimate does not apply
     assert desk.standing(0).task.left_s is None
+
+
+def test_clock_that_is_set_back_does_not_lengthen_the_lease(desk, explorer):
+    desk.offer(offer(lease_s=5.0), to_ns(100))
+    desk.check_lease(to_ns(40))
+    desk.check_lease(to_ns(45))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(45) + 1)
+    assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, SILENT)
