@@ -29,6 +29,7 @@ from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.processes.agent_words import agent_words
 from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.recordings.recording_commands import recording_app
+from robrain.deploy.soak.soak_commands import soak_app
 from robrain.deploy.sweep.sweep_commands import sweep_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
@@ -71,6 +72,7 @@ def options(
 app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
 app.add_typer(sweep_app)
+app.add_typer(soak_app)
 app.add_typer(recording_app)
 app.add_typer(bench_app, name="bench")
 

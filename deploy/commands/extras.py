@@ -6,7 +6,7 @@ from robrain.deploy.errors import UsageError
 from robrain.protocol.extras import missing_package
 
 OF_COMMANDS = {
-    **dict.fromkeys(("run", "demo", "up", "arena", "bench"), "sim"),
+    **dict.fromkeys(("run", "demo", "up", "arena", "bench", "soak"), "sim"),
     **dict.fromkeys(("dashboard", "replay", "record", "info", "check", "diff", "recover", "export"), "team"),
     "report": "report",
     "sweep": "sweep",

@@ -52,8 +52,13 @@ def run_task(task: RunTask) -> RunRecord:
 
 
 def start_worker(commands: Connection) -> None:
-    """Make this process ready for `run_task`: it stops on request, and ends when the sweep's process is gone."""
+    """Make this process ready for tasks: it stops on request, and ends when the sweep's process is gone."""
     threading.Thread(target=_obey, args=(commands,), daemon=True, name="sweep").start()
+
+
+def is_asked_to_stop() -> bool:
+    """Whether the sweep or soak was interrupted."""
+    return _STOPPING.is_set()
 
 
 def _done(task: RunTask) -> RunRecord:
@@ -85,7 +90,7 @@ def _discard(task: RunTask) -> None:
 
 
 def _stop_if_asked(_progress: Progress | None = None) -> None:
-    if _STOPPING.is_set():
+    if is_asked_to_stop():
         raise _Stopped
 
 

@@ -23,6 +23,7 @@ WORKS = ""
 COMMANDS: list[tuple[str, list[str], str]] = [
     ("run", ["depot"], "sim"),
     ("sweep", ["depot"], "sweep"),
+    ("soak", ["--runs", "1"], "sim"),
     ("demo", ["--headless"], "sim"),
     ("up", ["depot"], "sim"),
     ("arena", ["depot"], "sim"),
