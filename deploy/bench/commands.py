@@ -14,6 +14,7 @@ BENCHES = {
     "responses": "response times from an event to the wheels, of a live team of processes on loopback",
     "agents": "cost of a thousand simulated agents at 10 Hz for a coordinator",
     "exploration": "exploration strategies and team sizes on map files: the full stack beside ideal motion",
+    "motes": "lifetime of a mote field: routes beside their bound, robots as mules beside a collection tree",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
     "joining": "robots with unknown places: time and errors of joining the team's map",
     "live": "accuracy of the map of a live team whose agents are stopped at random times",
@@ -161,6 +162,24 @@ def exploration(
     around = place_of("--near", near)
     place = None if around is None else (around.x_m, around.y_m)
     run_bench(choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder), json_file)
+
+
+@bench_app.command(help=BENCHES["motes"])
+def motes(
+    ways: Annotated[
+        str | None, typer.Option(help="tree, routes, mules, relief, turns, or several; default: all.")
+    ] = None,
+    seeds: SeedsOption = "1-10",
+    count: Annotated[int, typer.Option("--motes", help="Number of motes on 100 × 100 m.")] = 100,
+    tours_per_day: Annotated[float, typer.Option(help="How often a robot collects.")] = 1.0,
+    goal_days: Annotated[float, typer.Option(help="Lifetime that relief and turns aim at.")] = 330.0,
+    jobs: JobsOption = 1,
+    json_file: JsonFileOption = None,
+) -> None:
+    """Measure how long a mote field lives."""
+    from robrain.deploy.bench.motes import choose, run_bench
+
+    run_bench(choose(ways, seeds, count, tours_per_day, goal_days, jobs), json_file)
 
 
 @bench_app.command(help=BENCHES["joining"])

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.system
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
     done = commands.run("bench", "--list")
     assert done.returncode == 0, done.stderr
-    names = ["allocation", "responses", "agents", "exploration", "mapping", "joining", "live", "log"]
+    names = ["allocation", "responses", "agents", "exploration", "motes", "mapping", "joining", "live", "log"]
     assert [line.split()[0] for line in done.stdout.splitlines()] == names
 
 
@@ -46,6 +46,11 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["mapping", "--maps", "moon"], ["--maps moon", "clinic"]),
         (["mapping", "--maps", "clinic", "--jobs", "0"], ["--jobs 0", "at least 1"]),
         (["mapping", "--maps", "clinic", "--conditions", "fog"], ["--conditions fog", "usual or glass or late"]),
+        (["motes", "--ways", "wind"], ["--ways wind", "tree or routes"]),
+        (["motes", "--motes", "0"], ["--motes 0", "1 to 1000"]),
+        (["motes", "--jobs", "0"], ["--jobs 0", "at least 1"]),
+        (["motes", "--goal-days", "0"], ["--goal-days 0", "above 0"]),
+        (["motes", "--motes", "3", "--ways", "tree", "--seeds", "1"], ["--motes 3", "take more"]),
         (["live", "--minutes", "0"], ["--minutes 0", "above 0"]),
         (["live", "--map", "gone.yaml"], ["gone.yaml", "there is none"]),
         (["live", "--map", "depot", "--robots", "0"], ["robots from 1"]),
@@ -58,6 +63,17 @@ def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: l
     assert "Traceback" not in done.stderr
     for text in named:
         assert text in done.stderr
+
+
+def test_life_of_a_mote_field_is_told_with_its_bounds(commands, tmp_path: Path) -> None:
+    file = tmp_path / "motes.json"
+    done = commands.run("bench", "motes", "--seeds", "3", "--ways", "tree,routes,relief", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    assert "first dead d" in done.stdout
+    told = json.loads(file.read_text())
+    assert told["all_kept"]
+    assert [run["case"]["way"] for run in told["runs"]] == ["tree", "routes", "relief"]
+    assert len(told["figures"]) == 2
 
 
 def test_responses_of_a_live_robot_are_measured(commands) -> None:

@@ -62,6 +62,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("coordinator", [], "navigation"),
     ("bench log", ["room.clf"], "navigation"),
     ("bench exploration", [], "sim"),
+    ("bench motes", [], "sim"),
     ("bench mapping", [], "sim"),
     ("bench joining", [], "sim"),
     ("bench live", [], "sim"),
