@@ -3,12 +3,15 @@
 import math
 from operator import attrgetter
 
+from msgspec import UNSET
+
 from robrain.coordinator.charging.charge_desk import ChargeDesk
 from robrain.coordinator.exploration.explorer import Explorer, Scout
 from robrain.coordinator.exploration.situation import Busy, Choice
 from robrain.coordinator.exploration.strategies import strategy_of
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.motes.field.field_keeper import FieldKeeper
 from robrain.coordinator.motes.mote_members import MoteDesk
 from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.own_decisions import own_decision
@@ -96,6 +99,7 @@ class Coordinator:
         )
         lifecycle.on_refused = self._note_refusal
         self.motes = MoteDesk(wire, self.tasks, self.roster, lifecycle.reasons)
+        self.mote_field = FieldKeeper(wire, self.tasks, policy.mote_field, self._new_id)
         self._following = PlanExecutor(self.planning, lifecycle, self.tasks)
         self._charge_desk = ChargeDesk(wire, self.planning, self.tasks, self.roster)
         self._together = Coalitions(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_id)
@@ -128,6 +132,7 @@ class Coordinator:
         """Plan and explore with other parameters from now on."""
         self.explorer.strategy = strategy_of(policy.exploration, self._note_strategy)
         self.planning.set_policy(policy, "the planning policy has changed")
+        self.mote_field.set_policy(policy.mote_field)
 
     def step(self) -> None:
         """Hear, decide, act."""
@@ -146,6 +151,9 @@ class Coordinator:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
             stage("tasks", None, self._look, now_ns)
         if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written):
+            self._decide_due_ns = now_ns
+        field = self.mote_field
+        if field.is_on and stage("mote field", False, field.step, now_ns, self.lifecycle.as_far_as_written):
             self._decide_due_ns = now_ns
         if stage("planning", False, self.planning.step, now_ns):
             self._decide_due_ns = now_ns
@@ -368,6 +376,7 @@ class Coordinator:
                 messages=self._inbox.received,
                 halt=self.halts.status(now_ns),
                 refused=most_refused(self._wire.refusals),
+                mote_field=self.mote_field.state or UNSET,
             )
         )
 

@@ -9,6 +9,7 @@ import msgspec
 from robrain.coordinator.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.coordinator.exploration.strategies import JOINT, STRATEGIES
 from robrain.coordinator.exploration.strategies import NEAREST as NEAREST_STRATEGY
+from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.objective import Objective
@@ -82,6 +83,8 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     charge_turn: float = 0.6
     """Level at which a charge ends while tasks wait for energy and a robot with much less charge waits for the charger.
     Chosen: half a battery is worth a trip, and above about 0.8 charging slows down."""
+    mote_field: MoteFieldPolicy = MoteFieldPolicy()
+    """What the coordinator does by itself to keep a field of motes alive: collect, stand in, relay, duties in turn."""
 
     def __post_init__(self) -> None:
         if self.exploration in RENAMED_STRATEGIES:

@@ -116,7 +116,9 @@ class TaskBook:
 
     # -- changing -------------------------------------------------------------------------------------------
 
-    def add(self, task: Task, *, by: str = "", own: bool = False, asked: bytes = b"") -> TaskRecord:
+    def add(
+        self, task: Task, *, by: str = "", own: bool = False, asked: bytes = b"", reason: TaskReason | None = None
+    ) -> TaskRecord:
         """Add a task, queued.
 
         Args:
@@ -124,10 +126,20 @@ class TaskBook:
             by: who submitted it.
             own: whether it is the coordinator's own, which is never retried.
             asked: the submission as it was received.
+            reason: why it was made, if the coordinator made it.
 
         """
         now_ns = self._clock.now_ns()
-        record = TaskRecord(task=task, state=TaskState.QUEUED, changed_ns=now_ns, submitted_ns=now_ns, by=by, own=own)
+        record = TaskRecord(
+            task=task,
+            state=TaskState.QUEUED,
+            why=told(reason),
+            changed_ns=now_ns,
+            submitted_ns=now_ns,
+            by=by,
+            own=own,
+            reason=reason,
+        )
         return self._take(self.journal.accept(record, asked))
 
     def offered(self, task_id: str, robot: str, reason: TaskReason | None = None) -> TaskRecord:

@@ -53,7 +53,11 @@ def manifests_page() -> str:
 
 def planning_page() -> str:
     """The whole of docs/reference/planning.md."""
-    return page("Planning files", PLANNING, struct_table(PlanningPolicy))
+    tables = [
+        f"## `{name}` {{#{_anchor(name)}}}\n\n{summary(struct)}\n\n{struct_table(struct)}"
+        for name, struct in _tables(PlanningPolicy, "planning.")
+    ]
+    return page("Planning files", PLANNING, struct_table(PlanningPolicy), *tables)
 
 
 def file_sections(root: Struct) -> list[str]:

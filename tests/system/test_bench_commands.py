@@ -50,7 +50,7 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["motes", "--motes", "0"], ["--motes 0", "1 to 1000"]),
         (["motes", "--jobs", "0"], ["--jobs 0", "at least 1"]),
         (["motes", "--goal-days", "0"], ["--goal-days 0", "above 0"]),
-        (["motes", "--motes", "3", "--ways", "tree", "--seeds", "1"], ["--motes 3", "take more"]),
+        (["motes", "--motes", "8", "--ways", "tree", "--seeds", "1"], ["--motes 8", "take more"]),
         (["live", "--minutes", "0"], ["--minutes 0", "above 0"]),
         (["live", "--map", "gone.yaml"], ["gone.yaml", "there is none"]),
         (["live", "--map", "depot", "--robots", "0"], ["robots from 1"]),

@@ -1,7 +1,7 @@
 """Tours on which a robot collects what motes have stored."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import msgspec
@@ -64,34 +64,19 @@ def tour_m(start: Point2D, places: Sequence[Point2D]) -> float:
     return sum(_distance_m(one, other) for one, other in pairwise(corners))
 
 
-def visit_weight(age_s: float, age_wanted_s: float, lifetime_saved: float = 0.0) -> float:
+def visit_weight(age_s: float, age_wanted_s: float, left_s: float = math.inf) -> float:
     """How much a visit to a mote is worth: 1 when its data are as old as wanted, more beyond it.
 
     Args:
         age_s: of the oldest reading that nobody has.
         age_wanted_s: how old data may become.
-        lifetime_saved: share by which the field lives longer if this mote need not send.
+        left_s: how long the mote still lives; its data die with it, so that a visit in time is worth twice as much.
 
-    >>> visit_weight(1800.0, 3600.0), visit_weight(7200.0, 3600.0, lifetime_saved=0.5)
-    (0.25, 5.0)
+    >>> visit_weight(1800.0, 3600.0), visit_weight(7200.0, 3600.0), visit_weight(3600.0, 3600.0, left_s=600.0)
+    (0.25, 4.0, 2.0)
     """
-    return (age_s / age_wanted_s) ** 2 + 2.0 * lifetime_saved
-
-
-def lifetime_saved(drain: Mapping[int, float], mote: int) -> float:
-    """Share by which the first death comes later if a mote need not spend anything; 0 for all but the bottleneck.
-
-    Args:
-        drain: share of its energy that each mote spends a second.
-        mote: which one.
-
-    >>> lifetime_saved({1: 0.25, 2: 0.5, 3: 0.125}, 2), lifetime_saved({1: 0.25, 2: 0.5}, 1)
-    (1.0, 0.0)
-    """
-    others = [share for other, share in drain.items() if other != mote]
-    if not others or mote not in drain or drain[mote] <= max(others) or max(others) <= 0:
-        return 0.0
-    return drain[mote] / max(others) - 1.0
+    weight = (age_s / age_wanted_s) ** 2
+    return 2.0 * weight if left_s < age_wanted_s else weight
 
 
 def _distance_m(one: Point2D, other: Point2D) -> float:

@@ -254,6 +254,40 @@ class WholeIs(Reason, frozen=True, tag="whole_is"):
     state: TaskState
 
 
+# -- the coordinator made it for the mote field ------------------------------------------------------------------------
+
+
+class DataOld(Reason, frozen=True, tag="data_old"):
+    """The newest reading of a mote is old."""
+
+    mote: Name
+    age_s: Quantity
+
+
+class MoteCutOff(Reason, frozen=True, tag="mote_cut_off"):
+    """Nobody hears a mote."""
+
+    mote: Name
+    others: Count
+    """How many more motes a relay there is expected to hear that nobody hears."""
+
+
+class MoteEnds(Reason, frozen=True, tag="mote_ends"):
+    """A mote's cells are empty, or will be."""
+
+    mote: Name
+    left_s: Quantity
+    """How long they still last; 0 if they are empty."""
+
+
+class MoteHeard(Reason, frozen=True, tag="mote_heard"):
+    """The mote's data have come without it."""
+
+    mote: Name
+    age_s: Quantity
+    """Age of its newest reading."""
+
+
 Standing = (
     AfterOpen
     | AfterUnknown
@@ -262,6 +296,7 @@ Standing = (
     | CannotBePlanned
     | ChargedEnough
     | ContactBack
+    | DataOld
     | DoneBefore
     | Forgotten
     | Gather
@@ -273,6 +308,9 @@ Standing = (
     | IsState
     | LeaseRanOut
     | LeftOut
+    | MoteCutOff
+    | MoteEnds
+    | MoteHeard
     | MoteUnknown
     | NeededFor
     | NeverTaken

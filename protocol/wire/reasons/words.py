@@ -74,6 +74,8 @@ def words(reason: AnyReason) -> str:
             return "it is back"
         case robots.Crowded():
             return "another of its jobs would be too late"
+        case tasks.DataOld(mote=mote, age_s=age_s):
+            return f"the newest reading of {mote} is {age_s:.0f} s old"
         case tasks.DeadlinePassed(before=before):
             return f"its deadline has passed{_then('; ', before)}"
         case robots.Dearer(share=share, robot=robot, least_share=least_share):
@@ -126,6 +128,12 @@ def words(reason: AnyReason) -> str:
             return f"{robot} is silent, and the lease ran out"
         case robots.LostContact(silent_s=silent_s):
             return f"lost contact {silent_s:.1f} s ago"
+        case tasks.MoteCutOff(mote=mote, others=others):
+            return f"nobody hears {mote}{f' and {others} others' if others else ''}"
+        case tasks.MoteEnds(mote=mote, left_s=left_s):
+            return f"the cells of {mote} last for {left_s:.0f} s" if left_s else f"the cells of {mote} are empty"
+        case tasks.MoteHeard(mote=mote, age_s=age_s):
+            return f"{mote} was heard without it, {age_s:.0f} s ago"
         case robots.MoteSilent(silent_s=silent_s):
             return f"was last heard {silent_s:.0f} s ago"
         case tasks.MoteUnknown():

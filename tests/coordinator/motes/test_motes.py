@@ -59,7 +59,7 @@ class Mote:
             self._due_s = now_s + self.period_s
             self.say(20.0 + 0.5 * self._sequence)
 
-    def say(self, value, *, age_s=0.0):
+    def say(self, value, *, age_s=0.0, numbered=True):
         self._sequence += 1
         self._readings.put(
             MoteReading(
@@ -70,7 +70,7 @@ class Mote:
                 voltage_v=self.voltage_v,
                 rssi_dbm=-60.0,
                 via="r1",
-                sequence=self._sequence,
+                sequence=self._sequence if numbered else None,
                 taken_ns=self.team.clock.now_ns() - to_ns(age_s),
                 period_s=self.period_s,
             )

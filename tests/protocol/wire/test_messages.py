@@ -26,6 +26,7 @@ from robrain.protocol.wire.messages import (
     robot_messages,
     team_messages,
 )
+from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.reasons.idle import NoWay
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import LostContact, Refused
@@ -207,6 +208,18 @@ EXAMPLES = [
             not_stopped=["r2"],
         ),
         refused=REFUSED,
+        mote_field=MoteFieldState(
+            motes=10,
+            dead=1,
+            delivery_ratio=0.97,
+            age_s=5.2,
+            oldest_s=34.5,
+            coverage=0.96,
+            on_duty=6,
+            first_dead_ns=1_300_000_000,
+            half_dead_ns=None,
+            last_dead_ns=None,
+        ),
     ),
     robot_messages.RobotLinks(
         **STAMP,
