@@ -70,6 +70,8 @@ class FieldPlan(msgspec.Struct, frozen=True, kw_only=True):
     """With tours: the lifetime that is aimed at. Readings travel over the air as far as it allows."""
     takes_turns: bool = False
     """Whether only as many motes are on duty as the coverage needs, in turn."""
+    relays: int = 0
+    """Number of robots that may stand in the field all the time, to connect parts that do not reach the sink."""
     replan_days: float = 10.0
     """Time after which routes and duties are made again; also after each death."""
     robot: RobotFigures = RobotFigures()
@@ -77,5 +79,6 @@ class FieldPlan(msgspec.Struct, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         check_not_negative(self, "tours_per_day", "goal_days", finite=True)
         check_above_zero(self, "replan_days")
+        check_within(self, 0, 1000, "relays")
         if self.routing is Routing.NONE and self.tours_per_day == 0:
             raise ValueError("expected tours_per_day above 0 if readings do not travel over the air")

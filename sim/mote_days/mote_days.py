@@ -13,6 +13,7 @@ from robrain.protocol.model.motes.collect_tour import shortest_order, stops_for,
 from robrain.protocol.model.motes.coverage import CoverageMap, duty_set
 from robrain.protocol.model.motes.mote_energy import DAY_S
 from robrain.protocol.model.motes.radio_graph import RadioGraph
+from robrain.protocol.model.motes.relay_places import relay_places
 from robrain.protocol.model.motes.routes import (
     NO_ROUTE,
     Routes,
@@ -27,6 +28,8 @@ HOP_S = 1.0
 """Delay of one hop: the receiver listens once in that time; chosen."""
 POINTS_A_SIDE = 25
 """Sample points of the floor along each side, for the coverage."""
+ROUNDING = 1e-9
+"""Relays stand as far apart as the radio reaches."""
 LEAST_GOAL_DAYS = 20.0
 """Beyond its goal the field is run as if it were so far away."""
 MAX_DAYS = 3650.0
@@ -100,8 +103,12 @@ class FieldRun:
         self, site: MoteSite, plan: FieldPlan, horizon_days: float = 365.0, until_days: float = MAX_DAYS
     ) -> None:
         self.site, self.plan = site, plan
-        self.graph = RadioGraph(site.places, site.sink, site.range_m)
+        motes_alone = RadioGraph(site.places, site.sink, site.range_m)
+        self.relays = relay_places(motes_alone, most=plan.relays) if plan.relays else []
+        """Where robots stand as relays; nodes of the graph after the motes."""
+        self.graph = RadioGraph([*site.places, *self.relays], site.sink, site.range_m * (1.0 + ROUNDING))
         count = len(site.places)
+        self._robots = range(count, count + len(self.relays))
         step_m = site.size_m / POINTS_A_SIDE
         sides_m = [(index + 0.5) * step_m for index in range(POINTS_A_SIDE)]
         points = [Point2D(x_m, y_m) for x_m in sides_m for y_m in sides_m]
@@ -152,13 +159,14 @@ class FieldRun:
             left = {mote: max(self.left_j[mote] / site.energy.capacity_j, FLAT_J) for mote in living}
             self._on_duty = set(duty_set(self._cover, left))
         awake = sorted(self._on_duty)
+        forwarding = [*awake, *self._robots]
         rate_hz = 1.0 / site.period_s
         if plan.routing is Routing.NONE:
             self._routes = routes_of(self.graph, [[NO_ROUTE] * self.graph.sink], ())
         elif plan.routing is Routing.TREE:
-            self._routes = routes_of(self.graph, [min_hop_tree(self.graph, awake)], awake)
+            self._routes = routes_of(self.graph, [min_hop_tree(self.graph, forwarding)], awake)
         else:
-            self._routes = lifetime_routes(self.graph, self.left_j, awake, awake, site.energy, rate_hz)
+            self._routes = lifetime_routes(self.graph, self._left_j_of_all(), forwarding, awake, site.energy, rate_hz)
         self._has_route = [hops > 0 for hops in self._routes.hops]
         self._share = self._share_at_once(self._routes, rate_hz) if plan.tours_per_day else 1.0
         self._spend_on_beacons(len(self._routes.trees) if plan.routing is not Routing.NONE else 0, awake)
@@ -168,10 +176,15 @@ class FieldRun:
         energy, awake = self.site.energy, self._on_duty
         goal_s = max(LEAST_GOAL_DAYS * DAY_S, self.plan.goal_days * DAY_S - self.now_s)
         budgets_w = [
-            self.left_j[mote] / goal_s - energy.awake_w - rate_hz * energy.reading_j if mote in awake else 0.0
-            for mote in range(self.graph.sink)
+            left_j / goal_s - energy.awake_w - rate_hz * energy.reading_j if mote in awake else 0.0
+            for mote, left_j in enumerate(self.left_j)
         ]
+        budgets_w += [math.inf] * len(self.relays)
         return share_at_once(routes, awake, budgets_w, energy, rate_hz)
+
+    def _left_j_of_all(self) -> list[float]:
+        """Energy of the motes and of the robots that relay, which charge in turn."""
+        return [*self.left_j, *[math.inf] * len(self.relays)]
 
     def _spend_on_beacons(self, trees: int, awake: list[int]) -> None:
         """Each tree is made from one beacon of every mote on duty, which its neighbours hear."""
@@ -220,6 +233,7 @@ class FieldRun:
             self._note_news(mote, step_s, routes.hops[mote])
         if self.now_s < self._horizon_s:
             self._covered_s += step_s * self._cover.share(told)
+            self._robot_j += step_s * len(self.relays) * self.plan.robot.standing_w
             dead = len(self.site.places) - len(self.alive)
             self._due += (len(self._on_duty) + dead) * step_s / self.site.period_s
         self.now_s += step_s
