@@ -89,6 +89,7 @@ class TeamState(Message, frozen=True, kw_only=True):
     halt: HaltStatus | None = None
     """None until somebody halts the team."""
     refused: Refused = msgspec.UNSET
+    """What the coordinator has refused, largest count first; absent if nothing."""
     mote_field: MoteFieldState | msgspec.UnsetType = msgspec.UNSET
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     """Messages that the coordinator has refused."""

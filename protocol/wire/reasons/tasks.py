@@ -262,6 +262,7 @@ class DataOld(Reason, frozen=True, tag="data_old"):
 
     mote: Name
     age_s: Quantity
+    """Age of that reading."""
 
 
 class MoteCutOff(Reason, frozen=True, tag="mote_cut_off"):
