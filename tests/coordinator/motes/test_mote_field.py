@@ -13,7 +13,7 @@ from robrain.protocol.wire.reasons.tasks import DataOld, MoteCutOff, MoteEnds, M
 from robrain.protocol.wire.topics import TASK_WHY
 from tests.coordinator.motes.test_motes import Field
 
-NEAR, FAR = Point2D(6.5, 4.0), Point2D(2.0, 2.0)
+NEAR, FAR, WEST = Point2D(6.5, 4.0), Point2D(2.0, 2.0), Point2D(2.0, 6.0)
 COLLECT = MoteFieldPolicy(collect_age_s=20.0)
 
 
@@ -169,7 +169,7 @@ def field_reason(field, record):
 def test_no_more_robots_stand_in_than_allowed_and_none_where_another_mote_tells_of_the_floor(field) -> None:
     keep(field, MoteFieldPolicy(stand_ins=1, sensing_m=1.0))
     field.robot.accepts = False
-    dying = [field.mote("m1", voltage_v=2.11), field.mote("m2", FAR, voltage_v=2.11)]
+    dying = [field.mote(name, place, voltage_v=2.11) for name, place in (("m1", NEAR), ("m2", FAR), ("m4", WEST))]
     field.mote("m3", NEAR)
     field.run(5.0)
     for mote in dying:
