@@ -11,6 +11,7 @@ from robrain.deploy.commands.team_options import JsonOption
 
 BENCHES = {
     "allocation": "task allocation: gaps to exact optima, times of first plans, public routing instances",
+    "consensus": "task allocation without a coordinator: gaps to optimal, messages, lost messages",
     "responses": "response times from an event to the wheels, of a live team of processes on loopback",
     "agents": "cost of a thousand simulated agents at 10 Hz for a coordinator",
     "exploration": "exploration strategies and team sizes on map files: the full stack beside ideal motion",
@@ -82,6 +83,23 @@ def allocation(
     from robrain.deploy.bench.figure import report
 
     report("allocation", measure(SIZES[:sizes]), as_json=as_json)
+
+
+@bench_app.command(help=BENCHES["consensus"])
+def consensus(
+    sizes: Annotated[int, typer.Option(help="How many of the sizes 5 × 50, 10 × 100.")] = 2,
+    seeds: Annotated[int, typer.Option(help="Number of problems of each size.")] = 10,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure allocation by consensus."""
+    from robrain.deploy.bench.consensus import SIZES, measure
+    from robrain.deploy.bench.figure import report
+    from robrain.deploy.errors import UsageError
+
+    if sizes not in range(1, len(SIZES) + 1):
+        raise UsageError(f"--sizes {sizes}: expected 1 to {len(SIZES)}")
+    _at_least("--seeds", seeds, 1)
+    report("consensus", measure(SIZES[:sizes], range(1, seeds + 1)), as_json=as_json)
 
 
 @bench_app.command(help=BENCHES["responses"])

@@ -13,6 +13,7 @@ OF_COMMANDS = {
     "fork": "sim,team",
     "foxglove": "foxglove",
     "bench allocation": "team",
+    "bench consensus": "team",
     "bench log": "navigation",
 }
 """Extra with all that a command needs, navigation included."""

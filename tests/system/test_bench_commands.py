@@ -12,7 +12,7 @@ pytestmark = pytest.mark.system
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
     done = commands.run("bench", "--list")
     assert done.returncode == 0, done.stderr
-    names = ["allocation", "responses", "agents", "exploration", "mapping", "joining", "live", "log"]
+    names = ["allocation", "consensus", "responses", "agents", "exploration", "mapping", "joining", "live", "log"]
     assert [line.split()[0] for line in done.stdout.splitlines()] == names
 
 
@@ -40,6 +40,8 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["allocation", "--instance", str(R101), "--best", "-1"], ["--best -1", "above 0"]),
         (["allocation", "--best", "3"], ["--best", "--instance"]),
         (["allocation", "--sizes", "9"], ["--sizes 9", "1 to 3"]),
+        (["consensus", "--sizes", "3"], ["--sizes 3", "1 to 2"]),
+        (["consensus", "--seeds", "0"], ["--seeds 0", "at least 1"]),
         (["responses", "--rounds", "0"], ["--rounds 0", "at least 1"]),
         (["agents", "--robots", "0"], ["--robots 0", "at least 1"]),
         (["agents", "--minutes", "0"], ["--minutes 0", "above 0"]),
@@ -58,6 +60,17 @@ def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: l
     assert "Traceback" not in done.stderr
     for text in named:
         assert text in done.stderr
+
+
+def test_a_team_without_coordinator_is_measured_beside_optimal(commands) -> None:
+    done = commands.run("bench", "consensus", "--sizes", "1", "--seeds", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["all_kept"]
+    assert {figure["kind"] for figure in told["figures"]} == {"deterministic"}
+    gaps = {figure["name"]: figure["value"] for figure in told["figures"] if "gap" in figure["name"]}
+    assert len(gaps) == 3
+    assert min(gaps.values()) < max(gaps.values())
 
 
 def test_responses_of_a_live_robot_are_measured(commands) -> None:

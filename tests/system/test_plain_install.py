@@ -59,6 +59,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("report", ["run.mcap"], "report"),
     ("export", ["run.mcap"], "team"),
     ("bench allocation", [], "team"),
+    ("bench consensus", [], "team"),
     ("coordinator", [], "navigation"),
     ("bench log", ["room.clf"], "navigation"),
     ("bench exploration", [], "sim"),
