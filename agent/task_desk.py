@@ -98,6 +98,10 @@ class TaskDesk:
         self._checked_ns: int | None = None
         self._said: deque[_Said] = deque()
         self.coordinator_heard_ns: int | None = None
+        self.goes_on_ns = 0
+        """A task goes on without its coordinator for so long, if that is longer than the lease."""
+        self.trusted_ns: int | None = None
+        """When somebody else last vouched for the robot's tasks, as a coordinator does by being heard."""
         self._epoch = 0
         self._lease_ns = 0
         self._executors: dict[str, _Executor] = {}
@@ -241,6 +245,27 @@ class TaskDesk:
         self.coordinator_heard_ns = now_ns
         return TaskAnswer(accepted=True)
 
+    def can(self, task: Task) -> bool:
+        """Whether there is a behavior for a task."""
+        return task.kind in self._executors
+
+    def work_of(self, task: Task) -> Work:
+        """What a task takes at its place, by the behavior of its kind; standing, if that does not say."""
+        try:
+            return self._executors[task.kind].work(task)
+        except FOREIGN_ERRORS:  # foreign plugin code
+            return work_at_place(task)
+
+    def begin_for_team(self, task: Task) -> TaskAnswer:
+        """Begin a task that the robots gave each other, with the epoch of the last one accepted.
+
+        So whatever a coordinator that returns offers or withdraws is newer.
+        """
+        try:
+            return self._begin(TaskOffer(task=task, epoch=self._epoch, lease_s=0.0))
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            return TaskAnswer.refused(Said(cut(str(error))))
+
     def go_on(self, now_ns: int) -> bool:
         """Begin what is held if the task before it has ended; whether it was begun."""
         held, ended = self.held, self.status
@@ -355,20 +380,27 @@ class TaskDesk:
         """
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""
-        held, heard_ns = self.held, self.coordinator_heard_ns
+        held, heard_ns = self.held, self._vouched_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)
             silent_ns = now_ns - (heard_ns if heard_ns is not None else held.since_ns)
-            if recalled or max(silent_ns, now_ns - since_ns) > to_ns(held.offer.lease_s):
+            lease_ns = to_ns(held.offer.lease_s)
+            if recalled or silent_ns > max(lease_ns, self.goes_on_ns) or now_ns - since_ns > lease_ns:
                 self.held = None
         if recalled and self.is_busy:
             self._let_go(TaskState.FAILED, recalled)
-        if self._current is None or self.coordinator_heard_ns is None:
+        if self._current is None or heard_ns is None:
             return
         if (self.status if self._said else self._status) is None:
             return
-        if now_ns - self.coordinator_heard_ns > self._lease_ns:
+        if now_ns - heard_ns > max(self._lease_ns, self.goes_on_ns):
             self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")
+
+    @property
+    def _vouched_ns(self) -> int | None:
+        """When the coordinator was heard, or another vouched for the robot's tasks; None if never."""
+        heard_ns, trusted_ns = self.coordinator_heard_ns, self.trusted_ns
+        return heard_ns if trusted_ns is None else max(trusted_ns, heard_ns or 0)
 
     def _go_back(self, status: TaskStatus | None, current: _Executor | None) -> None:
         self._status, self._current = status, current

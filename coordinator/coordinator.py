@@ -18,6 +18,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
+from robrain.coordinator.tasks.team_intake import take_in
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.halt_watch import HaltWatch
 from robrain.coordinator.team.roster import Robot, Roster
@@ -40,6 +41,7 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     ROBOT_ALIVE,
+    ROBOT_BALLOT,
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
     ROBOT_STATE,
@@ -106,6 +108,7 @@ class Coordinator:
         self._presence = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, ROBOT_MAP)
+        wire.subscribe(self._inbox, ROBOT_BALLOT)
         self.halts = HaltWatch(wire, self.roster)
         self._summary = wire.publisher(COORDINATOR_STATE)
         wire.token(COORDINATOR_ALIVE)
@@ -188,6 +191,11 @@ class Coordinator:
         now_ns = self._now_ns
         if received.topic is ROBOT_MAP:
             self._take_patch(received)
+            return
+        if received.topic is ROBOT_BALLOT:
+            with self.lifecycle.as_far_as_written(now_ns):
+                if take_in(self.tasks, received.message):
+                    self._decide_due_ns = now_ns
             return
         state: RobotState = received.message
         if why := self.roster.why_unknown(state.robot, now_ns):

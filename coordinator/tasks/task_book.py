@@ -196,6 +196,16 @@ class TaskBook:
             self.give_back(status.id, refusal or said(status.why), failed=status.state is TaskState.FAILED)
         return record
 
+    def note_done_by_team(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
+        """A robot did a task that no coordinator had given it; nothing changes if it has ended, or is unknown."""
+        if task_id in self._open:
+            self._change(self._open[task_id], TaskState.DONE, reason, robot=robot, epoch=epoch)
+
+    def adopt(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
+        """A robot is at a queued task that no coordinator had given it: it is its task from now on."""
+        record = self._change(self._open[task_id], TaskState.OFFERED, reason, robot=robot, epoch=epoch)
+        self._change(record, TaskState.RUNNING, reason, robot=robot, epoch=epoch)
+
     def _change(
         self, record: TaskRecord, state: TaskState, reason: TaskReason | None = None, **fields: Any
     ) -> TaskRecord:

@@ -12,6 +12,7 @@ from robrain.protocol.wire.errors import PLUGIN_ERRORS, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_QUERIES
 from robrain.protocol.wire.messages import (
     arena_messages,
+    consensus_messages,
     map_messages,
     mote_messages,
     offer_messages,
@@ -477,6 +478,9 @@ ARENA_SCRIPT = replace(
     ARENA_OUTSIDE, name="arena_script", pattern="arena/script", doc="A query of the script that runs a lockstep team",
     message=arena_messages.ScriptInput,
 )  # fmt: skip
+ROBOT_BALLOT = Topic(
+    name="robot_ballot", pattern="robot/{robot}/ballot", by=Role.ROBOT, message=consensus_messages.TeamBallot,
+    doc="Bids without a coordinator", rate_hz=5, delivery=Delivery.LATEST, recorded=True, max_bytes=262_144)  # fmt: skip
 
 OWN_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
 TOPICS: tuple[WireKey, ...] = (*OWN_ROWS, *HOST_QUERIES)

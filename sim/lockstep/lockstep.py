@@ -82,6 +82,8 @@ class LockstepRun:
         self.nothing_left = False
         self.idle: dict[str, IdleReason] = {}
         """Why robots have nothing to do, by name, as last published by the coordinator."""
+        self.has_coordinator = True
+        """Whether the coordinator runs."""
         self.mote_readings = 0
         self.wall_overlap_m = 0.0
         self._ticks = 0
@@ -207,6 +209,20 @@ class LockstepRun:
         self._pauses.pop(index)
         self.hosts.pop(index).close()
 
+    def end_coordinator(self) -> None:
+        """Kill the coordinator, which runs: it leaves the wire without a word."""
+        self.has_coordinator = False
+        self.coordinator.close()
+        self._coordinator_wire.close()
+        self._endpoints.remove(self._coordinator_wire)
+
+    def begin_coordinator(self) -> None:
+        """Start another one, on the journal of the one that was killed."""
+        journal = self.coordinator.tasks.journal
+        self._coordinator_wire = self._endpoint(self._watcher.team)
+        self.coordinator = Coordinator(self._coordinator_wire, journal, self._planning)
+        self.has_coordinator = True
+
     def tick(self) -> None:
         """Move the run on by one tick."""
         self._ticks += 1
@@ -216,7 +232,8 @@ class LockstepRun:
         for host, pauses in zip(self.hosts, self._pauses, strict=True):
             if pauses is None or not pauses.covers(now_ns):
                 host.step()
-        self.coordinator.step()
+        if self.has_coordinator:
+            self.coordinator.step()
         if self._ticks % TRUTH_TICKS == 0:
             self._watch()
         for endpoint in self._endpoints:

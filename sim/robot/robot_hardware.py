@@ -27,6 +27,8 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     range_sensors: RangeSensorSpec = RangeSensorSpec()
     wheels: WheelSpec = WheelSpec()
     camera: CameraSpec = CameraSpec()
+    consensus: bool = False
+    """Whether robots go on without a coordinator, and allocate open tasks among themselves."""
 
     def __post_init__(self) -> None:
         if not self.radius_m > 0:

@@ -81,7 +81,7 @@ class World:
         # An exact odometry is better than cells of 0.1 m can tell; late frames and pauses make any odometry inexact.
         slack_cells = 0.5 if robot.wheels.is_exact and not self.disturbance.is_on else 0.0
         return RobotFile(
-            robot=RobotTable(robot.name, team),
+            robot=RobotTable(robot.name, team, consensus=robot.consensus),
             zenoh=ZenohTable(connect=list(connect)),
             parameters={
                 "localisation": {

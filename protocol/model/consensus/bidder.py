@@ -63,6 +63,8 @@ class Bidder:
         self.winning: dict[str, Bid] = {}
         """The best bid known of each task that has one."""
         self.heard: dict[str, int] = {}
+        self.limit: int | None = None
+        """The most tasks that it bids for at a time; None for any number."""
         self.number = number
         """Of its last ballot."""
         self._tasks: list[str] = []
@@ -104,7 +106,7 @@ class Bidder:
         self.bundle, self.path = [], self.scorer.ordered(self._fixed)
         limit = math.inf
         while True:
-            while (best := self._best(limit)) is not None:
+            while (best := None if len(self.bundle) == self.limit else self._best(limit)) is not None:
                 bid, found = best
                 self.bundle.append(bid.task)
                 self.path.insert(found.position, bid.task)
