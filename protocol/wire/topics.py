@@ -480,7 +480,7 @@ ARENA_SCRIPT = replace(
 )  # fmt: skip
 ROBOT_BALLOT = Topic(
     name="robot_ballot", pattern="robot/{robot}/ballot", by=Role.ROBOT, message=consensus_messages.TeamBallot,
-    doc="Bids without a coordinator", rate_hz=5, delivery=Delivery.LATEST, recorded=True, max_bytes=262_144)  # fmt: skip
+    doc="Bids without a coordinator", rate_hz=5, delivery=Delivery.LATEST, recorded=True, max_bytes=2**18)  # fmt: skip
 
 OWN_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
 TOPICS: tuple[WireKey, ...] = (*OWN_ROWS, *HOST_QUERIES)

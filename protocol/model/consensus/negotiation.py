@@ -2,10 +2,11 @@
 
 The bundle algorithm alone ends at the allocation of the sequential greedy algorithm. Each later round releases the
 tasks around one place and those that nobody has, which all robots choose alike by the number of the round; they are
-allocated by bids again, and the result is kept if all paths together are worth more than before (ruin and recreate:
-G. Schrimpf and others, Record Breaking Optimization Results Using the Ruin and Recreate Principle, J. Computational
-Physics 159, 2000). Rounds score in turn by gain and by prize per joule, each with a little noise of its own. A round
-ends when every robot has said the same winners; each tells what its own path is worth, so all draw the same conclusion.
+allocated by bids again, and the result is kept if all paths together are worth about as much as at best (ruin and
+recreate: G. Schrimpf and others, Record Breaking Optimization Results Using the Ruin and Recreate Principle, J.
+Computational Physics 159, 2000). Rounds score in turn by gain and by prize per joule, each with a little noise of its
+own. A round ends when every robot has said the same winners; each tells what its own path is worth, so all draw the
+same conclusion.
 """
 
 import math
@@ -18,6 +19,9 @@ from robrain.protocol.model.consensus.bidder import Bidder, Scorer
 
 RELEASED_MIN, RELEASED_MAX = 5, 15
 """Tasks released around a place in a round (measured: `robrain bench consensus`)."""
+SLACK = 0.02
+"""Share of its worth by which an allocation may be worse than the best at first, and still be gone on from; none in the
+last round (chosen)."""
 GAIN_MIN = 1e-6
 """Allocations must be worth more by this to replace another, against rounding."""
 
@@ -55,7 +59,7 @@ class Negotiation:
         self.round = 0
         """Rounds concluded; `rounds + 1` when the negotiation is over."""
         self.improvements = 0
-        """Rounds whose result was kept."""
+        """Rounds that found a better allocation than all before."""
         self._rounds = rounds
         self._tasks: list[str] = []
         self._apart: Apart = lambda _a, _b: 0.0
@@ -63,6 +67,8 @@ class Negotiation:
         self._base = _Agreed({}, [])
         self._base_digest = 0
         self._base_value = -math.inf
+        self._best, self._best_digest, self._best_value = self._base, 0, -math.inf
+        """The best allocation so far; a round may start from one that is a little worse."""
         self._said: dict[int, _Agreed] = {}
         """Allocations of this round that the robot has said, by digest."""
         self._standings: dict[str, Standing] = {}
@@ -81,6 +87,7 @@ class Negotiation:
         self._team = frozenset((*team, self.bidder.robot))
         self._tasks, self._apart = sorted(set(tasks))[:TASKS_MAX], apart
         self._base, self._base_digest, self._base_value = _Agreed({}, []), 0, -math.inf
+        self._best, self._best_digest, self._best_value = self._base, 0, -math.inf
         self._said, self._standings = {}, {}
         self.bidder.scorer.begin(0)
         self.bidder.open(self._tasks)
@@ -183,26 +190,37 @@ class Negotiation:
                 return
             values.append(standing.value)
         value = math.fsum(values)
-        if value > self._base_value + GAIN_MIN:
+        if value > self._least_value():
             self._begin_round(own.digest, value)
         else:
             self._begin_round(self._base_digest, self._base_value)
 
+    def _least_value(self) -> float:
+        """What an allocation has to be worth more than to be gone on from: at first a little less than the best."""
+        if self._best_value == -math.inf:
+            return -math.inf
+        left = 1.0 - self.round / self._rounds if self._rounds else 0.0
+        return self._best_value + GAIN_MIN - SLACK * left * abs(self._best_value)
+
     def _follow(self, base: int, value: float) -> bool:
         """End the round as another robot has; whether this robot knows that result."""
-        if base not in self._said and (base != self._base_digest or not self.round):
+        known = {*self._said, self._base_digest, self._best_digest} if self.round else set(self._said)
+        if base not in known:
             return False
         self._begin_round(base, value)
         return True
 
     def _begin_round(self, digest: int, value: float) -> None:
-        if digest != self._base_digest:
-            self.improvements += self.round > 0
+        if digest not in (self._base_digest, self._best_digest):
             self._base = self._said[digest]
         self._base_digest, self._base_value = digest, value
+        if value > self._best_value:
+            self.improvements += self.round > 0
+            self._best, self._best_digest, self._best_value = self._base, digest, value
         self.round += 1
         self._said = {}
         if self.is_over:
+            self._base, self._base_digest, self._base_value = self._best, self._best_digest, self._best_value
             self.bidder.open((), self._base.path)
             return
         self.bidder.scorer.begin(self.round)

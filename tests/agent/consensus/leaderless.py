@@ -20,7 +20,7 @@ class Watch:
 
     def __init__(self, run: LockstepRun) -> None:
         self._inbox = Inbox(capacity=100_000)
-        self._wire = Endpoint(run.session, "demo" if False else run._watcher.team, run.clock, Drive.LOCKSTEP)
+        self._wire = Endpoint(run.session, run._watcher.team, run.clock, Drive.LOCKSTEP)
         self._wire.subscribe(self._inbox, ROBOT_STATE)
         self._wire.subscribe(self._inbox, ROBOT_BALLOT)
         self._done: set[tuple[str, str, int]] = set()
@@ -56,7 +56,7 @@ def team_of(robots: int, seed: int = 5, *, consensus: bool = True) -> Iterator[t
     scenario = Scenario.builtin("arena_small").replace(robots=robots, motes=0)
     hardware = msgspec.structs.replace(scenario.hardware, consensus=consensus)
     with scenario.replace(hardware=hardware).team(seed=seed) as team:
-        run = team._transport.run
+        run = team.transport.run
         watch = Watch(run)
         yield team, run, watch
         watch.close()
