@@ -4,6 +4,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from robrain.protocol.model.consensus.ballot import Ballot, Bid, Standing
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
@@ -14,6 +15,7 @@ from robrain.protocol.wire import errors
 from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.messages import (
     arena_messages,
+    consensus_messages,
     host_messages,
     map_messages,
     message,
@@ -347,6 +349,24 @@ EXAMPLES = [
     host_messages.HaltRequest(by="operator", reason="somebody walks there"),
     host_messages.ResumeRequest(by="operator"),
     host_messages.Lease(plugin="mocdevice", holder="ann", until_ns=2_000_000_000),
+    consensus_messages.TeamBallot(
+        **STAMP,
+        robot="r1",
+        ballot=Ballot(
+            robot="r1",
+            number=7,
+            bids=(Bid(task="t1", robot="r2", score=12.5),),
+            heard={"r2": 6},
+            term=2,
+            round=1,
+            base=4711,
+            base_value=20.0,
+            standings=(Standing(robot="r2", number=6, round=1, digest=4712, value=21.0),),
+        ),
+        hears_coordinator=False,
+        held=[consensus_messages.TaskHeld(id="t3", epoch=5)],
+        done=[consensus_messages.TaskDone(id="t2", robot="r2", epoch=4)],
+    ),
     errors.ErrorReply(code=errors.ErrorCode.BUSY, message="mocdevice is held by driver", detail="driver"),
 ]
 each = pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)
