@@ -19,9 +19,11 @@ class Bid(msgspec.Struct, frozen=True, kw_only=True):
     """The best bid for a task that a robot knows of."""
 
     task: Name
+    """Id of the task."""
     robot: Name
     """Who made it."""
     score: Score
+    """What the task is worth to that robot, in joules."""
 
     def beats(self, other: "Bid | None") -> bool:
         """Whether it wins against another bid for the task: the greater score; of equal ones the lesser name."""
@@ -29,16 +31,29 @@ class Bid(msgspec.Struct, frozen=True, kw_only=True):
 
 
 Bids = Annotated[tuple[Bid, ...], Meta(max_length=TASKS_MAX)]
-Heard = Annotated[dict[Name, Count], Meta(max_length=ROBOTS_MAX)]
+
+
+class Heard(msgspec.Struct, frozen=True, kw_only=True):
+    """How much a robot knows of another."""
+
+    robot: Name
+    """The other robot."""
+    number: Count
+    """Of its last ballot that is taken into account, directly or by others."""
+
+
+HeardOf = Annotated[tuple[Heard, ...], Meta(max_length=ROBOTS_MAX)]
 
 
 class Standing(msgspec.Struct, frozen=True, kw_only=True):
     """How far a robot has come in a round of the negotiation."""
 
     robot: Name
+    """Whose standing it is."""
     number: Count
     """Number of the robot's ballot that said so."""
     round: Count
+    """Round of the negotiation."""
     digest: Count
     """Of all winners as the robot knows them, and of the round; see `digest_of`."""
     value: Value
@@ -52,12 +67,13 @@ class Ballot(msgspec.Struct, frozen=True, kw_only=True):
     """All that one robot knows of the bidding. A later one replaces an earlier one of the same robot."""
 
     robot: Name
+    """Who says it."""
     number: Count
     """Greater than in every earlier ballot of this robot."""
     bids: Bids = ()
     """At most one for each task, sorted by task."""
-    heard: Heard = {}
-    """For each other robot, the number of its last ballot that this one takes into account, directly or by others."""
+    heard: HeardOf = ()
+    """Each other robot that this one knows of."""
     term: Count = 0
     """Number of the negotiation; ballots of an earlier one are out of date."""
     round: Count = 0
@@ -68,7 +84,3 @@ class Ballot(msgspec.Struct, frozen=True, kw_only=True):
     """What that one is worth, all paths together."""
     standings: Standings = ()
     """The last known ones of all robots, its own included."""
-
-    def knows(self, robot: str) -> int:
-        """Number of a robot's last ballot that this one takes into account; −1 if none does."""
-        return self.number if robot == self.robot else self.heard.get(robot, -1)

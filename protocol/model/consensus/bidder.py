@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from robrain.protocol.model.consensus.action_rules import Action, action_for
-from robrain.protocol.model.consensus.ballot import TASKS_MAX, Ballot, Bid
+from robrain.protocol.model.consensus.ballot import TASKS_MAX, Ballot, Bid, Heard
 
 
 class Insertion(NamedTuple):
@@ -137,7 +137,8 @@ class Bidder:
         """What to tell the others now."""
         self.number += 1
         bids = tuple(self.winning[task] for task in sorted(self.winning))
-        return Ballot(robot=self.robot, number=self.number, bids=bids, heard=dict(self.heard))
+        heard = tuple(Heard(robot=robot, number=self.heard[robot]) for robot in sorted(self.heard))
+        return Ballot(robot=self.robot, number=self.number, bids=bids, heard=heard)
 
     def hear(self, ballot: Ballot) -> bool:
         """Take another robot's ballot into account; whether that changed an opinion. Repeated and old ones do not."""
@@ -145,9 +146,11 @@ class Bidder:
         if sender == self.robot or ballot.number <= self.heard.get(sender, -1):
             return False
         theirs = {bid.task: bid for bid in ballot.bids}
+        knows = {one.robot: one.number for one in ballot.heard} | {sender: ballot.number}
+        knows.pop(self.robot, None)
 
         def is_newer(robot: str) -> bool:
-            return robot != self.robot and ballot.knows(robot) > self.heard.get(robot, -1)
+            return knows.get(robot, -1) > self.heard.get(robot, -1)
 
         changed = []
         for task in sorted({*self.winning, *theirs}):
@@ -161,8 +164,8 @@ class Bidder:
                     continue
             if self.winning.get(task) != mine:
                 changed.append(task)
-        for robot in {*ballot.heard, sender} - {self.robot}:
-            self.heard[robot] = max(self.heard.get(robot, -1), ballot.knows(robot))
+        for robot, number in knows.items():
+            self.heard[robot] = max(self.heard.get(robot, -1), number)
         self._is_stale |= bool(changed)
         return bool(changed)
 

@@ -17,26 +17,33 @@ class TaskHeld(msgspec.Struct, frozen=True, kw_only=True):
     """A task that a robot does, or holds for later."""
 
     id: Name
+    """Id of the task."""
     epoch: Epoch
+    """With which the robot began or accepted it."""
 
 
 class TaskDone(msgspec.Struct, frozen=True, kw_only=True):
     """A task that was done and that no coordinator is known to have noted."""
 
     id: Name
+    """Id of the task."""
     robot: Name
     """Who did it."""
     epoch: Epoch
+    """With which that robot began it."""
 
 
 class TeamBallot(Message, frozen=True, kw_only=True):
     """A robot's part in the allocation of tasks without a coordinator: 5 Hz while it hears none."""
 
     robot: Name
+    """Who says it."""
     ballot: Ballot
+    """Its bids."""
     hears_coordinator: bool = False
     """Whether the robot itself hears a coordinator; then nobody takes tasks that it has queued."""
     held: Annotated[list[TaskHeld], Meta(max_length=8)] = msgspec.field(default_factory=list)
+    """Tasks that the robot does or holds."""
     done: Annotated[list[TaskDone], Meta(max_length=ENDS_MAX)] = msgspec.field(default_factory=list)
     """All that the robot knows of, also those that others did."""
 

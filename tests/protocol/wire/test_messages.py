@@ -4,7 +4,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.protocol.model.consensus.ballot import Ballot, Bid, Standing
+from robrain.protocol.model.consensus.ballot import Ballot, Bid, Heard, Standing
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
@@ -104,6 +104,7 @@ EXAMPLES = [
         frame=MapFrame(1300, "r1"),
         map_agreement=0.875,
         loaded=3735928559,
+        goes_on_s=120.0,
         refused=REFUSED,
     ),
     map_messages.MapPatch(
@@ -356,7 +357,7 @@ EXAMPLES = [
             robot="r1",
             number=7,
             bids=(Bid(task="t1", robot="r2", score=12.5),),
-            heard={"r2": 6},
+            heard=(Heard(robot="r2", number=6),),
             term=2,
             round=1,
             base=4711,
