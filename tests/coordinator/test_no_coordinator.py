@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from robrain.agent.consensus.consensus_desk import TELLING
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.session import open_lockstep_session
@@ -57,6 +58,19 @@ def test_a_coordinator_that_returns_takes_in_what_was_done_and_nothing_is_done_t
     lost.run(80.0)
     assert lost.states() == dict.fromkeys(names, TaskState.DONE)
     assert lost.done == dict.fromkeys(names, 1)
+
+
+def test_offers_wait_for_a_second_while_a_coordinator_that_returns_is_told(lost: LostTeam) -> None:
+    lost.visits(3)
+    lost.kill()
+    lost.run(10.0)
+    robot = lost.robots[0]
+    assert robot.consensus.why_not_now("new", lost.clock.now_ns()) is None
+    lost.revive()
+    lost.run(0.5)
+    assert robot.consensus.why_not_now("new", lost.clock.now_ns()) == TELLING
+    lost.run(1.0)
+    assert robot.consensus.why_not_now("new", lost.clock.now_ns()) is None
 
 
 def test_running_tasks_become_those_of_the_coordinator_that_returns(lost: LostTeam) -> None:

@@ -9,7 +9,7 @@ PLACES = ((2.0, 2.6), (1.5, 1.0), (1.0, 1.6), (2.2, 2.0), (1.0, 2.5), (1.8, 2.2)
 def test_simulated_robots_do_orphaned_tasks_once_each_and_the_journal_takes_them_in() -> None:
     with team_of(3) as (team, run, watch):
         pass_time(team, watch, 10.0)
-        names = [team.submit("visit", place=place, service_s=4.0) for place in PLACES]
+        names = [team.submit("visit", place=place, service_s=4.0).task.id for place in PLACES]
         pass_time(team, watch, 0.5)
         assert not watch.done
         run.end_coordinator()
