@@ -24,9 +24,14 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.cost_messages import TaskCost
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, NotAtTask, Occupied, OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.robots import NotHeard
 from robrain.protocol.wire.reasons.words import told
+
+FIRST_SUMMARIES = 2
+"""Those of the first second of a coordinator."""
 
 Accept = Callable[[Any], TaskAnswer]
 """Takes a task of the kind that it was registered for."""
@@ -98,6 +103,10 @@ class TaskDesk:
         self._checked_ns: int | None = None
         self._said: deque[_Said] = deque()
         self.coordinator_heard_ns: int | None = None
+        self.goes_on_ns = 0
+        """A task goes on without its coordinator for so long, if that is longer than the lease."""
+        self.trusted_ns: int | None = None
+        """When somebody else last vouched for the robot's tasks, as a coordinator does by being heard."""
         self._epoch = 0
         self._lease_ns = 0
         self._executors: dict[str, _Executor] = {}
@@ -136,6 +145,18 @@ class TaskDesk:
             return facts
         left_s = round(max(0.0, to_seconds(foreseen[1] - now_ns)), 2)
         return facts._replace(task=msgspec.structs.replace(status, left_s=left_s))
+
+    def hear_coordinator(self, summary: TeamState, robot: str, now_ns: int) -> None:
+        """Renew the lease by the coordinator's summary: it counts from the state of this robot that was heard last.
+
+        A coordinator gives a silent robot's task to another, also when that robot hears it. One that has not heard the
+        robot yet counts from its own start, which its first summaries tell.
+        """
+        mine = next((each for each in summary.robots if each.name == robot), None)
+        if mine is not None and not isinstance(mine.out, NotHeard):
+            self.coordinator_heard_ns = now_ns - to_ns(mine.age_s)
+        elif mine is None or summary.seq < FIRST_SUMMARIES:
+            self.coordinator_heard_ns = now_ns
 
     def foresee(self, task_id: str, end_ns: int | None) -> None:
         """A behavior says when its task will end, as well as it knows, if it does; on any thread."""
@@ -240,6 +261,27 @@ class TaskDesk:
         self.held = _Held(offer, waiting, now_ns)
         self.coordinator_heard_ns = now_ns
         return TaskAnswer(accepted=True)
+
+    def can(self, task: Task) -> bool:
+        """Whether there is a behavior for a task."""
+        return task.kind in self._executors
+
+    def work_of(self, task: Task) -> Work:
+        """What a task takes at its place, by the behavior of its kind; standing, if that does not say."""
+        try:
+            return self._executors[task.kind].work(task)
+        except FOREIGN_ERRORS:  # foreign plugin code
+            return work_at_place(task)
+
+    def begin_for_team(self, task: Task) -> TaskAnswer:
+        """Begin a task that the robots gave each other, with the epoch of the last one accepted.
+
+        So whatever a coordinator that returns offers or withdraws is newer.
+        """
+        try:
+            return self._begin(TaskOffer(task=task, epoch=self._epoch, lease_s=0.0))
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            return TaskAnswer.refused(Said(cut(str(error))))
 
     def go_on(self, now_ns: int) -> bool:
         """Begin what is held if the task before it has ended; whether it was begun."""
@@ -355,20 +397,29 @@ class TaskDesk:
         """
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""
-        held, heard_ns = self.held, self.coordinator_heard_ns
+        if self.coordinator_heard_ns is not None and self.coordinator_heard_ns > now_ns:  # the clock was set back
+            self.coordinator_heard_ns = now_ns
+        held, heard_ns = self.held, self._vouched_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)
             silent_ns = now_ns - (heard_ns if heard_ns is not None else held.since_ns)
-            if recalled or max(silent_ns, now_ns - since_ns) > to_ns(held.offer.lease_s):
+            lease_ns = to_ns(held.offer.lease_s)
+            if recalled or silent_ns > max(lease_ns, self.goes_on_ns) or now_ns - since_ns > lease_ns:
                 self.held = None
         if recalled and self.is_busy:
             self._let_go(TaskState.FAILED, recalled)
-        if self._current is None or self.coordinator_heard_ns is None:
+        if self._current is None or heard_ns is None:
             return
         if (self.status if self._said else self._status) is None:
             return
-        if now_ns - self.coordinator_heard_ns > self._lease_ns:
+        if now_ns - heard_ns > max(self._lease_ns, self.goes_on_ns):
             self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")
+
+    @property
+    def _vouched_ns(self) -> int | None:
+        """When the coordinator was heard, or another vouched for the robot's tasks; None if never."""
+        heard_ns, trusted_ns = self.coordinator_heard_ns, self.trusted_ns
+        return heard_ns if trusted_ns is None else max(trusted_ns, heard_ns or 0)
 
     def _go_back(self, status: TaskStatus | None, current: _Executor | None) -> None:
         self._status, self._current = status, current

@@ -15,7 +15,7 @@ class _NotedEndpoint(Endpoint):
     """Tells its transport of each query that may change something, before it asks."""
 
     def __init__(self, transport: Transport) -> None:
-        super().__init__(transport.session, transport.team, transport.clock, transport.drive)
+        super().__init__(transport.session, transport.team, transport.clock, transport.drive, party=transport.party)
         self._transport = transport
 
     def ask(

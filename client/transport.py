@@ -11,6 +11,7 @@ from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.hub import nobody_answers, team_endpoints
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.protocol.wire.session import open_session
 
 PATIENCE_S = 5.0
@@ -36,6 +37,10 @@ class Transport(Protocol):
     @property
     def drive(self) -> Drive:
         """Whether time is real or virtual."""
+
+    @property
+    def party(self) -> str:
+        """Whose radio the client uses, where a lockstep run simulates radios; see `Endpoint`."""
 
     @property
     def patience_s(self) -> float:
@@ -77,6 +82,7 @@ class LiveTransport:
     """
 
     drive = Drive.LIVE
+    party = EVERYWHERE
     gather_s = GATHER_S
 
     def __init__(self, connect: str | None = None, *, team: str = DEFAULT_TEAM, patience_s: float = PATIENCE_S) -> None:

@@ -1,7 +1,10 @@
 """The coordinator: receives states, merges maps, assigns frontiers and tasks, publishes the team's state."""
 
 import math
+from collections.abc import Sequence
 from operator import attrgetter
+
+from msgspec import UNSET
 
 from robrain.coordinator.charging.charge_desk import ChargeDesk
 from robrain.coordinator.exploration.explorer import Explorer, Scout
@@ -9,15 +12,19 @@ from robrain.coordinator.exploration.situation import Busy, Choice
 from robrain.coordinator.exploration.strategies import strategy_of
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.motes.field.field_keeper import FieldKeeper
 from robrain.coordinator.motes.mote_members import MoteDesk
 from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.own_decisions import own_decision
 from robrain.coordinator.planning.plan_executor import PlanExecutor
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.rules.rule import Rule
+from robrain.coordinator.rules.rule_desk import RuleDesk
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
+from robrain.coordinator.tasks.team_intake import take_in
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.halt_watch import HaltWatch
 from robrain.coordinator.team.roster import Robot, Roster
@@ -40,6 +47,7 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     ROBOT_ALIVE,
+    ROBOT_BALLOT,
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
     ROBOT_STATE,
@@ -68,10 +76,17 @@ class Coordinator:
         journal: where its tasks are written down, and from which it goes on; its owner closes it. None keeps them in
             memory.
         policy: what its plans are for, and how they are made.
+        rules: by which it makes tasks from what is sensed.
 
     """
 
-    def __init__(self, wire: Endpoint, journal: Journal | None = None, policy: PlanningPolicy | None = None) -> None:
+    def __init__(
+        self,
+        wire: Endpoint,
+        journal: Journal | None = None,
+        policy: PlanningPolicy | None = None,
+        rules: Sequence[Rule] = (),
+    ) -> None:
         self.roster = Roster()
         self.team_map = TeamMap()
         policy = policy or PlanningPolicy()
@@ -96,6 +111,7 @@ class Coordinator:
         )
         lifecycle.on_refused = self._note_refusal
         self.motes = MoteDesk(wire, self.tasks, self.roster, lifecycle.reasons)
+        self.mote_field = FieldKeeper(wire, self.tasks, policy.mote_field, self._new_id)
         self._following = PlanExecutor(self.planning, lifecycle, self.tasks)
         self._charge_desk = ChargeDesk(wire, self.planning, self.tasks, self.roster)
         self._together = Coalitions(self.planning, lifecycle, self.tasks, self.roster, self.team_map, self._new_id)
@@ -106,6 +122,7 @@ class Coordinator:
         self._presence = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, ROBOT_MAP)
+        wire.subscribe(self._inbox, ROBOT_BALLOT)
         self.halts = HaltWatch(wire, self.roster)
         self._summary = wire.publisher(COORDINATOR_STATE)
         wire.token(COORDINATOR_ALIVE)
@@ -120,6 +137,9 @@ class Coordinator:
         self._requests = TaskRequests(
             wire, self.tasks, self.team_map, self.capabilities, self.lifecycle.reasons.explain
         )
+        self.rules: RuleDesk | None = None
+        if rules:
+            self.rules = RuleDesk(wire, rules, self.tasks, self.roster, self._requests, self._new_id)
         with self.lifecycle.as_far_as_written(wire.clock.now_ns()):
             self.tasks.end_what_cannot_be_read()
         self.tasks.tell_again(RETOLD_TASKS)
@@ -128,10 +148,13 @@ class Coordinator:
         """Plan and explore with other parameters from now on."""
         self.explorer.strategy = strategy_of(policy.exploration, self._note_strategy)
         self.planning.set_policy(policy, "the planning policy has changed")
+        self.mote_field.set_policy(policy.mote_field)
 
     def step(self) -> None:
         """Hear, decide, act."""
         now_ns = self._wire.clock.now_ns()
+        if now_ns < self._now_ns:
+            self._clock_set_back(now_ns)
         if self._wire.has_waiting:
             self._wire.serve()
         has_heard = self._inbox.has_some
@@ -141,11 +164,16 @@ class Coordinator:
             self._decide_due_ns = now_ns
         if stage("halts", True, self.halts.hear):
             self._summary_due_ns = now_ns
+        if self.rules is not None and self.rules.has_some:
+            stage("rules", None, self.rules.step, now_ns)
         looks = has_heard or self._requests.has_changed or now_ns >= self._look_due_ns
         if looks:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
             stage("tasks", None, self._look, now_ns)
         if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written):
+            self._decide_due_ns = now_ns
+        field = self.mote_field
+        if field.is_on and stage("mote field", False, field.step, now_ns, self.lifecycle.as_far_as_written):
             self._decide_due_ns = now_ns
         if stage("planning", False, self.planning.step, now_ns):
             self._decide_due_ns = now_ns
@@ -157,6 +185,13 @@ class Coordinator:
         if now_ns >= self._summary_due_ns:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
             stage("summary", None, self._tell_summary, now_ns)
+
+    def _clock_set_back(self, now_ns: int) -> None:
+        """What was due by the old time is due now: a coordinator that is silent meanwhile loses its robots."""
+        self._decide_due_ns = self._look_due_ns = self._summary_due_ns = self._revise_due_ns = 0
+        self.roster.clock_set_back(now_ns)
+        self.lifecycle.clock_set_back(now_ns)
+        self.planning.clock_set_back()
 
     def _new_id(self, kind: str) -> str:
         """An id for a task of the coordinator's own; whoever asked for a task may have named it alike."""
@@ -188,6 +223,11 @@ class Coordinator:
         now_ns = self._now_ns
         if received.topic is ROBOT_MAP:
             self._take_patch(received)
+            return
+        if received.topic is ROBOT_BALLOT:
+            with self.lifecycle.as_far_as_written(now_ns):
+                if take_in(self.tasks, received.message):
+                    self._decide_due_ns = now_ns
             return
         state: RobotState = received.message
         if why := self.roster.why_unknown(state.robot, now_ns):
@@ -324,9 +364,12 @@ class Coordinator:
         self._guard.records(choices, explore, attrgetter("robot"), "frontier")
 
     def _under_way(self, up: list[Robot], now_ns: int) -> dict[str, Point2D]:
-        """Goals of the robots that explore and may get another, by name, if it is time to revise goals."""
+        """Goals of the robots that explore and may get another, by name, if it is time to revise goals.
+
+        A robot alone keeps its goal: nobody else takes away what it is bound for.
+        """
         period_s = self.planning.policy.revise_s
-        if not period_s or now_ns < self._revise_due_ns:
+        if not period_s or now_ns < self._revise_due_ns or len(up) < 2:
             return {}
         self._revise_due_ns = now_ns + to_ns(period_s)
         goals = {}
@@ -368,6 +411,8 @@ class Coordinator:
                 messages=self._inbox.received,
                 halt=self.halts.status(now_ns),
                 refused=most_refused(self._wire.refusals),
+                rules=UNSET if self.rules is None else self.rules.status(),
+                mote_field=self.mote_field.state or UNSET,
             )
         )
 

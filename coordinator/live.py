@@ -3,11 +3,12 @@
 import gc
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.wire.answers.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -26,6 +27,7 @@ def run_coordinator(
     on_ready: Callable[[], None],
     journal: Journal | None = None,
     policy: PlanningPolicy | None = None,
+    rules: Sequence[Rule] = (),
 ) -> None:
     """Coordinate a team until `should_stop()`.
 
@@ -34,7 +36,7 @@ def run_coordinator(
     """
     arrived = threading.Event()
     wire.on_heard = wire.on_waiting = arrived.set
-    coordinator = Coordinator(wire, journal, policy)
+    coordinator = Coordinator(wire, journal, policy, rules)
     coordinator.team_map.hold()
     collector = None
     loading = threading.Thread(target=_load, name="loading", daemon=True)

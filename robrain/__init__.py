@@ -42,11 +42,13 @@ if TYPE_CHECKING:
     from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
+    from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
     from robrain.sim.lockstep.result import RunResult
     from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
     from robrain.sim.maps.surfaces import SurfaceSpec
     from robrain.sim.robot.robot_hardware import RobotHardware
-    from robrain.sim.scenarios.scenario import Progress, Scenario
+    from robrain.sim.scenarios.driving import Progress
+    from robrain.sim.scenarios.scenario import Scenario
     from robrain.sim.world.chargers import ChargerSpec
 
 __all__ = [
@@ -74,10 +76,12 @@ __all__ = [
     "HardwareAbsent",
     "KnownKind",
     "Level",
+    "LinkSpec",
     "MoteReading",
     "NobodyThere",
     "Objective",
     "Outcome",
+    "PartitionSpec",
     "PauseSpec",
     "Pillar",
     "PlanningPolicy",
@@ -164,12 +168,14 @@ _NAMES = {
     "robrain.protocol.wire.messages.team_messages": ("TeamState",),
     "robrain.sim.world.chargers": ("ChargerSpec",),
     "robrain.sim.disturbance": ("DisturbanceSpec", "PauseSpec"),
+    "robrain.sim.links.link_spec": ("LinkSpec", "PartitionSpec"),
     "robrain.sim.errors": ("ScenarioError",),
     "robrain.sim.firmware.battery": ("BatterySpec",),
     "robrain.sim.maps.drawing": ("Block", "FloorDrawing", "Pillar", "Wall", "rasterise"),
     "robrain.sim.lockstep.result": ("RunResult",),
     "robrain.sim.robot.robot_hardware": ("RobotHardware",),
-    "robrain.sim.scenarios.scenario": ("Progress", "Scenario"),
+    "robrain.sim.scenarios.driving": ("Progress",),
+    "robrain.sim.scenarios.scenario": ("Scenario",),
     "robrain.sim.maps.surfaces": ("SurfaceSpec",),
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}

@@ -24,11 +24,13 @@ from robrain.deploy.commands.scenario_options import (
     TimeLimitOption,
     UntilOption,
 )
+from robrain.deploy.commands.scenarios_command import scenarios
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
 from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.processes.agent_words import agent_words
 from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.recordings.recording_commands import recording_app
+from robrain.deploy.soak.soak_commands import soak_app
 from robrain.deploy.sweep.sweep_commands import sweep_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
@@ -71,12 +73,16 @@ def options(
 app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
 app.add_typer(sweep_app)
+app.add_typer(soak_app)
 app.add_typer(recording_app)
 app.add_typer(bench_app, name="bench")
 
 RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]
+RulesOption = Annotated[
+    Path | None, typer.Option(help="TOML file with [[rules]], by which tasks are made from what is sensed.")
+]
 JournalOption = Annotated[
     Path | None, typer.Option(help="File for the tasks; default: TEAM.journal in this folder. With `up`: none is kept.")
 ]
@@ -170,6 +176,7 @@ def up(
         typer.Option(help="Endpoint of the team's hub; default: where commands on this machine look for a team."),
     ] = None,
     journal: JournalOption = None,
+    rules: RulesOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per line: hub, dashboard, forwarders, and the result.")
@@ -184,6 +191,10 @@ def up(
 
     check_name("team", team)
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
+    if rules is not None:
+        from robrain.deploy.run.rules_file import read_rules
+
+        chosen = chosen.replace(rules=read_rules(rules))
     options = UpOptions(
         team=team,
         listen=listen,
@@ -249,12 +260,13 @@ def coordinator(
     planning: Annotated[
         Path | None, typer.Option(help="TOML file with a [planning] table, such as a scenario.")
     ] = None,
+    rules: RulesOption = None,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
     from robrain.deploy.processes.live_commands import coordinator_command
     from robrain.deploy.processes.live_process import place_of
 
-    coordinator_command(place_of(connect, listen), check_name("team", team), journal, objective, planning)
+    coordinator_command(place_of(connect, listen), check_name("team", team), journal, objective, planning, rules)
 
 
 @app.command()
@@ -309,6 +321,7 @@ def replay(
 
 
 app.command()(fork)
+app.command()(scenarios)
 
 RobotOption = Annotated[str | None, typer.Option(help="This robot only; default: the whole team.")]
 ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]

@@ -16,6 +16,7 @@ import msgspec
 import zenoh
 
 from robrain.agent.board import Board
+from robrain.agent.consensus.consensus_desk import GOES_ON_S, TELLING, ConsensusDesk, chargers_in
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.host.command_door import TextCommandDoor
@@ -142,6 +143,10 @@ class AgentHost:
         self._load = robot_file.robot.load
         self._parameters = robot_file.parameters
         self._connect = list(robot_file.zenoh.connect)
+        self._consensus: ConsensusDesk | None = None
+        if robot_file.robot.consensus:
+            chargers = chargers_in(robot_file.parameters)
+            self._consensus = ConsensusDesk(self._wire, self.name, self.board, self.desk, chargers)
 
     def open_folder(self, folder: Path) -> None:
         """Allow loading plugins by path from a folder, as if it were listed in the robot's `loadable`."""
@@ -186,13 +191,16 @@ class AgentHost:
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:
             halting.hear()
-        if self._inbox.has_some and self._inbox.drain():
-            self.desk.coordinator_heard_ns = now_ns
+        if self._inbox.has_some:
+            for received in self._inbox.drain():
+                self.desk.hear_coordinator(received.message, self.name, now_ns)
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
         if self._registry.halted:
             self.desk.halted()
+        if self._consensus is not None:
+            self._consensus.step(now_ns, may_begin=not self._registry.halted)
         self.desk.check_lease(now_ns)
         if self._registry.foreign is not None:
             self.manager.foreign_came(self._registry.foreign.follow())
@@ -203,8 +211,8 @@ class AgentHost:
         if self.desk.held is not None and self.desk.go_on(now_ns) and self._schedule is not None:
             for _ in range(WOKEN_PASSES):
                 self._schedule.step(self._registry.plugins, now_ns)
-        if now_ns >= self._state_due_ns:
-            self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
+        if not 0 < self._state_due_ns - now_ns <= STATE_PERIOD_NS:  # it is due, or the clock was set back
+            self._state_due_ns = max(min(self._state_due_ns, now_ns) + STATE_PERIOD_NS, now_ns)
             self._publish_state()
         elif self.desk.differs_from(self._told_facts):  # the next task must not wait for the period
             self._publish_state()
@@ -239,6 +247,7 @@ class AgentHost:
                 frame=board.frame,
                 map_agreement=board.map_agreement,
                 loaded=self._loaded(),
+                goes_on_s=msgspec.UNSET if self._consensus is None else GOES_ON_S,
                 refused=most_refused(self._refusals) if self._refusals.total else msgspec.UNSET,
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
             )
@@ -295,17 +304,27 @@ class AgentHost:
     def _offer(self, request: Request[TaskOffer]) -> TaskAnswer:
         if self._registry.halted:
             return TaskAnswer.refused(RobotHalted())
-        return self.desk.offer(request.asked, self.clock.now_ns())
+        now_ns = self.clock.now_ns()
+        reason = None if self._consensus is None else self._consensus.why_not_now(request.asked.task.id, now_ns)
+        return self.desk.offer(request.asked, now_ns) if reason is None else TaskAnswer.refused(reason)
 
     def _costs(self, request: Request[CostsRequest]) -> list[TaskCost]:
         return [self.desk.cost(task) for task in request.asked.tasks]
 
     def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:
+        if self._consensus is not None and self._consensus.is_telling(self.clock.now_ns()):
+            return TaskAnswer.refused(TELLING)
         return self.desk.withdraw(request.asked)
 
     def _open_wire(self) -> Endpoint:
         wire = Endpoint(
-            self._session, self._team, self.clock, self.drive, on_outside=self._on_outside, refusals=self._refusals
+            self._session,
+            self._team,
+            self.clock,
+            self.drive,
+            on_outside=self._on_outside,
+            refusals=self._refusals,
+            party=self.name,
         )
         if len(self._wires) >= self._wires_looked_at:
             # A new list: the host's own thread may be going through the old one. Closed ones are let go.

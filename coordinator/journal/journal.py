@@ -13,12 +13,13 @@ The file is locked for as long as the journal is open. Stamps come with the reco
 import logging
 import os
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
 
+from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.disk_sync import DiskSync, Sync
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.mending import read_reason, read_record
@@ -86,12 +87,13 @@ class Journal:
 
     # -- writing --------------------------------------------------------------------------------------------
 
-    def accept(self, record: TaskRecord, asked: bytes = b"") -> TaskRecord:
+    def accept(self, record: TaskRecord, asked: bytes = b"", alarm: Alarm | None = None) -> TaskRecord:
         """A new task; on the disk once `when_on_disk` says so.
 
         Args:
             record: as it begins.
             asked: what was asked for, word by word.
+            alarm: what a rule has made it for; kept if and only if the task is.
 
         Returns:
             The record with the number of its change.
@@ -108,6 +110,8 @@ class Journal:
                 "INSERT INTO task (id, state, robot, record, kind, own, asked) VALUES (?, ?, ?, '', ?, ?, ?)",
                 (record.task.id, record.state, record.robot, record.task.kind, record.own, asked.decode()),
             )
+            if alarm is not None:
+                self._put_alarm(alarm)
             return self._write(record)
 
     def change(self, record: TaskRecord) -> TaskRecord:
@@ -128,6 +132,28 @@ class Journal:
             except JournalUnwritable as error:  # the change itself is in; there is another time for this
                 logger.warning("%s", error)
         return written
+
+    def note_alarm(self, alarm: Alarm) -> None:
+        """A rule's source is from now on as `alarm` says.
+
+        Raises:
+            JournalUnwritable: it is as it was.
+
+        """
+        with self._transaction():
+            self._put_alarm(alarm)
+
+    def keep_alarms(self, alarms: Iterable[Alarm]) -> None:
+        """Keep these, and no others.
+
+        Raises:
+            JournalUnwritable: they are as they were.
+
+        """
+        with self._transaction():
+            self._db.execute("DELETE FROM alarm")
+            for alarm in alarms:
+                self._put_alarm(alarm)
 
     def new_epoch(self, at_least: int = 0) -> int:
         """An epoch that was never given out before, greater than all others of this journal.
@@ -230,6 +256,13 @@ class Journal:
         (found,) = self._db.execute("SELECT count(*) FROM task WHERE state = ?", (state,)).fetchone()
         return int(found)
 
+    def alarms(self) -> list[Alarm]:
+        """What rules have made tasks for."""
+        rows = self._db.execute("SELECT rule, source, taken_ns, fired_ns, is_armed FROM alarm ORDER BY rule, source")
+        return [
+            Alarm(rule, source, taken_ns, fired_ns, bool(armed)) for rule, source, taken_ns, fired_ns, armed in rows
+        ]
+
     def _records(self, statement: str, *values: str) -> list[TaskRecord]:
         records = []
         for (text,) in self._db.execute(statement, values):
@@ -245,6 +278,9 @@ class Journal:
         return records
 
     # -- within ---------------------------------------------------------------------------------------------
+
+    def _put_alarm(self, alarm: Alarm) -> None:
+        self._db.execute("INSERT OR REPLACE INTO alarm VALUES (?, ?, ?, ?, ?)", alarm)
 
     def _write(self, record: TaskRecord) -> TaskRecord:
         task_id, reason = record.task.id, msgspec.json.encode(record.reason).decode()

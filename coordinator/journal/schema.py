@@ -51,6 +51,17 @@ MIGRATIONS: tuple[str, ...] = (
     """,
     # 3: reasons as values, in JSON, beside their words; of older changes only the words are known.
     "ALTER TABLE change ADD COLUMN reason TEXT NOT NULL DEFAULT 'null';",
+    # 4: what rules have made tasks for, so that a coordinator that begins anew does not make them again.
+    """
+    CREATE TABLE alarm (
+        rule TEXT NOT NULL,
+        source TEXT NOT NULL,
+        taken_ns INTEGER NOT NULL,
+        fired_ns INTEGER NOT NULL,
+        is_armed INTEGER NOT NULL,
+        PRIMARY KEY (rule, source)
+    );
+    """,
 )
 
 VERSION = len(MIGRATIONS)

@@ -5,29 +5,30 @@ it takes of what its member has left: with the energy `e` of the task and `R` le
 Chang and Tassiulas (Maximum Lifetime Routing in Wireless Sensor Networks, IEEE/ACM Transactions on Networking 12(4),
 2004), `e^x1 R^-x2 E^x3`, with x1 = x2 = 1 and x3 = 0. A joule of a mote whose cells are nearly flat weighs more by this
 than one of a robot's battery; but to sense takes a mote a hundredth of one, and a robot that has to drive hundreds.
-
-Figures of the mote are those of a Mica2: currents as PowerTOSSIM has them (Shnayder and others, Simulating the Power
-Consumption of Large-Scale Sensor Network Applications, SenSys 2004), CC1000 radio at 0 dBm and 19.2 kbit/s.
 """
 
 import math
 
 from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.motes.mote_energy import (
+    BITS_PER_S,
+    CAPACITY_J,
+    CELL_V,
+    FLAT_V,
+    FRESH_V,
+    LISTEN_A,
+    LOG_A,
+    LOG_S,
+    PACKET_BITS,
+    SEND_A,
+    SENSE_A,
+    SENSE_S,
+)
 from robrain.protocol.wire.messages.robot_messages import RobotState
 
-CELL_V = 3.0
-SENSE_A, SENSE_S = 0.0087, 0.02
-LOG_A, LOG_S = 0.0264, 0.001
-SEND_A, LISTEN_A = 0.0174, 0.01209
-PACKET_BITS = 8 * (24 + 18)
-"""Payload of a reading, and preamble, header and checksum."""
-BITS_PER_S = 19_200.0
 LISTEN_S = 0.2
 """After a reading, for whatever a robot has to say."""
-FRESH_V, FLAT_V = 3.1, 2.1
-CAPACITY_J = 2.5 * 3600.0 * CELL_V
-"""Of two AA cells of 2500 mAh; what is left of it falls evenly with the voltage."""
 LEAST_LEFT_J = 1e-3
 HOP_RECEIVE_J = LISTEN_A * CELL_V * PACKET_BITS / BITS_PER_S
 """What it takes another mote to take a packet in that it sends on. What robots hear themselves has one hop."""

@@ -92,19 +92,19 @@ def mean_within(model: EnergyModel, bound_j: float, waits_s: float, confidence: 
     if bound_j <= 0:
         return bound_j
     low_j, high_j = 0.0, bound_j
+    profile = profile_of(model, 1.0)
     for _ in range(HALVINGS):
         mean_j = 0.5 * (low_j + high_j)
-        if max(_bound_j(model, mean_j, wait_s, confidence) for wait_s in (0.0, waits_s)) <= bound_j:
+        if max(_bound_j(model, profile, mean_j, wait_s, confidence) for wait_s in (0.0, waits_s)) <= bound_j:
             low_j = mean_j
         else:
             high_j = mean_j
     return low_j
 
 
-def _bound_j(model: EnergyModel, mean_j: float, waits_s: float, confidence: float) -> float:
+def _bound_j(model: EnergyModel, profile: Profile, mean_j: float, waits_s: float, confidence: float) -> float:
     standing_w = max(model.coefficients[0], 1e-6)
     wait_s = min(waits_s, mean_j / standing_w)
-    profile = profile_of(model, 1.0)
     path_m = max(0.0, mean_j - wait_s * standing_w - profile.start_j) / profile.j_per_m
     found = estimate(model, Work(path_m=path_m, wait_s=wait_s))
     return mean_j + found.high_j(confidence) - found.mean_j

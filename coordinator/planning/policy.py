@@ -9,6 +9,7 @@ import msgspec
 from robrain.coordinator.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.coordinator.exploration.strategies import JOINT, STRATEGIES
 from robrain.coordinator.exploration.strategies import NEAREST as NEAREST_STRATEGY
+from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.objective import Objective
@@ -40,8 +41,9 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Name of the allocator that makes the plans, stock or an entry point `robrain.allocators`; `nearest` for none."""
     exploration: Name = JOINT
     """Name of the exploration strategy: stock, or an entry point `robrain.exploration_strategies`."""
-    revise_s: float = 0.0
-    """Period, seconds, in which exploring robots may be given another goal; 0: a robot keeps its goal."""
+    revise_s: float = 1.0
+    """Period, seconds, in which the exploring robots of a team of two or more may be given another goal; 0: a robot
+    keeps its goal, as one alone always does."""
     passes: tuple[Name, ...] = STOCK_PASSES
     """Names of the refinement passes, in order: stock, or entry points `robrain.plan_passes`."""
     seed: int = 0
@@ -82,6 +84,8 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     charge_turn: float = 0.6
     """Level at which a charge ends while tasks wait for energy and a robot with much less charge waits for the charger.
     Chosen: half a battery is worth a trip, and above about 0.8 charging slows down."""
+    mote_field: MoteFieldPolicy = MoteFieldPolicy()
+    """What the coordinator does by itself to keep a field of motes alive: collect, stand in, relay, duties in turn."""
 
     def __post_init__(self) -> None:
         if self.exploration in RENAMED_STRATEGIES:

@@ -19,6 +19,8 @@ restarted meanwhile:
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import msgspec
+
 from robrain.coordinator.team.roster import LOST_AFTER_S, Robot
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
@@ -55,6 +57,9 @@ def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: in
 
     """
     name = record.robot
+    free_after_s = FREE_AFTER_S
+    if robot is not None and robot.state is not None and robot.state.goes_on_s is not msgspec.UNSET:
+        free_after_s = max(FREE_AFTER_S, robot.state.goes_on_s + FREE_AFTER_S - LEASE_S)
     heard_ns = max(since_ns, robot.heard_ns if robot is not None and robot.heard_ns is not None else since_ns)
     silent_ns = now_ns - heard_ns
     held_ns = now_ns - max(record.changed_ns, since_ns)
@@ -66,7 +71,7 @@ def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: in
             waits = held_ns <= to_ns(FREE_AFTER_S)
             return None if waits else Move(TaskState.QUEUED, NeverTaken(name))
         return Move(TaskState.QUEUED, Forgotten(name)) if held_ns > to_ns(FORGOTTEN_S) else None
-    if silent_ns > to_ns(FREE_AFTER_S) and (record.state is not TaskState.OFFERED or held_ns > to_ns(FREE_AFTER_S)):
+    if silent_ns > to_ns(free_after_s) and (record.state is not TaskState.OFFERED or held_ns > to_ns(FREE_AFTER_S)):
         return Move(TaskState.QUEUED, LeaseRanOut(name))
     # A restarted coordinator must have listened for a while before silence counts.
     if record.state is not TaskState.RUNNING or now_ns - since_ns <= to_ns(LOST_AFTER_S):

@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -116,7 +117,16 @@ class TaskBook:
 
     # -- changing -------------------------------------------------------------------------------------------
 
-    def add(self, task: Task, *, by: str = "", own: bool = False, asked: bytes = b"") -> TaskRecord:
+    def add(
+        self,
+        task: Task,
+        *,
+        by: str = "",
+        own: bool = False,
+        asked: bytes = b"",
+        reason: TaskReason | None = None,
+        alarm: Alarm | None = None,
+    ) -> TaskRecord:
         """Add a task, queued.
 
         Args:
@@ -124,11 +134,22 @@ class TaskBook:
             by: who submitted it.
             own: whether it is the coordinator's own, which is never retried.
             asked: the submission as it was received.
+            reason: why there is such a task; None if somebody has submitted it.
+            alarm: what a rule has made it for.
 
         """
         now_ns = self._clock.now_ns()
-        record = TaskRecord(task=task, state=TaskState.QUEUED, changed_ns=now_ns, submitted_ns=now_ns, by=by, own=own)
-        return self._take(self.journal.accept(record, asked))
+        record = TaskRecord(
+            task=task,
+            state=TaskState.QUEUED,
+            why=told(reason),
+            changed_ns=now_ns,
+            submitted_ns=now_ns,
+            by=by,
+            own=own,
+            reason=reason,
+        )
+        return self._take(self.journal.accept(record, asked, alarm))
 
     def offered(self, task_id: str, robot: str, reason: TaskReason | None = None) -> TaskRecord:
         """Record an offer to a robot, which may still do another task; the record gets a new epoch."""
@@ -195,6 +216,16 @@ class TaskBook:
             refusal = None if status.reason is None else RobotOut(robot, Refused(status.reason))
             self.give_back(status.id, refusal or said(status.why), failed=status.state is TaskState.FAILED)
         return record
+
+    def note_done_by_team(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
+        """A robot did a task that no coordinator had given it; nothing changes if it has ended, or is unknown."""
+        if task_id in self._open:
+            self._change(self._open[task_id], TaskState.DONE, reason, robot=robot, epoch=epoch)
+
+    def adopt(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
+        """A robot is at a queued task that no coordinator had given it: it is its task from now on."""
+        record = self._change(self._open[task_id], TaskState.OFFERED, reason, robot=robot, epoch=epoch)
+        self._change(record, TaskState.RUNNING, reason, robot=robot, epoch=epoch)
 
     def _change(
         self, record: TaskRecord, state: TaskState, reason: TaskReason | None = None, **fields: Any

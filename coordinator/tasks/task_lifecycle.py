@@ -70,6 +70,11 @@ class TaskLifecycle:
         self._written = _AsFarAsWritten()
         self._settled_version = -1
 
+    def clock_set_back(self, now_ns: int) -> None:
+        """Times that lie ahead now count as now."""
+        self._since_ns = min(self._since_ns, now_ns)
+        self._withdrawn_ns.clear()
+
     # -- hearing --------------------------------------------------------------------------------------------
 
     def hear(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:

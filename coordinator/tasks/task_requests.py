@@ -5,6 +5,7 @@ from typing import TypeVar
 
 import msgspec
 
+from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.admission import difference, why_impossible, with_times
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -15,7 +16,7 @@ from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
-from robrain.protocol.wire.reasons.tasks import Cancelled
+from robrain.protocol.wire.reasons.tasks import Cancelled, TaskReason
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_KINDS, TASK_LIST, TASK_SUBMIT, TASK_WHY
 
 T = TypeVar("T")
@@ -69,6 +70,30 @@ class TaskRequests:
                 text = f"there is another task {asked.task.id}: {differs or 'one of the coordinator itself'}"
                 raise CallError(ErrorCode.REFUSED, text, differs)
             return self._once_on_disk(known)
+        return self._once_on_disk(self.admit(asked, asked.by or request.by, word))
+
+    def admit(
+        self,
+        asked: TaskSubmission,
+        by: str,
+        word: bytes = b"",
+        *,
+        reason: TaskReason | None = None,
+        alarm: Alarm | None = None,
+    ) -> TaskRecord:
+        """Put a new task into the book, unless it can never be done.
+
+        Args:
+            asked: the submission; there is no task with its id.
+            by: who asks.
+            word: the submission as it was received.
+            reason: why there is such a task; None if somebody has submitted it.
+            alarm: what a rule has made it for.
+
+        Raises:
+            CallError: it is refused, in words.
+
+        """
         try:
             task = with_times(asked, self._clock.now_ns())
         except (ValueError, msgspec.ValidationError) as error:
@@ -77,11 +102,11 @@ class TaskRequests:
         if why:
             raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {why}", why)
         try:
-            record = self._book.add(task, by=asked.by or request.by, asked=word)
+            record = self._book.add(task, by=by, asked=word, reason=reason, alarm=alarm)
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {error}", str(error)) from error
         self.has_changed = True
-        return self._once_on_disk(record)
+        return record
 
     def _once_on_disk(self, record: TaskRecord) -> Deferred[TaskRecord]:
         def when(tell: Callable[[CallError | None], None]) -> None:

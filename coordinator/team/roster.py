@@ -104,6 +104,13 @@ class Roster:
         self._up_at_ns = None
         return robot
 
+    def clock_set_back(self, now_ns: int) -> None:
+        """Nobody was heard later than now, so that a robot's silence counts from now on."""
+        for robot in self._by_name:
+            if robot.heard_ns is not None:
+                robot.heard_ns = min(robot.heard_ns, now_ns)
+        self._up_at_ns = None
+
     def up(self, now_ns: int) -> list[Robot]:
         """The robots that can be counted on, by name; not to be changed."""
         if self._up_at_ns != now_ns:

@@ -11,9 +11,11 @@ from robrain.deploy.commands.team_options import JsonOption
 
 BENCHES = {
     "allocation": "task allocation: gaps to exact optima, times of first plans, public routing instances",
+    "consensus": "task allocation without a coordinator: gaps to optimal, messages, lost messages",
     "responses": "response times from an event to the wheels, of a live team of processes on loopback",
     "agents": "cost of a thousand simulated agents at 10 Hz for a coordinator",
     "exploration": "exploration strategies and team sizes on map files: the full stack beside ideal motion",
+    "motes": "lifetime of a mote field: routes beside their bound, robots as mules beside a collection tree",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
     "joining": "robots with unknown places: time and errors of joining the team's map",
     "live": "accuracy of the map of a live team whose agents are stopped at random times",
@@ -82,6 +84,23 @@ def allocation(
     from robrain.deploy.bench.figure import report
 
     report("allocation", measure(SIZES[:sizes]), as_json=as_json)
+
+
+@bench_app.command(help=BENCHES["consensus"])
+def consensus(
+    sizes: Annotated[int, typer.Option(help="How many of the sizes 5 × 50, 10 × 100.")] = 2,
+    seeds: Annotated[int, typer.Option(help="Number of problems of each size.")] = 10,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure allocation by consensus."""
+    from robrain.deploy.bench.consensus import SIZES, measure
+    from robrain.deploy.bench.figure import report
+    from robrain.deploy.errors import UsageError
+
+    if sizes not in range(1, len(SIZES) + 1):
+        raise UsageError(f"--sizes {sizes}: expected 1 to {len(SIZES)}")
+    _at_least("--seeds", seeds, 1)
+    report("consensus", measure(SIZES[:sizes], range(1, seeds + 1)), as_json=as_json)
 
 
 @bench_app.command(help=BENCHES["responses"])
@@ -161,6 +180,24 @@ def exploration(
     around = place_of("--near", near)
     place = None if around is None else (around.x_m, around.y_m)
     run_bench(choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder), json_file)
+
+
+@bench_app.command(help=BENCHES["motes"])
+def motes(
+    ways: Annotated[
+        str | None, typer.Option(help="tree, routes, mules, relief, turns, or several; default: all.")
+    ] = None,
+    seeds: SeedsOption = "1-10",
+    count: Annotated[int, typer.Option("--motes", help="Number of motes on 100 × 100 m.")] = 100,
+    tours_per_day: Annotated[float, typer.Option(help="How often a robot collects.")] = 1.0,
+    goal_days: Annotated[float, typer.Option(help="Lifetime that relief and turns aim at.")] = 330.0,
+    jobs: JobsOption = 1,
+    json_file: JsonFileOption = None,
+) -> None:
+    """Measure how long a mote field lives."""
+    from robrain.deploy.bench.motes import choose, run_bench
+
+    run_bench(choose(ways, seeds, count, tours_per_day, goal_days, jobs), json_file)
 
 
 @bench_app.command(help=BENCHES["joining"])

@@ -21,7 +21,6 @@ MOTIONS = (FULL, IDEAL)
 """The whole stack, or points at top speed with exact poses (`sim/ideal/ideal_team.py`)."""
 BOUND_PERCENTILE = 95.0
 UNTIL = 0.99
-USUAL_TEAM = 4
 
 
 class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,8 +35,8 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
     motion: str
     """Of `MOTIONS`."""
     near: tuple[float, float] | None = None
-    """Around which place the robots start, metres, arena frame; None: where `USUAL_TEAM` robots would start with that
-    seed, so that teams of all sizes start at the same spot."""
+    """Around which place the robots start, metres, arena frame; None: where the scenario has it, the same place for
+    teams of all sizes."""
     revise_s: float | None = None
     """Period in which robots may be given another goal; None: as planning has it."""
     time_limit_s: float = 900.0
@@ -49,13 +48,9 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
         if self.revise_s is not None:
             policy = msgspec.structs.replace(policy, revise_s=self.revise_s)
         changes: dict[str, object] = {"planning": policy, "until_explored": UNTIL, "time_limit_s": self.time_limit_s}
-        found = found.replace(robots=USUAL_TEAM, seed=self.seed, starts=Starts.TOGETHER, **changes)
         if self.near is not None:
-            found = found.replace(near=Point2D(*self.near))
-        elif found.near is None:
-            start = found.world().robots[0].start
-            found = found.replace(near=Point2D(start.x_m, start.y_m))
-        return found.replace(robots=self.robots)
+            changes["near"] = Point2D(*self.near)
+        return found.replace(robots=self.robots, seed=self.seed, starts=Starts.TOGETHER, **changes)
 
 
 class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):

@@ -9,10 +9,12 @@ from typing import NamedTuple
 
 import zenoh
 
+from robrain.coordinator.rules.rule import Rule
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub
 from robrain.deploy.processes.robot_files import write_robot_files
+from robrain.deploy.run.rules_file import write_rules
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario
 
@@ -45,8 +47,11 @@ class LiveTeam(NamedTuple):
 
 
 @contextmanager
-def live_room() -> Iterator[LiveTeam]:
+def live_room(rules: Sequence[Rule] = ()) -> Iterator[LiveTeam]:
     """One robot in one room, with arena and coordinator, for as long as the block lasts.
+
+    Args:
+        rules: the coordinator's.
 
     Raises:
         ChildFailed: a process did not start.
@@ -55,7 +60,8 @@ def live_room() -> Iterator[LiveTeam]:
     with tempfile.TemporaryDirectory(prefix="robrain-bench-") as name:
         scenario = Path(name) / "bench_room.toml"
         scenario.write_text(ROOM, encoding="utf-8")
-        with live_team(Scenario.from_file(scenario), [str(scenario)]) as team:
+        room = Scenario.from_file(scenario).replace(rules=tuple(rules))
+        with live_team(room, [str(scenario)]) as team:
             yield team
 
 
@@ -79,11 +85,12 @@ def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[
         folder, endpoint = Path(name), listening_at(hub)[0]
         robot_files = write_robot_files(scenario.world(), folder, team=TEAM, connect=endpoint)
         common = ["--connect", endpoint, "--team", TEAM]
+        kept = ["--journal", str(folder / "bench.journal")]
+        if scenario.rules:
+            kept += ["--rules", str(write_rules(folder / "rules.toml", scenario.rules))]
         started = {
             "arena": children.start("arena", ["arena", *scenario_argument, *common]),
-            "coordinator": children.start(
-                "coordinator", ["coordinator", "--journal", str(folder / "bench.journal"), *common]
-            ),
+            "coordinator": children.start("coordinator", ["coordinator", *kept, *common]),
         }
         for path in robot_files:
             started[path.stem] = children.start(path.stem, ["agent", str(path)])

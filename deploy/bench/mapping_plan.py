@@ -22,6 +22,8 @@ OWN_MAPS = PROJECT / "examples" / "maps"
 SHARED_MAPS = PROJECT.parent / "shared" / "maps"
 SHARED_NAMES = ("stage_cave", "stage_hospital_section", "stage_autolab", "nav2_depot")
 """Maps of public repositories; not part of the project."""
+BUILT_IN = ("arena_small", "depot")
+"""Built-in scenarios that are run by default; others are run if they are named."""
 WHEELS = {
     "exact": None,
     "slipping": WheelSpec(radius_sigma=0.01, base_sigma=0.01, slip=0.01, slip_sigma_m_per_sqrt_m=0.01),
@@ -134,7 +136,9 @@ def choose_maps(maps: str | None, map_folder: Path | None) -> tuple[dict[str, st
     if map_folder is not None and not map_folder.is_dir():
         raise UsageError(f"--map-folder {map_folder}: expected a folder of map_server files, there is none")
     known, absent = _known_maps(map_folder or SHARED_MAPS)
-    names = list(known) if maps is None else _words("--maps", maps)
+    names = (
+        [name for name, path in known.items() if path or name in BUILT_IN] if maps is None else _words("--maps", maps)
+    )
     chosen = {name: path for word in names for name, path in [_map_of(word, known, absent)]}
     return chosen, absent if maps is None else []
 
@@ -172,7 +176,7 @@ def _known_maps(shared: Path) -> tuple[dict[str, str], list[str]]:
     known = {name: str(path) for name, path in there.items() if path.is_file()}
     absent = [name for name in there if name not in known]
     known |= {path.stem: str(path) for path in sorted(OWN_MAPS.glob("*.yaml"))}
-    return known | dict.fromkeys(sorted(builtin_names()), ""), absent
+    return known | {name: "" for name in sorted(builtin_names()) if name not in known}, absent
 
 
 def _map_of(word: str, known: dict[str, str], absent: Sequence[str]) -> tuple[str, str]:

@@ -6,13 +6,14 @@ from robrain.deploy.errors import UsageError
 from robrain.protocol.extras import missing_package
 
 OF_COMMANDS = {
-    **dict.fromkeys(("run", "demo", "up", "arena", "bench"), "sim"),
+    **dict.fromkeys(("run", "demo", "up", "arena", "scenarios", "bench", "soak"), "sim"),
     **dict.fromkeys(("dashboard", "replay", "record", "info", "check", "diff", "recover", "export"), "team"),
     "report": "report",
     "sweep": "sweep",
     "fork": "sim,team",
     "foxglove": "foxglove",
     "bench allocation": "team",
+    "bench consensus": "team",
     "bench log": "navigation",
 }
 """Extra with all that a command needs, navigation included."""

@@ -10,6 +10,7 @@ from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 STATE_S = 1.0
@@ -27,6 +28,8 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Names, sorted."""
     refused: dict[str, list[Refusal]] = {}
     """What the coordinator and the robots have refused, by `coordinator` and the robots' names; absent if nothing."""
+    mote_field: MoteFieldState | None = None
+    """How the motes are doing; absent if the coordinator does nothing for them by itself."""
 
 
 def status_of(connect: str | None, team: str) -> TeamStatus:
@@ -43,8 +46,8 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         found = team_found(wire)
         if not found.robots and not found.coordinator:
             raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
-        refused = _refused(inbox, len(found.robots) + found.coordinator)
-    return TeamStatus(team=team, coordinator=found.coordinator, robots=found.robots, refused=refused)
+        refused, field = _told(inbox, len(found.robots) + found.coordinator)
+    return TeamStatus(team=team, coordinator=found.coordinator, robots=found.robots, refused=refused, mote_field=field)
 
 
 def show_status(found: TeamStatus) -> None:
@@ -52,18 +55,23 @@ def show_status(found: TeamStatus) -> None:
     tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
     for name in found.robots:
         tell(f"  {name} up")
+    if found.mote_field is not None:
+        tell(f"  {found.mote_field.words}")
     for name, refused in found.refused.items():
         for one in refused:
             tell(f"  {name} refused {safe_text(one.words)}")
 
 
-def _refused(inbox: Inbox, members: int) -> dict[str, list[Refusal]]:
-    """What members have refused, as far as they publish their state within `STATE_S`."""
+def _told(inbox: Inbox, members: int) -> tuple[dict[str, list[Refusal]], MoteFieldState | None]:
+    """What members have refused, and the state of the motes, as far as they publish it within `STATE_S`."""
     told: dict[str, list[Refusal]] = {}
+    field: MoteFieldState | None = None
     until_s = time.monotonic() + STATE_S
     while len(told) < members and time.monotonic() < until_s:
         for received in inbox.drain():
             refused = received.message.refused
             told[received.names.get("robot", COORDINATOR)] = refused if isinstance(refused, list) else []
+            of_motes = getattr(received.message, "mote_field", None)
+            field = of_motes if isinstance(of_motes, MoteFieldState) else field
         time.sleep(POLL_S)
-    return {name: refused for name, refused in sorted(told.items()) if refused}
+    return {name: refused for name, refused in sorted(told.items()) if refused}, field

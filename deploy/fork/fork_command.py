@@ -11,7 +11,7 @@ from robrain.deploy.commands.team_options import JsonOption
 from robrain.protocol.wire.border.safe_text import safe_json
 
 if TYPE_CHECKING:
-    from robrain.sim.scenarios.scenario import Progress
+    from robrain.sim.scenarios.driving import Progress
 
 DIFFERENT = 1
 """Exit status if the run was not equal to the recording where it should be."""

@@ -10,7 +10,7 @@ from robrain.deploy.commands.terminal import clock_of, console, own_program, pri
 from robrain.deploy.fork.fork_result import ForkResult
 from robrain.deploy.recordings.recording_display import where_different
 from robrain.deploy.recordings.two_runs_display import show_two_runs
-from robrain.sim.scenarios.scenario import Progress as RunProgress
+from robrain.sim.scenarios.driving import Progress as RunProgress
 
 WHY_ENDED = {
     "explored": "target reached",

@@ -27,7 +27,7 @@ from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
-from robrain.sim.scenarios.scenario import Progress, why_ended
+from robrain.sim.scenarios.driving import Progress, why_ended
 from robrain.sim.world.arena import TICK_S
 
 BY = "fork"
@@ -112,6 +112,11 @@ def _check(
     if seconds is not None and not seconds > 0:
         raise UsageError(f"--seconds {seconds:g}: expected a number above 0")
     check_changes([*recorded.changes, *changes], recorded.scenario)
+    if recorded.scenario.links is not None and recorded.inputs.number:
+        raise UsageError(
+            f"{recorded.path}: a run with [links] can be forked only if no script has called its team: a "
+            "recording does not say whose radio the script used"
+        )
     if output.exists() and output.samefile(recorded.path):
         raise UsageError(f"--output {output}: it is the recording itself; give another name")
     if output.exists() and not overwrite:

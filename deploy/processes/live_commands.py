@@ -30,7 +30,12 @@ DEFAULT_DASHBOARD_PORT = 8080
 
 
 def coordinator_command(
-    place: Place, team: str, journal: Path | None, objective: Objective | None = None, planning: Path | None = None
+    place: Place,
+    team: str,
+    journal: Path | None,
+    objective: Objective | None = None,
+    planning: Path | None = None,
+    rules: Path | None = None,
 ) -> None:
     """Coordinate a team until Ctrl-C; wait until the endpoint answers.
 
@@ -40,6 +45,7 @@ def coordinator_command(
         journal: file of its tasks; `TEAM.journal` if None.
         objective: planning objective, overriding the file's.
         planning: file with a `[planning]` table.
+        rules: file with `[[rules]]`.
 
     Raises:
         RobrainError: in one sentence.
@@ -48,6 +54,7 @@ def coordinator_command(
     from robrain.coordinator.journal.journal import Journal
     from robrain.coordinator.live import run_coordinator
     from robrain.coordinator.planning.policy import PlanningPolicy
+    from robrain.coordinator.rules.rule import Rule
 
     policy = PlanningPolicy()
     if planning is not None:
@@ -56,6 +63,11 @@ def coordinator_command(
         policy = read_planning(planning)
     if objective is not None:
         policy = msgspec.structs.replace(policy, objective=objective)
+    kept_rules: tuple[Rule, ...] = ()
+    if rules is not None:
+        from robrain.deploy.run.rules_file import read_rules
+
+        kept_rules = read_rules(rules)
     should_stop = LiveStop()
     if place.listen:
         session: zenoh.Session | None = open_hub(place.listen[0])[0]
@@ -74,7 +86,7 @@ def coordinator_command(
 
         watch = NameWatch(claim, should_stop)
         try:
-            run_coordinator(wire, watch, ready, kept, policy)
+            run_coordinator(wire, watch, ready, kept, policy, kept_rules)
         finally:
             kept.close()
         watch.check()

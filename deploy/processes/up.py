@@ -18,6 +18,7 @@ from robrain.deploy.processes.live_process import open_hub
 from robrain.deploy.processes.robot_files import loadable_from_here, read_said, write_robot_files
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.run.planning_file import write_planning
+from robrain.deploy.run.rules_file import write_rules
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -148,6 +149,8 @@ def run_up(
             journal = options.journal if options.journal is not None else Path(folder) / "team.journal"
             planning = write_planning(Path(folder) / "planning.toml", scenario.planning)
             kept = ["--journal", str(journal), "--planning", str(planning)]
+            if scenario.rules:
+                kept += ["--rules", str(write_rules(Path(folder) / "rules.toml", scenario.rules))]
             children.start("coordinator", ["coordinator", *kept, *common])
             for path in robot_files:
                 children.start(path.stem, ["agent", str(path)])

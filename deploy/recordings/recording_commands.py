@@ -97,12 +97,14 @@ def info(
 
 @recording_app.command()
 def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
-    """Check a recording: valid messages, growing stamps, no missing numbers. Exit status 1 if a check fails."""
+    """Check a recording: valid messages, no missing numbers, the run's invariants. Exit status 1 if a check fails."""
     from robrain.coordinator.recording.reader.checking import check_recording
-    from robrain.deploy.recordings.recording_display import progress, show_verdict
+    from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
+    from robrain.deploy.recordings.recording_display import progress
+    from robrain.deploy.recordings.verdict_display import show_verdict
 
     with progress("checking", quiet=as_json) as show:
-        verdict = check_recording(recording, show)
+        verdict = check_recording(recording, show, surroundings_of_recording(recording))
     _tell(verdict, lambda: show_verdict(verdict), as_json=as_json)
     if not verdict.good:
         raise typer.Exit(DIFFERENT)

@@ -15,7 +15,6 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
-from robrain.coordinator.recording.reader.checking import Severity, Verdict
 from robrain.coordinator.recording.reader.comparing import Difference
 from robrain.coordinator.recording.reader.contents import KeyContents, RecordingContents
 from robrain.coordinator.recording.reader.recovering import Recovery
@@ -95,25 +94,6 @@ def show_contents(contents: RecordingContents, *, every_key: bool = False) -> No
         table.add_row(*_contents_row(key))
     console.print()
     console.print(table)
-
-
-def show_verdict(verdict: Verdict) -> None:
-    """What a check found."""
-    console = results()
-    if verdict.findings:
-        table = Table(box=None, pad_edge=False)
-        for heading in ("", "what", "at", "key", "found"):
-            table.add_column(heading, overflow="fold")
-        for finding in verdict.findings:
-            color = "red" if finding.severity is Severity.PROBLEM else "yellow"
-            row = (f"{finding.time_s:.3f} s", finding.key, finding.text)
-            table.add_row(f"[{color}]{finding.severity}[/]", finding.kind.replace("_", " "), *map(said, row))
-        console.print(table)
-    for kind, count in verdict.more.items():
-        console.print(f"and {count} more of {kind.replace('_', ' ')}")
-    result = "good" if verdict.good else "[red]not good[/]"
-    counted = f"{verdict.messages} messages, {verdict.problems} problems, {verdict.notes} notes"
-    console.print(f"{said(verdict.path)}: {result}, {counted}", soft_wrap=True)
 
 
 def show_difference(first: Path, second: Path, difference: Difference | None, same: int) -> None:

@@ -18,10 +18,11 @@ from robrain.deploy.commands.terminal import (
     say,
 )
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.wire.messages.arena_messages import LinkCounters
 from robrain.protocol.wire.reasons.idle import NothingUnknown
 from robrain.protocol.wire.reasons.words import words
 from robrain.sim.lockstep.result import RunResult
-from robrain.sim.scenarios.scenario import Progress as RunProgress
+from robrain.sim.scenarios.driving import Progress as RunProgress
 from robrain.sim.world.floor_left import GapTooNarrow
 
 
@@ -95,9 +96,13 @@ def show_result(result: RunResult) -> None:
         f"{result.mote_readings} readings of {result.motes} motes",
         soft_wrap=True,
     )
+    if result.links is not None:
+        print_line(links_line(result.links))
     positions = {robot.name: robot.pose_accuracy for robot in result.per_robot}
     for line in accuracy_lines(result.map_accuracy, positions):
         print_line(line)
+    for task in result.tasks:
+        print_line(task.words)
     for left in result.floor_left:
         if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
             print_line(left.words)
@@ -106,6 +111,18 @@ def show_result(result: RunResult) -> None:
             if robot.idle is not None and not isinstance(robot.idle, NothingUnknown):
                 print_line(f"{robot.name} is {words(robot.idle)}")
     tell_recorded(result.recording)
+
+
+def links_line(links: LinkCounters) -> str:
+    """What became of messages between robots and coordinator."""
+    missed = links.lost + links.crowded + links.out_of_reach + links.overflowed
+    sent = links.delivered + missed
+    share = f"{links.delivered / sent:.1%} of {sent} samples delivered" if sent else "no samples sent"
+    return (
+        f"radio: {share}; {links.out_of_reach} out of reach, "
+        f"{links.lost} lost, {links.crowded + links.overflowed} dropped; {links.timed_out} of {links.asked} queries "
+        "timed out"
+    )
 
 
 def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccuracy | None]) -> list[str]:

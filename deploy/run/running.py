@@ -12,7 +12,8 @@ from robrain.deploy.run.preparing import Preparing
 from robrain.deploy.run.run_display import run_display, show_result
 from robrain.deploy.run.run_options import RunOptions, Watched
 from robrain.sim.lockstep.result import RunResult
-from robrain.sim.scenarios.scenario import Progress, Scenario
+from robrain.sim.scenarios.driving import Progress
+from robrain.sim.scenarios.scenario import Scenario
 
 WATCHING_SPEED = 5.0
 

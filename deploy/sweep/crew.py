@@ -1,14 +1,14 @@
-"""Who runs the runs of a sweep: processes of this computer, or a Dask cluster. Both are executors of `Future`s."""
+"""Who runs the runs of a sweep or a soak: processes of this computer, or a Dask cluster; executors of `Future`s."""
 
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 from robrain.coordinator.recording.writer.provenance import software_versions
 from robrain.deploy.errors import UsageError
@@ -20,7 +20,12 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 """Variables that give each process one thread for arithmetic: the runs themselves use the cores."""
 
 
-class Crew(Protocol):
+T = TypeVar("T")
+R = TypeVar("R")
+T_contra = TypeVar("T_contra", contravariant=True)
+
+
+class Crew(Protocol[T_contra, R]):
     """Runs tasks, each in a process where nothing else runs."""
 
     @property
@@ -28,11 +33,11 @@ class Crew(Protocol):
         """Whether another task can be submitted now."""
         ...
 
-    def submit(self, task: RunTask) -> Future[RunRecord]:
+    def submit(self, task: T_contra) -> Future[R]:
         """Start a task, or put it into the queue of a cluster."""
         ...
 
-    def release(self, future: Future[RunRecord]) -> None:
+    def release(self, future: Future[R]) -> None:
         """Take note that a task has ended; a process that died is replaced."""
         ...
 
@@ -45,18 +50,19 @@ class Crew(Protocol):
         ...
 
 
-class _Lane:
+class _Lane(Generic[T, R]):
     """One process. A pool for each, so that a process that dies takes no other run with it."""
 
-    def __init__(self) -> None:
+    def __init__(self, work: Callable[[T], R]) -> None:
+        self._work = work
         context = multiprocessing.get_context("spawn")  # forked processes would share the locks of Zenoh's threads
         ours, theirs = context.Pipe()
         self._commands: Connection = ours
         self._pool = ProcessPoolExecutor(1, mp_context=context, initializer=start_worker, initargs=(theirs,))
 
-    def submit(self, task: RunTask) -> Future[RunRecord]:
+    def submit(self, task: T) -> Future[R]:
         with _no_interrupt():
-            return self._pool.submit(run_task, task)
+            return self._pool.submit(self._work, task)
 
     def stop(self) -> None:
         self._commands.send_bytes(STOP)
@@ -66,24 +72,26 @@ class _Lane:
         self._commands.close()
 
 
-class LocalCrew:
+class LocalCrew(Generic[T, R]):
     """Processes of this computer.
 
     Args:
         workers: number of processes.
+        work: what each does with a task; a function of a module, which the processes import.
 
     """
 
-    def __init__(self, workers: int) -> None:
-        self._idle = [_Lane() for _ in range(workers)]
-        self._busy: dict[Future[RunRecord], _Lane] = {}
+    def __init__(self, workers: int, work: Callable[[T], R]) -> None:
+        self._work = work
+        self._idle = [_Lane(work) for _ in range(workers)]
+        self._busy: dict[Future[R], _Lane[T, R]] = {}
 
     @property
     def has_room(self) -> bool:
         """Whether a process is idle."""
         return bool(self._idle)
 
-    def submit(self, task: RunTask) -> Future[RunRecord]:
+    def submit(self, task: T) -> Future[R]:
         """Start a task in an idle process."""
         lane = self._idle.pop()
         with _one_thread_each():
@@ -91,17 +99,17 @@ class LocalCrew:
                 future = lane.submit(task)
             except BrokenProcessPool:  # it died while it was idle
                 lane.close()
-                lane = _Lane()
+                lane = _Lane(self._work)
                 future = lane.submit(task)
         self._busy[future] = lane
         return future
 
-    def release(self, future: Future[RunRecord]) -> None:
+    def release(self, future: Future[R]) -> None:
         """Take note that a task has ended; a process that died is replaced."""
         lane = self._busy.pop(future)
         if isinstance(future.exception(), BrokenProcessPool):
             lane.close()
-            lane = _Lane()
+            lane = _Lane(self._work)
         self._idle.append(lane)
 
     def stop(self) -> None:

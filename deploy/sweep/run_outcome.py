@@ -47,6 +47,8 @@ class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
     lost_s: float | None = None
     """Of all robots together, the next one as well."""
     silent_divergence_s: float | None = None
+    invariants_broken: int | None = None
+    """How many invariants the run broke (`robrain check`); None in tables of earlier versions."""
     messages: int
     mote_readings: int
     robot_distance_m: tuple[float, ...]
@@ -75,8 +77,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """File name below `recordings/`."""
 
 
-def outcome_of(result: RunResult) -> RunOutcome:
-    """The part of a result that is equal on every machine."""
+def outcome_of(result: RunResult, invariants_broken: int | None = None) -> RunOutcome:
+    """The part of a result that is equal on every machine, and how many invariants the run broke, if it was judged."""
     of_map = result.map_accuracy
     told = [robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None]
     reached = result.explored_percent_s
@@ -100,6 +102,7 @@ def outcome_of(result: RunResult) -> RunOutcome:
         position_error_max_m=max((each.max_error_m for each in told if each.max_error_m is not None), default=None),
         lost_s=sum(each.lost_s for each in told) if told else None,
         silent_divergence_s=sum(each.silent_divergence_s for each in told) if told else None,
+        invariants_broken=invariants_broken,
         messages=result.messages,
         mote_readings=result.mote_readings,
         robot_distance_m=tuple(robot.distance_m for robot in result.per_robot),

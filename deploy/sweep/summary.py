@@ -42,6 +42,7 @@ MEASURES = {
     "map_walls_doubled_m": Measure(title="walls doubled", unit="m"),
     "position_rmse_m": Measure(title="worst position RMSE", unit="m"),
     "silent_divergence_s": Measure(title="silent divergence", unit="s"),
+    "invariants_broken": Measure(title="invariants broken"),
     "mote_readings": Measure(title="mote readings", higher_is_better=True),
 }
 """Measures by column."""

@@ -31,7 +31,7 @@ from robrain.deploy.sweep.plan import DEFAULT_LIMIT, SweepPlan, make_plan
 from robrain.deploy.sweep.run_outcome import RunRecord, RunState
 from robrain.deploy.sweep.summary import SweepSummary, summarise, summary_csv
 from robrain.deploy.sweep.table import parquet_bytes, table_of
-from robrain.deploy.sweep.worker import RunTask
+from robrain.deploy.sweep.worker import RunTask, run_task
 from robrain.sim.lockstep.pacing import StopOnInterrupt
 from robrain.sim.scenarios.scenario import Scenario
 
@@ -221,9 +221,14 @@ def _finish(
     )
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def _checked_workers(options: SweepOptions) -> int:
     if options.workers is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return cores()
     if options.dask is not None:
         raise UsageError("--workers: leave it out with --dask; the cluster has its own workers")
     if options.workers < 1:
@@ -231,8 +236,8 @@ def _checked_workers(options: SweepOptions) -> int:
     return options.workers
 
 
-def _crew(options: SweepOptions, workers: int) -> Crew:
+def _crew(options: SweepOptions, workers: int) -> Crew[RunTask, RunRecord]:
     if options.dask is not None:
         return DaskCrew(options.dask)
     prepare_kernels(quiet=options.quiet)  # once, instead of in each process
-    return LocalCrew(workers)
+    return LocalCrew(workers, run_task)

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.coordinator.recording.invariants.judging import Judging, broken
 from robrain.coordinator.recording.writer.provenance import software_versions
 from robrain.deploy.bench.mapping_plan import errors_alone
+from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.deploy.sweep.run_outcome import RunRecord, RunState, outcome_of
 from robrain.protocol.wire.errors import RobrainError
-from robrain.sim.scenarios.scenario import Progress, Scenario
+from robrain.sim.scenarios.driving import Progress
+from robrain.sim.scenarios.scenario import Scenario
 
 STOP = b"stop"
 _STOPPING = threading.Event()
@@ -52,8 +55,13 @@ def run_task(task: RunTask) -> RunRecord:
 
 
 def start_worker(commands: Connection) -> None:
-    """Make this process ready for `run_task`: it stops on request, and ends when the sweep's process is gone."""
+    """Make this process ready for tasks: it stops on request, and ends when the sweep's process is gone."""
     threading.Thread(target=_obey, args=(commands,), daemon=True, name="sweep").start()
+
+
+def is_asked_to_stop() -> bool:
+    """Whether the sweep or soak was interrupted."""
+    return _STOPPING.is_set()
 
 
 def _done(task: RunTask) -> RunRecord:
@@ -66,13 +74,16 @@ def _done(task: RunTask) -> RunRecord:
     if task.recording is not None:
         Path(task.recording).parent.mkdir(parents=True, exist_ok=True)
     _stop_if_asked()
-    result = scenario.run(record=task.recording, on_progress=_stop_if_asked)
+    judging = Judging(surroundings_of(scenario))
+    result = scenario.run(
+        record=task.recording, on_progress=_stop_if_asked, before_start=lambda run: run.follow(judging.hear)
+    )
     if result.ended == "interrupted":
         raise _Stopped
     return RunRecord(
         run=task.run,
         state=RunState.DONE,
-        outcome=outcome_of(result),
+        outcome=outcome_of(result, broken(judging.finish())),
         wall_time_s=result.setup_time_s + result.wall_time_s,
         recording=Path(task.recording).name if task.recording is not None else None,
     )
@@ -85,7 +96,7 @@ def _discard(task: RunTask) -> None:
 
 
 def _stop_if_asked(_progress: Progress | None = None) -> None:
-    if _STOPPING.is_set():
+    if is_asked_to_stop():
         raise _Stopped
 
 

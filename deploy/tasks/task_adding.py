@@ -56,9 +56,9 @@ def add(
     robot: Annotated[
         str | None, typer.Option(help="relay: the robot to link to, such as the next one of a chain.")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="relay, monitor, replace: duration in seconds.")] = None,
+    duration: Annotated[float | None, typer.Option(help="relay, monitor, replace, seek: duration in seconds.")] = None,
     interval: Annotated[float | None, typer.Option(help="monitor: seconds between rounds.")] = None,
-    quantity: Annotated[str | None, typer.Option(help="sense: quantity to measure.")] = None,
+    quantity: Annotated[str | None, typer.Option(help="sense, seek: quantity to measure.")] = None,
     look_at: Annotated[str | None, typer.Option(help="inspect: point to look at, X,Y.")] = None,
     until_soc: Annotated[float | None, typer.Option(help="recharge: state of charge to reach, up to 1.")] = None,
     parameters: Annotated[

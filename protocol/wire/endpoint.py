@@ -30,6 +30,9 @@ from robrain.protocol.wire.links.declared_keys import DeclaredKeys
 from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.links.link import Link
 from robrain.protocol.wire.links.local_link import LocalLink
+from robrain.protocol.wire.links.radio_exchange import RadioExchange
+from robrain.protocol.wire.links.radio_link import RadioLink
+from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.protocol.wire.links.zenoh_link import ZenohLink
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import PRIORITY, Publisher
@@ -64,6 +67,8 @@ class Endpoint:
             as far as it is not on a recorded topic.
         workers: how many queries to one queryable are answered at a time, with Serve.POOL.
         refusals: counts refused messages and requests, where several endpoints are counted together.
+        party: whose radio it uses, where a lockstep run simulates radios: a robot's name, `COORDINATOR` of
+            `radio_network.py`, or `EVERYWHERE`, which needs none.
 
     """
 
@@ -77,6 +82,7 @@ class Endpoint:
         on_outside: OnOutside | None = None,
         workers: int = 16,
         refusals: Refusals | None = None,
+        party: str = EVERYWHERE,
     ) -> None:
         self.session = session
         self.team = team
@@ -95,7 +101,7 @@ class Endpoint:
         """Called there when a sample has arrived."""
         self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
         self._owner = threading.get_ident()
-        self._link = _link(session, drive)
+        self._link = _link(session, drive, party)
         self._declared_keys = DeclaredKeys(session)
         self._pending: deque[_Waiting] = deque()
         self._closing = False
@@ -426,9 +432,11 @@ class Endpoint:
         return self.drive is Drive.LOCKSTEP and threading.get_ident() != self._owner
 
 
-def _link(session: zenoh.Session, drive: Drive) -> Link:
+def _link(session: zenoh.Session, drive: Drive, party: str) -> Link:
     """What carries an endpoint's puts, queries and tokens."""
     if drive is Drive.LIVE:
         return ZenohLink(session, None)
     exchange = Exchange.of(session)
+    if isinstance(exchange, RadioExchange):
+        return RadioLink(exchange, party)
     return LocalLink(exchange) if exchange.is_alone else ZenohLink(session, exchange)

@@ -7,7 +7,7 @@ import msgspec
 import zenoh
 
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.exchange import Delivering
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.topic import Topic, Urgency
 
@@ -37,7 +37,7 @@ class Publisher:
         topic: Topic[Any],
         key: str,
         clock: Clock,
-        exchange: Exchange | None = None,
+        exchange: Delivering | None = None,
         declare: Callable[[], Any] | None = None,
         forget: Callable[[Any], None] = lambda _: None,
     ) -> None:

@@ -12,6 +12,7 @@ from robrain.protocol.wire.errors import PLUGIN_ERRORS, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_QUERIES
 from robrain.protocol.wire.messages import (
     arena_messages,
+    consensus_messages,
     map_messages,
     mote_messages,
     offer_messages,
@@ -459,6 +460,9 @@ ARENA_TRUTH = Topic(
     recorded=True,
     max_bytes=16_777_216,
 )
+ARENA_LINKS = Topic(name="arena_links", pattern="arena/links", by=Role.ARENA, message=arena_messages.ArenaLinks,
+                    doc="Who hears whom on the team's simulated radio", rate_hz=2, delivery=Delivery.LATEST,
+                    recorded=True, max_bytes=16_777_216)  # fmt: skip
 ARENA_PREPARATION = Topic(
     name="arena_preparation", pattern="arena/preparation", by=Role.ARENA, message=arena_messages.ArenaPreparation,
     doc="Floor plan and places before a lockstep run begins, while its navigation is compiled",
@@ -477,6 +481,9 @@ ARENA_SCRIPT = replace(
     ARENA_OUTSIDE, name="arena_script", pattern="arena/script", doc="A query of the script that runs a lockstep team",
     message=arena_messages.ScriptInput,
 )  # fmt: skip
+ROBOT_BALLOT = Topic(
+    name="robot_ballot", pattern="robot/{robot}/ballot", by=Role.ROBOT, message=consensus_messages.TeamBallot,
+    doc="Bids without a coordinator", rate_hz=5, delivery=Delivery.LATEST, recorded=True, max_bytes=2**18)  # fmt: skip
 
 OWN_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
 TOPICS: tuple[WireKey, ...] = (*OWN_ROWS, *HOST_QUERIES)

@@ -5,7 +5,8 @@ import numpy as np
 
 from robrain.coordinator.exploration.strategies import strategy_of
 from robrain.sim.ideal.ideal_team import IdealTeam
-from robrain.sim.scenarios.scenario import MILESTONES_PERCENT, Scenario
+from robrain.sim.scenarios.driving import MILESTONES_PERCENT
+from robrain.sim.scenarios.scenario import Scenario
 
 IDLE_S = 4.0
 """After this time without a goal for any robot the run ends."""

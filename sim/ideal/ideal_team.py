@@ -168,7 +168,7 @@ class IdealTeam:
         return int(np.count_nonzero(frontier_mask(box)[1:-1, 1:-1])) < MIN_CELLS
 
     def _hand_out(self) -> None:
-        is_due = bool(self._revise_s) and self.time_s >= self._revise_due_s
+        is_due = bool(self._revise_s) and self.time_s >= self._revise_due_s and len(self.robots) > 1
         if is_due:
             self._revise_due_s = self.time_s + self._revise_s
         scouts = [

@@ -5,7 +5,7 @@ delivered before the put returns; so equal seeds give equal runs. Zenoh is used 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import Provenance, RunSetup
 from robrain.coordinator.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
+from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.answers.collector import CalmCollector
@@ -26,11 +27,14 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.links.exchange import Exchange
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, OutsideInput, ScriptInput
+from robrain.protocol.wire.links.radio_network import COORDINATOR, EVERYWHERE
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
+from robrain.sim.links.link_spec import check_alone
+from robrain.sim.links.radio_run import RadioRun
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.overlap import overlap
@@ -54,6 +58,7 @@ class LockstepRun:
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
         session: an open lockstep session to use instead of one of its own, on which others may be; closed with the run.
         planning: objective and settings of the coordinator's planning.
+        rules: by which the coordinator makes tasks.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: what it takes to make the run again, for the recording.
 
@@ -74,6 +79,7 @@ class LockstepRun:
         listen: str | None = None,
         session: zenoh.Session | None = None,
         planning: PlanningPolicy | None = None,
+        rules: Sequence[Rule] = (),
         should_stop: Callable[[], bool] = lambda: False,
         setup: RunSetup | None = None,
     ) -> None:
@@ -82,18 +88,26 @@ class LockstepRun:
         self.nothing_left = False
         self.idle: dict[str, IdleReason] = {}
         """Why robots have nothing to do, by name, as last published by the coordinator."""
+        self.has_coordinator = True
+        """Whether the coordinator runs."""
         self.mote_readings = 0
         self.wall_overlap_m = 0.0
         self._ticks = 0
         self._endpoints: list[Endpoint] = []
         self._planning = planning
+        self._rules = rules
         self._should_stop = should_stop
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
+        is_alone = session is None and listen is None
+        check_alone(world.links, scenario or world.plan.name, is_alone=is_alone)
         self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
-        is_alone = session is None and listen is None
-        self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
+        self._radio = RadioRun(world, self.session, self.clock) if world.links is not None else None
+        if self._radio is None:
+            self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
+        else:
+            self._exchange = self._radio.exchange
         try:
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
@@ -117,10 +131,12 @@ class LockstepRun:
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)
         self.arena = world.arena(self._endpoint(team))
+        if self._radio is not None:
+            self._radio.follow(self.arena.bodies, self._watcher)
         self.time_use = TimeUseMeter(self._poses())
         self._closers.append(self.arena.close)
-        self._coordinator_wire = self._endpoint(team)
-        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning)
+        self._coordinator_wire = self._endpoint(team, COORDINATOR)
+        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning, rules=self._rules)
         disturbance = Disturbance(world.disturbance, world.seed)
         self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
         self.hosts = []
@@ -156,6 +172,12 @@ class LockstepRun:
         """Share of the reachable floor that the team's maps know."""
         return self.arena.referee.explored_fraction
 
+    @property
+    def has_open_alarm(self) -> bool:
+        """Whether a task that a rule has made is open."""
+        rules = self.coordinator.rules
+        return rules is not None and rules.has_open
+
     def floor_left(self) -> list[FloorLeft]:
         """Regions of floor that were not seen or cannot be reached, and why."""
         robots = self.world.robots
@@ -184,6 +206,11 @@ class LockstepRun:
         return self._recorder.outside
 
     @property
+    def links(self) -> LinkCounters | None:
+        """What became of messages between robots and coordinator so far; None if everybody hears everybody."""
+        return None if self._radio is None else self._radio.counters
+
+    @property
     def digest(self) -> str:
         """Digest of all that was recorded so far."""
         return self._recorder.digest
@@ -207,16 +234,33 @@ class LockstepRun:
         self._pauses.pop(index)
         self.hosts.pop(index).close()
 
+    def end_coordinator(self) -> None:
+        """Kill the coordinator, which runs: it leaves the wire without a word."""
+        self.has_coordinator = False
+        self.coordinator.close()
+        self._coordinator_wire.close()
+        self._endpoints.remove(self._coordinator_wire)
+
+    def begin_coordinator(self) -> None:
+        """Start another one, on the journal of the one that was killed."""
+        journal = self.coordinator.tasks.journal
+        self._coordinator_wire = self._endpoint(self._watcher.team)
+        self.coordinator = Coordinator(self._coordinator_wire, journal, self._planning)
+        self.has_coordinator = True
+
     def tick(self) -> None:
         """Move the run on by one tick."""
         self._ticks += 1
         self.clock.advance_to(to_ns(self._ticks * TICK_S))
         self.arena.step()
+        if self._radio is not None:
+            self._radio.step()
         now_ns = self.clock.now_ns()
         for host, pauses in zip(self.hosts, self._pauses, strict=True):
             if pauses is None or not pauses.covers(now_ns):
                 host.step()
-        self.coordinator.step()
+        if self.has_coordinator:
+            self.coordinator.step()
         if self._ticks % TRUTH_TICKS == 0:
             self._watch()
         for endpoint in self._endpoints:
@@ -234,8 +278,8 @@ class LockstepRun:
             self._closers.pop()()
         return self._summary
 
-    def _endpoint(self, team: str) -> Endpoint:
-        endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._note_outside)
+    def _endpoint(self, team: str, party: str = EVERYWHERE) -> Endpoint:
+        endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._note_outside, party=party)
         self._endpoints.append(endpoint)
         self._closers.append(endpoint.close)
         return endpoint
@@ -276,6 +320,7 @@ class LockstepTransport:
     Args:
         run: the run, of the default team; closed by `close`.
         is_noted: whether the queries are recorded, so that the run can be repeated.
+        party: whose radio is used, with `[links]`: a robot's name, `coordinator`, or `EVERYWHERE`, which needs none.
 
     """
 
@@ -284,8 +329,9 @@ class LockstepTransport:
     patience_s = 0.0
     gather_s = 0.0
 
-    def __init__(self, run: LockstepRun, *, is_noted: bool = True) -> None:
+    def __init__(self, run: LockstepRun, *, is_noted: bool = True, party: str = EVERYWHERE) -> None:
         self._is_noted = is_noted
+        self.party = party
         self.run = run
         """Arena, hosts and coordinator, to look at from inside."""
         self.summary: RecordingSummary | None = None

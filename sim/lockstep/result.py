@@ -4,8 +4,10 @@ import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.wire.messages.arena_messages import LinkCounters
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.sim.world.floor_left import FloorLeft
+from robrain.sim.world.scenario_tasks import TaskOutcome
 from robrain.sim.world.time_use import TimeUse
 
 
@@ -62,6 +64,10 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     outside_messages: int
     """Messages from other processes; 0 in a run that can be repeated."""
     mote_readings: int
+    tasks: list[TaskOutcome] = []
+    """What became of the tasks of the scenario, in the order of its file."""
+    links: LinkCounters | None = None
+    """What became of messages between robots and coordinator; None if everybody hears everybody."""
     recording: str | None
     digest: str
     """SHA-256 over every recorded message; ends in `+outside:N` if some came from other processes."""

@@ -13,6 +13,8 @@ from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 
 SPAWN_MARGIN_M = 0.05
+USUAL_TEAM = 4
+"""Robots for which there is room at the spot that is drawn, so that a team of any size starts around the same one."""
 
 # Mitchell 1991 draws candidates in proportion to the samples that there are, so that the spectrum stays the same.
 CANDIDATES_PER_POINT = 10
@@ -40,7 +42,7 @@ def spawn_poses(
 
     All lie in one region that such a robot can roam, with radius_m + SPAWN_MARGIN_M of clearance and spacing_m
     between centres. With `near`, it is the region nearest to that point and the group gathers about it. Without, it
-    is the largest region and the group gathers at a spot with room for it.
+    is the largest region and the group gathers at a spot with room for `USUAL_TEAM` robots, the same for all counts.
     The same arguments and generator state give the same poses. Raises PlacementError if fewer places are found than
     asked for, ValueError for a negative count, radius or spacing.
     """
@@ -52,7 +54,7 @@ def spawn_poses(
         )
     if near is None:
         region = _roomiest_region(fitting)
-        anchor = _spot_with_room(plan, region, radius_m + spacing_m * math.sqrt(count) / 2, rng)
+        anchor = _spot_with_room(plan, region, radius_m + spacing_m * math.sqrt(USUAL_TEAM) / 2, rng)
     else:
         anchor = _nearest_cell(plan, fitting, near)
         labels, _ = ndimage.label(fitting)

@@ -16,7 +16,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.robot.body_kernels import MOTION, STATE, WHEELS, drive, roll
 from robrain.sim.robot.wheels import DRAWS, Wheels
 
-ROBOT_COLLISION, WALL_COLLISION = 1, 2
+ROBOT_COLLISION, WALL_COLLISION, MOVER_COLLISION = 1, 2, 3
 """Collision types of shapes in the arena's space."""
 
 MASS_KG = 4.0
@@ -98,13 +98,20 @@ class RobotBodies:
         space: has walls and these bodies; none must be added afterwards.
         bodies: in the order in which they were added.
         tick_s: how long a tick is.
+        others: bodies that were added after them, and move as `other_velocities` says.
 
     Raises:
         ValueError: the space has other bodies, or has them in another order.
 
     """
 
-    def __init__(self, space: pymunk.Space, bodies: Sequence[RobotBody], tick_s: float) -> None:
+    def __init__(
+        self,
+        space: pymunk.Space,
+        bodies: Sequence[RobotBody],
+        tick_s: float,
+        others: Sequence[pymunk.Body] = (),
+    ) -> None:
         self.bodies = bodies
         self.wanted_rad_s = np.zeros((len(bodies), 3))
         """(N, 3) speeds at which the motors hold the wheels."""
@@ -133,8 +140,10 @@ class RobotBodies:
         self._normals = np.zeros((len(bodies), 2 * DRAWS))
         self._used = np.zeros(len(bodies), np.int64)
         self._draw_normals(first=True)
-        rows = self._rows()
+        rows = self._rows(others)
         self._motion, self._velocities = np.zeros((rows, MOTION)), np.zeros((rows, 3))
+        self.other_velocities = self._velocities[len(bodies) : len(bodies) + len(others)]
+        """(K, 3) rates of x, y and yaw of the other bodies, set by their owner before `drive()`."""
         self._told, self._telling = pymunk.batch.Buffer(), pymunk.batch.Buffer()
         self._telling.set_float_buf(self._velocities)  # read where it is; what is told would not stay in such an array
 
@@ -187,13 +196,13 @@ class RobotBodies:
                 normals[DRAWS:] = body.wheels.draw_normals()
                 self._used[row] = 0 if first else self._used[row] - DRAWS
 
-    def _rows(self) -> int:
-        """Bodies in the space: the robots', and after them that of the walls, which stands."""
+    def _rows(self, others: Sequence[pymunk.Body]) -> int:
+        """Bodies in the space: the robots', the others, and after them that of the walls, which stands."""
         found = pymunk.batch.Buffer()
         pymunk.batch.get_space_bodies(self._space, BodyFields.BODY_ID, found)
         ids = list(memoryview(found.int_buf()).cast("P"))
-        robots = [body.body.id for body in self.bodies]
-        if ids[: len(robots)] != robots or set(ids[len(robots) :]) - {self._space.static_body.id}:
+        known = [body.body.id for body in self.bodies] + [body.id for body in others]
+        if ids[: len(known)] != known or set(ids[len(known) :]) - {self._space.static_body.id}:
             raise ValueError("expected the space to have walls and these robots' bodies, in this order, and no others")
         return len(ids)
 
@@ -202,19 +211,22 @@ class CollisionCounter:
     """Counts for each robot how often it began to touch a wall or another robot.
 
     It also notes on the bodies where they are touched. All walls are one partner, thus sliding from one wall's shape to
-    the next is no new collision. `count[i]` is that of the i-th robot.
+    the next is no new collision. `count[i]` is that of the i-th robot. `movers` are shapes of other moving bodies.
     """
 
-    def __init__(self, space: pymunk.Space, robots: RobotBodies, tick_s: float) -> None:
+    def __init__(
+        self, space: pymunk.Space, robots: RobotBodies, tick_s: float, movers: Sequence[pymunk.Shape] = ()
+    ) -> None:
         self.count = [0] * len(robots.bodies)
         self.tick = 0
         """Its owner moves it on."""
         self._robots = robots
         self._index: dict[pymunk.Shape, int] = {robot.shape: index for index, robot in enumerate(robots.bodies)}
+        self._index |= {shape: _WALL - number for number, shape in enumerate(movers, 1)}
         self._touching: dict[tuple[int, int], int] = {}
         self._parted_tick: dict[tuple[int, int], int] = {}
         self._apart_ticks = round(APART_S / tick_s)
-        for other in (ROBOT_COLLISION, WALL_COLLISION):
+        for other in (ROBOT_COLLISION, WALL_COLLISION, *([MOVER_COLLISION] if movers else [])):
             space.on_collision(
                 ROBOT_COLLISION, other, begin=self._begin, separate=self._separate, post_solve=self._touch
             )
@@ -226,7 +238,7 @@ class CollisionCounter:
         if touching or self.tick - self._parted_tick.get(pair, -self._apart_ticks) < self._apart_ticks:
             return
         for index in pair:
-            if index != _WALL:
+            if index >= 0:
                 self.count[index] += 1
 
     def _separate(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
@@ -237,7 +249,7 @@ class CollisionCounter:
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         for shape in arbiter.shapes:
             index = self._index.get(shape, _WALL)
-            if index != _WALL:
+            if index >= 0:
                 robot = self._robots.bodies[index]
                 self._robots.touched.append(robot)
                 x_m, y_m = robot.place_m

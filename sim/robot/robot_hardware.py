@@ -1,5 +1,7 @@
 """Hardware parameters of simulated robots."""
 
+from typing import Any
+
 import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
@@ -27,6 +29,8 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     range_sensors: RangeSensorSpec = RangeSensorSpec()
     wheels: WheelSpec = WheelSpec()
     camera: CameraSpec = CameraSpec()
+    consensus: bool = False
+    """Whether robots go on without a coordinator, and allocate open tasks among themselves."""
 
     def __post_init__(self) -> None:
         if not self.radius_m > 0:
@@ -38,3 +42,13 @@ class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields
 
     name: str
     start: Pose2D
+    load: tuple[str, ...] | None = None
+    """Its plugins; all stock ones if None."""
+    plugins: dict[str, dict[str, Any]] = {}
+    """Parameters of its plugins."""
+    has_lidar: bool = True
+
+    @property
+    def disc(self) -> tuple[float, float, float]:
+        """x, y and radius of its footprint at the start, arena frame."""
+        return self.start.x_m, self.start.y_m, self.radius_m

@@ -5,11 +5,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pymunk
+from numpy.typing import NDArray
 
 from robrain.sim.firmware.load_kernel import LOAD, add_motion
 from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER, WheelEncoders
 from robrain.sim.robot.robot_body import RobotBodies
 from robrain.sim.robot.simulated_robot import SimulatedRobot
+
+NO_CIRCLES = np.zeros((0, 3))
 
 
 class RobotTeam:
@@ -19,20 +22,33 @@ class RobotTeam:
         robots: in the order in which they were added to the space.
         space: where their bodies move.
         tick_s: how long a tick is.
+        others: bodies in the space that are no robots, added after them.
+        circles: (K, 3) x, y, radius of what is round among these, as sensors see it; arena frame.
 
     """
 
-    def __init__(self, robots: Sequence[SimulatedRobot], space: pymunk.Space, tick_s: float) -> None:
-        self.bodies = RobotBodies(space, [robot.body for robot in robots], tick_s)
+    def __init__(
+        self,
+        robots: Sequence[SimulatedRobot],
+        space: pymunk.Space,
+        tick_s: float,
+        others: Sequence[pymunk.Body] = (),
+        circles: NDArray[np.float64] = NO_CIRCLES,
+    ) -> None:
+        self.bodies = RobotBodies(space, [robot.body for robot in robots], tick_s, others)
         self._robots = robots
         self._tick_s = tick_s
         self._loads = np.zeros(len(robots), LOAD)
         for row, robot in enumerate(robots):
             self._loads[row] = robot.manager.load.row()
         self._encoders = WheelEncoders(np.array([robot.controller.ticks_per_rad for robot in robots]))
-        self._hulls = np.zeros((len(robots), 3))
-        """x, y, radius of each robot, arena frame; filled in when somebody scans."""
-        self._hulls[:, 2] = [robot.body.radius_m for robot in robots]
+        self._hulls = np.zeros((len(robots) + len(circles), 3))
+        """x, y, radius of each robot, arena frame, filled in when somebody scans; then those of the circles."""
+        self._hulls[: len(robots), 2] = [robot.body.radius_m for robot in robots]
+        self.circles = self._hulls[len(robots) :]
+        """(K, 3), kept up to date by their owner."""
+        self.circles[:] = circles
+        self._at = self._hulls[: len(robots)]
         turns = math.lcm(*[robot.ranges.period_ticks for robot in robots])
         self._ranging = [[robot for robot in robots if robot.ranges.measures_at(tick)] for tick in range(turns)]
         """Whose range sensors measure in a tick, by its remainder."""
@@ -80,7 +96,7 @@ class RobotTeam:
         due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
         ranging = self._ranging[tick % len(self._ranging)]
         if due or ranging:
-            self._hulls[:, 0], self._hulls[:, 1] = self.bodies.state["x_m"], self.bodies.state["y_m"]
+            self._at[:, 0], self._at[:, 1] = self.bodies.state["x_m"], self.bodies.state["y_m"]
             for robot in ranging:
                 robot.ranges.measure(robot.body.pose, self._hulls)
             for robot in due:

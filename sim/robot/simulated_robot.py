@@ -88,7 +88,7 @@ class SimulatedRobot:
         self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
         self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
         self.scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
-        self.scan_phase = index % self.scan_period_ticks
+        self.scan_phase = index % self.scan_period_ticks if spec.has_lidar else -1
         """A turn of the lidar is complete with each tick that leaves this when it is divided by the period."""
         self.controller = MotorController(self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors)
         self.ranges = RangeSensors(

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import msgspec
 import zenoh
@@ -18,10 +18,13 @@ import zenoh
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import MAP_YAML_ATTACHMENT, RunSetup
+from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
+from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
+from robrain.sim.links.link_spec import LinkSpec, check_alone
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.lockstep.result import RobotResult, RunResult
@@ -32,6 +35,7 @@ from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.scenarios.driving import Progress, drive
 from robrain.sim.scenarios.scenario_file import (
     MAX_MOTES,
     MAX_ROBOTS,
@@ -40,29 +44,22 @@ from robrain.sim.scenarios.scenario_file import (
     ScenarioTable,
     ScenarioTables,
     TeamTable,
+    builtin_folder,
     parse_scenario,
     read_builtin,
     read_scenario_file,
     written_scenario,
 )
+from robrain.sim.traffic.specs import TrafficSpec
+from robrain.sim.traffic.traffic import plan_traffic
 from robrain.sim.world.arena import RobotHardware, clearance_m
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
+from robrain.sim.world.robot_specs import RobotSpec
+from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 from robrain.sim.world.world import World, build_world
 
-CURVE_STEP_S = 5.0
-MILESTONES_PERCENT = (50, 90, 95, 99)
-"""Explored shares whose times a result tells."""
 MAX_SEED = (1 << 63) - 1
-
-
-class Progress(NamedTuple):
-    """Progress of a run, reported about ten times per second of wall time."""
-
-    sim_time_s: float
-    wall_time_s: float
-    explored_fraction: float
-    messages: int
 
 
 class Scenario(msgspec.Struct, frozen=True, kw_only=True):
@@ -86,12 +83,26 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     chargers: tuple[ChargerSpec, ...] = ()
     planning: PlanningPolicy = PlanningPolicy()
     """Objective and parameters of the coordinator's plans."""
+    rules: tuple[Rule, ...] = ()
+    """Tasks that the coordinator makes when something is sensed."""
     faults: tuple[FaultSpec, ...] = ()
     """Hardware faults and their times."""
     surfaces: SurfaceSpec = SurfaceSpec()
     """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()
     """Late frames and scans, paused agents."""
+    tasks: tuple[TaskSpec, ...] = ()
+    """What the scenario itself asks of the team."""
+    traffic: TrafficSpec = TrafficSpec()
+    """Doors, moving obstacles and people."""
+    mote_places: tuple[tuple[float, float], ...] = ()
+    """Places of the first motes, x and y in the arena frame; the others are drawn from the seed."""
+    roster: tuple[RobotSpec, ...] = ()
+    """What the first robots are, where they differ from `hardware`."""
+    about: str = ""
+    """What it shows, in one sentence."""
+    links: LinkSpec | None = None
+    """The radio between robots and coordinator; None if everybody hears everybody."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -114,11 +125,15 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             raise ScenarioError(f"{self.name}: expected either near or scattered starts, got both")
         if self.near is not None and not (math.isfinite(self.near.x_m) and math.isfinite(self.near.y_m)):
             raise ScenarioError(f"{self.name}: expected finite coordinates for near, got {self.near}")
+        try:
+            check_tasks(self.tasks)
+        except ValueError as error:
+            raise ScenarioError(f"{self.name}: {error}") from error
 
     @classmethod
     def builtin(cls, name: str) -> Self:
         """A scenario that comes with robrain, such as `depot` (ScenarioError if there is none of that name)."""
-        return cls._from_tables(*read_builtin(name), base=Path())
+        return cls._from_tables(*read_builtin(name), base=builtin_folder())
 
     @classmethod
     def from_file(cls, path: Path | str) -> Self:
@@ -153,9 +168,12 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         assert floor is not None  # ScenarioTables has checked it
         return cls(
             name=tables.scenario.name,
+            about=tables.scenario.about,
             floor=floor,
-            robots=tables.team.robots,
-            motes=tables.motes.count,
+            robots=tables.robot_count,
+            roster=tables.robots,
+            motes=max(tables.motes.count, len(tables.motes.places_m)),
+            mote_places=tables.motes.places_m,
             near=Point2D(*tables.team.near_m) if tables.team.near_m is not None else None,
             starts=tables.team.starts,
             starts_known=tables.team.starts_known,
@@ -163,9 +181,13 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             network=tables.network,
             chargers=tables.chargers,
             planning=tables.planning,
+            rules=tables.rules,
             faults=tables.faults,
             surfaces=tables.surfaces,
             disturbance=tables.disturbance,
+            tasks=tables.tasks,
+            traffic=tables.traffic,
+            links=tables.links,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -176,19 +198,30 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         """The scenario as a scenario file with every key; a floor from a map file is named `map.yaml` in it."""
         near_m = (self.near.x_m, self.near.y_m) if self.near is not None else None
         tables = ScenarioTables(
-            scenario=ScenarioTable(self.name, self.seed, self.until_explored, self.time_limit_s),
+            scenario=ScenarioTable(self.name, self.about, self.seed, self.until_explored, self.time_limit_s),
             floor=None if isinstance(self.floor, Path) else self.floor,
             map=MapTable(MAP_YAML_ATTACHMENT) if isinstance(self.floor, Path) else None,
             team=TeamTable(self.robots, near_m, self.starts, self.starts_known),
-            motes=MotesTable(count=self.motes, **msgspec.structs.asdict(self.network.motes)),
+            motes=MotesTable(
+                count=self.motes,
+                places_m=self.mote_places[: self.motes],
+                **msgspec.structs.asdict(self.network.motes),
+            ),
             radio=self.network.radio,
             field=self.network.field,
             robot=self.hardware,
             chargers=self.chargers,
             planning=self.planning,
+            rules=self.rules,
             faults=self.faults,
             surfaces=self.surfaces,
             disturbance=self.disturbance,
+            tasks=self.tasks,
+            doors=self.traffic.doors,
+            movers=self.traffic.movers,
+            people=self.traffic.people,
+            links=self.links,
+            robots=self.roster,
         )
         return written_scenario(tables)
 
@@ -212,10 +245,24 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         try:
             plan, chargers = self.plan(), self.chargers
             world = build_world(
-                plan, self.robots, self.motes, self.near, self.seed, self.hardware, self.network, chargers, self.starts
+                plan,
+                self.robots,
+                self.motes,
+                self.near,
+                self.seed,
+                self.hardware,
+                self.network,
+                chargers,
+                self.starts,
+                self.mote_places,
+                self.roster,
             )
+            discs = [robot.disc for robot in world.robots]
+            traffic = plan_traffic(self.traffic, plan, discs, self.seed) if self.traffic.is_on else None
         except MapError as error:
             raise ScenarioError(str(error)) from error
+        if self.links is not None:
+            self.links.check_names([robot.name for robot in world.robots], self.name)
         for fault in self.faults:
             if fault.robot not in (robot.name for robot in world.robots):
                 names = f"r1 to r{self.robots}"
@@ -231,9 +278,19 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             surfaces=self.surfaces,
             disturbance=self.disturbance,
             starts_known=self.starts_known,
+            tasks=self.tasks,
+            traffic=traffic,
+            links=self.links,
         )
 
-    def team(self, *, seed: int | None = None, record: Path | str | None = None, by: str = "script") -> Team:
+    def team(
+        self,
+        *,
+        seed: int | None = None,
+        record: Path | str | None = None,
+        by: str = "script",
+        party: str = EVERYWHERE,
+    ) -> Team:
         """The scenario's team in lockstep, for a script; close it, or use it in a `with` block.
 
         Equal seeds and equal calls give equal runs. Time passes only within the methods of `Team` that wait.
@@ -242,6 +299,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             seed: of all random numbers; the scenario's own if None.
             record: MCAP file to write.
             by: name of the client in the records.
+            party: whose radio the script uses, with `[links]`: `coordinator`, or a robot's name; by default it hears
+                and is heard everywhere.
 
         Raises:
             RobrainError: the scenario cannot be simulated, or a file not opened; the text says why.
@@ -250,7 +309,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         scenario = self if seed is None else self.replace(seed=seed)
         world = scenario.world()
         warm_up()
-        return Team(LockstepTransport(scenario.open(world, record=record, is_script=True)), by=by)
+        return Team(LockstepTransport(scenario.open(world, record=record, is_script=True), party=party), by=by)
 
     def run(
         self,
@@ -287,6 +346,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         until = self.until_explored if until_explored is None else until_explored
         limit_s = self.time_limit_s if time_limit_s is None else time_limit_s
         setup = Pacer(0.0)
+        check_alone(self.links, self.name, is_alone=listen is None and session is None)
         world = self.world()
         if before_set_up is not None:
             before_set_up(world)
@@ -304,10 +364,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             warm_up(only_at_start=True)
             setup_time_s = setup.wall_time_s
             pacer = Pacer(speed)
-            ended, curve, milestones = _drive(run, until, limit_s, pacer, on_progress)
+            ended, curve, milestones = drive(run, until, limit_s, pacer, on_progress)
             wall_time_s = pacer.wall_time_s
             run.arena.accuracy.measure_map()
-            truth, left = run.truth, run.floor_left()
+            truth, left, tasks = run.truth, run.floor_left(), run.arena.tasks.outcomes()
         finally:
             summary = run.close()
         assert summary is not None  # the run was built, so it has a recorder
@@ -347,6 +407,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             messages=summary.messages,
             outside_messages=summary.outside,
             mote_readings=run.mote_readings,
+            tasks=tasks,
+            links=run.links,
             recording=str(summary.path) if summary.path is not None else None,
             digest=summary.digest,
         )
@@ -388,49 +450,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             listen=listen,
             session=session,
             planning=self.planning,
+            rules=self.rules,
             should_stop=should_stop,
             setup=setup,
         )
-
-
-def _drive(
-    run: LockstepRun,
-    until_explored: float,
-    time_limit_s: float,
-    pacer: Pacer,
-    on_progress: Callable[[Progress], None] | None,
-) -> tuple[str, list[tuple[float, float]], dict[int, float]]:
-    curve: list[tuple[float, float]] = [(0.0, 0.0)]
-    milestones: dict[int, float] = {}
-    told_s = -1.0
-    with StopOnInterrupt() as interrupt:
-        while True:
-            run.tick()
-            sim_time_s, explored = run.sim_time_s, run.explored_fraction
-            if sim_time_s - curve[-1][0] >= CURVE_STEP_S - 1e-9:
-                curve.append((round(sim_time_s, 3), explored))
-            while len(milestones) < len(MILESTONES_PERCENT) and 100 * explored >= MILESTONES_PERCENT[len(milestones)]:
-                milestones[MILESTONES_PERCENT[len(milestones)]] = round(sim_time_s, 3)
-            if on_progress is not None and pacer.wall_time_s - told_s > 0.1:
-                told_s = pacer.wall_time_s
-                on_progress(Progress(sim_time_s, told_s, explored, run.messages))
-            ended = why_ended(run, until_explored, time_limit_s, interrupted=interrupt.requested)
-            if ended:
-                break
-            pacer.wait(sim_time_s)
-    if curve[-1][0] != round(sim_time_s, 3):
-        curve.append((round(sim_time_s, 3), explored))
-    if on_progress is not None:
-        on_progress(Progress(sim_time_s, pacer.wall_time_s, explored, run.messages))
-    return ended, curve, milestones
-
-
-def why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
-    """Why a run ends now: `interrupted`, `explored`, `time_limit` or `nothing_left`; empty while it goes on."""
-    if interrupted:
-        return "interrupted"
-    if run.explored_fraction >= until_explored:
-        return "explored"
-    if run.sim_time_s >= time_limit_s - 1e-9:
-        return "time_limit"
-    return "nothing_left" if run.nothing_left else ""

@@ -20,6 +20,7 @@ def scenario_document(scenario: Scenario) -> dict[str, Any]:
     tables = ScenarioTables(
         scenario=ScenarioTable(
             name=scenario.name,
+            about=scenario.about,
             seed=scenario.seed,
             until_explored=scenario.until_explored,
             time_limit_s=scenario.time_limit_s,
@@ -32,7 +33,7 @@ def scenario_document(scenario: Scenario) -> dict[str, Any]:
             starts=scenario.starts,
             starts_known=scenario.starts_known,
         ),
-        motes=MotesTable(**motes, count=scenario.motes),
+        motes=MotesTable(**motes, count=scenario.motes, places_m=scenario.mote_places[: scenario.motes]),
         radio=scenario.network.radio,
         field=scenario.network.field,
         robot=scenario.hardware,
@@ -41,6 +42,11 @@ def scenario_document(scenario: Scenario) -> dict[str, Any]:
         faults=scenario.faults,
         surfaces=scenario.surfaces,
         disturbance=scenario.disturbance,
+        tasks=scenario.tasks,
+        robots=scenario.roster,
+        doors=scenario.traffic.doors,
+        movers=scenario.traffic.movers,
+        people=scenario.traffic.people,
     )
     found = msgspec.to_builtins(tables)
     assert isinstance(found, dict)

@@ -1,5 +1,6 @@
 """Scenario files: the TOML that describes a floor, a team and its motes."""
 
+import math
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,12 @@ import msgspec
 import numpy as np
 
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.protocol.wire.errors import BadToml
 from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
+from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
@@ -19,12 +22,18 @@ from robrain.sim.motes.field import FieldSpec
 from robrain.sim.motes.mote import MoteSpec
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.motes.radio import RadioModel
+from robrain.sim.scenarios.file_mistakes import unknown_name
 from robrain.sim.spec_checks import check_above_zero, check_within
+from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
+from robrain.sim.world.robot_specs import RobotSpec
+from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 
 MAX_ROBOTS = 1000
+ROBOTS = 4
+"""Of a team, if the file does not say."""
 MAX_MOTES = 10000
 
 
@@ -33,6 +42,8 @@ class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str
     """Name in results and recordings."""
+    about: str = ""
+    """What it shows, in one sentence; `robrain scenarios` prints it."""
     seed: int = 1
     """Seed of all random numbers."""
     until_explored: float = 0.98
@@ -58,8 +69,8 @@ class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[team]`: the robots and their starts."""
 
-    robots: int = 4
-    """Number of robots, named `r1`, `r2` …"""
+    robots: int | None = None
+    """Number of robots, named `r1`, `r2` …; as many as there are `[[robots]]` if absent, or 4."""
     near_m: tuple[float, float] | None = None
     """Point around which the robots start; if absent, where there is most room."""
     starts: Starts = Starts.TOGETHER
@@ -70,18 +81,23 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if self.starts is Starts.SCATTERED and self.near_m is not None:
             raise ValueError("expected either near_m or scattered starts, got both")
-        check_within(self, 1, MAX_ROBOTS, "robots")
+        if self.robots is not None:
+            check_within(self, 1, MAX_ROBOTS, "robots")
 
 
 class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[motes]`: number and kind of the sensor motes."""
 
     count: int = 0
-    """Number of motes, named `m1`, `m2` …"""
+    """Number of motes, named `m1`, `m2` …; at least as many as there are `places_m`."""
+    places_m: tuple[tuple[float, float], ...] = ()
+    """Places of the first motes; those of the others are drawn from the seed."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_within(self, 0, MAX_MOTES, "count")
+        if not all(math.isfinite(number) for place in self.places_m for number in place):
+            raise ValueError("expected finite coordinates in places_m")
 
 
 class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -97,13 +113,32 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robot: RobotHardware = RobotHardware()
     chargers: tuple[ChargerSpec, ...] = ()
     planning: PlanningPolicy = PlanningPolicy()
+    rules: tuple[Rule, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
     surfaces: SurfaceSpec = SurfaceSpec()
     disturbance: DisturbanceSpec = DisturbanceSpec()
+    tasks: tuple[TaskSpec, ...] = ()
+    robots: tuple[RobotSpec, ...] = ()
+    doors: tuple[DoorSpec, ...] = ()
+    movers: tuple[MoverSpec, ...] = ()
+    people: tuple[PeopleSpec, ...] = ()
+    links: LinkSpec | None = None
 
     def __post_init__(self) -> None:
         if (self.floor is None) == (self.map is None):
             raise ValueError("expected either [floor] or [map]")
+        check_tasks(self.tasks)
+        check_rules(self.rules)
+
+    @property
+    def robot_count(self) -> int:
+        """Number of robots."""
+        return self.team.robots or len(self.robots) or ROBOTS
+
+    @property
+    def traffic(self) -> TrafficSpec:
+        """What `[[doors]]`, `[[movers]]` and `[[people]]` say."""
+        return TrafficSpec(doors=self.doors, movers=self.movers, people=self.people)
 
     @property
     def network(self) -> SensorNetwork:
@@ -135,6 +170,11 @@ def builtin_names() -> list[str]:
     """The scenarios that come with robrain."""
     files = resources.files("robrain.sim.scenarios").iterdir()
     return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+
+
+def builtin_folder() -> Path:
+    """Folder of the scenarios that come with robrain; their maps are beside them."""
+    return Path(str(resources.files("robrain.sim.scenarios")))
 
 
 def read_builtin(name: str) -> tuple[ScenarioTables, str]:
@@ -174,10 +214,14 @@ def parse_scenario(text: str, where: str) -> ScenarioTables:
 
     """
     try:
-        return msgspec.convert(parse_toml(text, LARGE), ScenarioTables)
+        document = parse_toml(text, LARGE)
     except BadToml as error:
         raise ScenarioError(f"{where}: {error}") from error
+    try:
+        return msgspec.convert(document, ScenarioTables)
     except msgspec.ValidationError as error:
+        if unknown := unknown_name(document, ScenarioTables):
+            raise ScenarioError(f"{where}: {unknown}") from error
         what, _, key = str(error).partition(" - at `$")
         key = key.rstrip("`").lstrip(".")
         raise ScenarioError(f"{where}: {f'{key}: ' if key else ''}{what}") from error

@@ -6,11 +6,13 @@ once a tick and moves the clock that stamps what is sent.
 
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 import pymunk
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.ray_cast import SOLID
 from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
@@ -35,10 +37,12 @@ from robrain.sim.robot.robot_body import (
 from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
+from robrain.sim.traffic.traffic import SeenWalls, Traffic, TrafficPlan
 from robrain.sim.world.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
 from robrain.sim.world.chargers import Chargers, ChargerSpec
 from robrain.sim.world.fault_injection import FaultSchedule, FaultSpec
 from robrain.sim.world.referee import Referee, team_geometry
+from robrain.sim.world.scenario_tasks import TaskSchedule, TaskSpec
 from robrain.sim.world.sensor_desk import CameraDesk, SensorDesk
 
 __all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
@@ -65,6 +69,8 @@ class Arena:
         faults: what breaks, and when.
         surfaces: glass and mirrors among the walls; None if there are none.
         disturbance: delays of frames and scans; None for no delays.
+        tasks: what the scenario asks of the team, and when.
+        traffic: doors, moving obstacles and people; None if there are none.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -85,6 +91,8 @@ class Arena:
         faults: Sequence[FaultSpec] = (),
         surfaces: Surfaces | None = None,
         disturbance: Disturbance | None = None,
+        tasks: Sequence[TaskSpec] = (),
+        traffic: TrafficPlan | None = None,
     ) -> None:
         names = [robot.name for robot in robots]
         _check_names(names, "robot")
@@ -99,7 +107,7 @@ class Arena:
         self._space.collision_bias = OVERLAP_LEFT_PER_TICK ** (1.0 / tick_s)
         add_walls(self._space, plan, collision_type=WALL_COLLISION)
 
-        walls = plan.occupied.copy()
+        walls, true_walls = plan.occupied.copy(), plan.occupied.copy()
         rows, columns = walls.shape
         geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
         self._robots: list[SimulatedRobot] = []
@@ -113,11 +121,20 @@ class Arena:
         except BaseException:
             self.close()  # the caller has no arena to close
             raise
-        self._team = RobotTeam(self._robots, self._space, tick_s)
+        self._traffic = None
+        if traffic is None:
+            self._team = RobotTeam(self._robots, self._space, tick_s)
+        else:
+            seen: list[SeenWalls] = [(walls, 1)]
+            if surfaces is not None:
+                seen.append((surfaces.cells, SOLID))
+            self._traffic = Traffic(traffic, plan, self._space, seen, [robot.disc for robot in robots], tick_s)
+            self._team = RobotTeam(self._robots, self._space, tick_s, self._traffic.bodies, self._traffic.circles)
         self._bodies = self._team.bodies.bodies
         self.chargers = Chargers(chargers, tick_s)
         self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
-        self._collisions = CollisionCounter(self._space, self._team.bodies, tick_s)
+        shapes = self._traffic.shapes if self._traffic is not None else ()
+        self._collisions = CollisionCounter(self._space, self._team.bodies, tick_s, shapes)
 
         field = Field.draw(network.field, plan, field_rng)
         self._motes = MoteField(motes, names, network, field, endpoint, motes_rng, tick_s)
@@ -139,8 +156,9 @@ class Arena:
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
         self.referee = Referee(plan, starts, least_clearance_m(radius_m), team_geometry(plan), endpoint)
-        self.accuracy = AccuracyWatch(names, self._bodies, self.referee, walls, geometry, endpoint)
+        self.accuracy = AccuracyWatch(names, self._bodies, self.referee, true_walls, geometry, endpoint)
         self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
+        self.tasks = TaskSchedule(tasks, endpoint)
         self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(ARENA_TRUTH)
         self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
@@ -181,6 +199,7 @@ class Arena:
             motes=self._mote_truths,
             explored_fraction=self.referee.explored_fraction,
             map_accuracy=self.accuracy.map_accuracy,
+            bodies=self._traffic.truth() if self._traffic is not None else msgspec.UNSET,
         )
 
     def step(self) -> None:
@@ -188,6 +207,9 @@ class Arena:
         if self._faults.is_on:
             self._faults.step(self.sim_time_s)
         tick = self._ticks + 1
+        if self._traffic is not None:
+            hulls = [(body.x_m, body.y_m, body.radius_m) for body in self._bodies]
+            self._traffic.step(tick * self.tick_s, hulls, self._team.bodies.other_velocities, self._team.circles)
         self._team.act(tick)
         self._space.step(self.tick_s)
         self._ticks = self._collisions.tick = tick
@@ -195,6 +217,8 @@ class Arena:
         self._team.report(tick)
         self._team.sense(tick)
         self._motes.step(self._bodies)
+        if self.tasks.is_on:
+            self.tasks.step(self.sim_time_s)
         if self._ticks % self._clock_period_ticks == 0:
             self._clock_publisher.put(ArenaClock(sim_time_s=self.sim_time_s))
         if self._ticks % self._true_pose_period_ticks == 0:

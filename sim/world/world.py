@@ -4,6 +4,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -18,18 +19,21 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
+from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.maps.placement import Starts, scatter_points, scatter_poses, spawn_poses
+from robrain.sim.maps.placement import Starts, scatter_points
 from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.traffic.traffic import TrafficPlan
 from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.fault_injection import FaultSpec
 from robrain.sim.world.referee import team_geometry
+from robrain.sim.world.robot_specs import LIDAR_PLUGIN, RobotSpec, check_places, merged, start_poses
+from robrain.sim.world.scenario_tasks import TaskSpec
 
-ROBOT_SPACING_M = 0.7
 MOTE_CLEARANCE_M = 0.1
 
 
@@ -51,6 +55,12 @@ class World:
     """Late frames and scans, paused agents."""
     starts_known: bool = True
     """Whether robots are told where they start; if not, only the first robot is."""
+    tasks: tuple[TaskSpec, ...] = ()
+    """What the scenario asks of the team."""
+    traffic: TrafficPlan | None = None
+    """Doors, moving obstacles and people; None if there are none."""
+    links: LinkSpec | None = None
+    """Who hears whom; None if everybody hears everybody."""
 
     def arena(self, endpoint: Endpoint) -> Arena:
         """An arena with all of it, that speaks by this endpoint."""
@@ -65,6 +75,8 @@ class World:
             faults=self.faults,
             surfaces=None if self.surfaces.is_plain else Surfaces.draw(self.surfaces, self.plan, self.seed),
             disturbance=Disturbance(self.disturbance, self.seed),
+            tasks=self.tasks,
+            traffic=self.traffic,
         )
 
     def arena_rng(self) -> np.random.Generator:
@@ -80,36 +92,40 @@ class World:
             start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)
         # An exact odometry is better than cells of 0.1 m can tell; late frames and pauses make any odometry inexact.
         slack_cells = 0.5 if robot.wheels.is_exact and not self.disturbance.is_on else 0.0
-        return RobotFile(
-            robot=RobotTable(robot.name, team),
-            zenoh=ZenohTable(connect=list(connect)),
-            parameters={
-                "localisation": {
-                    "x_m": start.x_m,
-                    "y_m": start.y_m,
-                    "yaw_rad": start.yaw_rad,
-                    **({} if is_known else {"start_known": False}),
-                    "wall_slack_cells": slack_cells,
-                },
-                "mapper": {
-                    "resolution_m": geometry.resolution_m,
-                    "origin_x_m": geometry.origin_x_m,
-                    "origin_y_m": geometry.origin_y_m,
-                    "width_m": geometry.width * geometry.resolution_m,
-                    "height_m": geometry.height * geometry.resolution_m,
-                    "closure_slack_m": slack_cells * geometry.resolution_m,
-                    **({} if robot.lidar.dropout else {"submap": {"misses_min": 1}}),
-                },
-                "battery": {"capacity_wh": robot.battery.capacity_wh},
-                "mocdevice": {
-                    "radius_m": robot.radius_m,
-                    "base": msgspec.structs.asdict(robot.base),
-                    **_stamped_at(self.disturbance),
-                },
-                **_range_sensors(robot),
-                **_home(self.chargers),
-                "obstacle_distance": {"radius_m": robot.radius_m},
+        of_world: dict[str, dict[str, Any]] = {
+            "localisation": {
+                "x_m": start.x_m,
+                "y_m": start.y_m,
+                "yaw_rad": start.yaw_rad,
+                **({} if is_known else {"start_known": False}),
+                "wall_slack_cells": slack_cells,
             },
+            "mapper": {
+                "resolution_m": geometry.resolution_m,
+                "origin_x_m": geometry.origin_x_m,
+                "origin_y_m": geometry.origin_y_m,
+                "width_m": geometry.width * geometry.resolution_m,
+                "height_m": geometry.height * geometry.resolution_m,
+                "closure_slack_m": slack_cells * geometry.resolution_m,
+                **({} if robot.lidar.dropout else {"submap": {"misses_min": 1}}),
+            },
+            "battery": {"capacity_wh": robot.battery.capacity_wh},
+            "mocdevice": {
+                "radius_m": robot.radius_m,
+                "base": msgspec.structs.asdict(robot.base),
+                **_stamped_at(self.disturbance),
+            },
+            **_range_sensors(robot),
+            **_home(self.chargers),
+            "obstacle_distance": {"radius_m": robot.radius_m},
+            **(self.links.idle_parameters(start) if self.links is not None and is_known and not connect else {}),
+        }
+        return RobotFile(
+            robot=RobotTable(
+                robot.name, team, load=None if robot.load is None else list(robot.load), consensus=robot.consensus
+            ),
+            zenoh=ZenohTable(connect=list(connect)),
+            parameters=merged(of_world, robot.plugins),
         )
 
     def map_yaml(self) -> str:
@@ -137,32 +153,57 @@ def build_world(
     network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
     chargers: Sequence[ChargerSpec] = (),
     starts: Starts = Starts.TOGETHER,
+    mote_places: Sequence[tuple[float, float]] = (),
+    specs: Sequence[RobotSpec] = (),
 ) -> World:
-    """Put robots and motes on a floor; `near` counts for robots that start together.
+    """Put robots and motes on a floor.
+
+    `near` counts for robots that start together, `mote_places` for the first motes, `specs` for the first robots.
 
     Raises:
         PlacementError: they do not fit.
 
     """
     rng = np.random.default_rng([seed, 0])
-    if starts is Starts.SCATTERED:
-        poses = scatter_poses(plan, robots, hardware.radius_m, rng=rng, spacing_m=ROBOT_SPACING_M)
-    else:
-        poses = spawn_poses(plan, robots, hardware.radius_m, near=near, rng=rng, spacing_m=ROBOT_SPACING_M)
+    built = [spec.built(hardware) for spec in specs[:robots]] + [hardware] * (robots - len(specs))
+    radii_m = [each.radius_m for each in built]
+    check_places(plan, specs[:robots], radii_m)
+    poses = start_poses(plan, specs[:robots], radii_m, near, starts, rng)
     arena_robots = [
-        ArenaRobot(name=f"r{number}", start=pose, **msgspec.structs.asdict(hardware))
-        for number, pose in enumerate(poses, 1)
+        ArenaRobot(name=f"r{number}", start=pose, **(msgspec.structs.asdict(each) | _software(specs, number)))
+        for number, (pose, each) in enumerate(zip(poses, built, strict=True), 1)
     ]
-    reachable = plan.reachable([Point2D(pose.x_m, pose.y_m) for pose in poses], hardware.radius_m)
+    reachable = plan.reachable([Point2D(pose.x_m, pose.y_m) for pose in poses], min(radii_m))
     for charger in chargers:
         _check_charger(charger, plan, hardware.radius_m)
-    places: list[Point2D] = []
-    if motes:
+    places = [_mote_place(plan, place) for place in mote_places[:motes]]
+    if drawn := motes - len(places):
         area_m2 = float(reachable.sum()) * plan.resolution_m**2
-        spacing_m = 0.7 * math.sqrt(area_m2 / motes)
-        places = scatter_points(plan, motes, reachable, rng=rng, min_clearance_m=MOTE_CLEARANCE_M, spacing_m=spacing_m)
+        spacing_m = 0.7 * math.sqrt(area_m2 / drawn)
+        places += scatter_points(plan, drawn, reachable, rng=rng, min_clearance_m=MOTE_CLEARANCE_M, spacing_m=spacing_m)
     arena_motes = [ArenaMote(name=f"m{number}", number=number, place=place) for number, place in enumerate(places, 1)]
     return World(plan, arena_robots, arena_motes, seed, network, tuple(chargers))
+
+
+def _software(specs: Sequence[RobotSpec], number: int) -> dict[str, Any]:
+    """What a robot's plugins are, as fields of `ArenaRobot`; nothing for one like the others."""
+    if number > len(specs):
+        return {}
+    spec = specs[number - 1]
+    load = spec.load
+    has_lidar = load is None or LIDAR_PLUGIN in load
+    return {"load": None if load is None else tuple(load), "plugins": spec.parameters, "has_lidar": has_lidar}
+
+
+def _mote_place(plan: FloorPlan, place_m: tuple[float, float]) -> Point2D:
+    if not plan.contains_free(*place_m):
+        x_m, y_m = place_m
+        raise PlacementError(
+            f"expected free floor of {plan.name} for the mote at x {x_m:g}, y {y_m:g}; move it in [motes] places_m",
+            asked=1,
+            found=0,
+        )
+    return Point2D(*place_m)
 
 
 def _check_charger(charger: ChargerSpec, plan: FloorPlan, radius_m: float) -> None:

@@ -6,7 +6,9 @@ from robrain.agent.task_desk import RESULT_BYTES_MAX, TaskDesk
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.team_messages import RobotSummary, TeamState
 from robrain.protocol.wire.reasons.offers import EpochOld, Occupied
+from robrain.protocol.wire.reasons.robots import NotHeard
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 SILENT = "the coordinator is silent, the lease ran out"
@@ -249,3 +251,58 @@ def test_remaining_time_is_reported_while_the_task_runs_and_is_never_negative(de
     assert desk.standing(0).task.left_s is None
     desk.offer(offer("t1", epoch=2), 0)  # the same task again: the old estimate does not apply
     assert desk.standing(0).task.left_s is None
+
+
+def summary(*robots: RobotSummary) -> TeamState:
+    return TeamState(robots=list(robots))
+
+
+def test_lease_counts_from_the_state_that_the_coordinator_heard_last(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    for second in range(1, 30):
+        desk.hear_coordinator(summary(RobotSummary(name="r1", up=True, age_s=1.0)), "r1", to_ns(second))
+        desk.check_lease(to_ns(second + 4))
+    assert explorer.let_go_of == []
+    desk.check_lease(to_ns(29 + 4) + 1)
+    assert desk.status.state is TaskState.CANCELLED
+
+
+def test_robot_that_hears_and_is_not_heard_lets_go_of_its_task(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    for second in range(1, 6):
+        desk.hear_coordinator(summary(RobotSummary(name="r1", up=False, age_s=float(second))), "r1", to_ns(second))
+        desk.check_lease(to_ns(second))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.status.state is TaskState.CANCELLED
+
+
+@pytest.mark.parametrize(
+    "robots",
+    [
+        [],
+        [RobotSummary(name="r2", up=True, age_s=0.1)],
+        [RobotSummary(name="r1", up=False, age_s=1e6, out=NotHeard())],  # its token came before its state
+    ],
+)
+def test_coordinator_that_has_just_begun_to_listen_renews_the_lease(desk, explorer, robots):
+    desk.offer(offer(lease_s=5.0), 0)
+    desk.hear_coordinator(summary(*robots), "r1", to_ns(4))
+    desk.check_lease(to_ns(9))
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_lease_is_renewed_when_the_clock_was_set_back(desk, explorer):
+    desk.offer(offer(lease_s=5.0), to_ns(1000))
+    desk.hear_coordinator(summary(RobotSummary(name="r1", up=True, age_s=0.1)), "r1", to_ns(10))
+    desk.check_lease(to_ns(16))
+    assert desk.status.state is TaskState.CANCELLED
+
+
+def test_clock_that_is_set_back_does_not_lengthen_the_lease(desk, explorer):
+    desk.offer(offer(lease_s=5.0), to_ns(100))
+    desk.check_lease(to_ns(40))
+    desk.check_lease(to_ns(45))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(45) + 1)
+    assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, SILENT)

@@ -56,7 +56,7 @@ PICTURES = 120
 CHANGED = 0.002
 """As in the monitor's manifest."""
 OURS = {
-    *("visit", "inspect", "collect", "relay", "monitor", "sense", "replace", "recharge", "wander", "idle"),
+    *("visit", "inspect", "collect", "relay", "monitor", "sense", "seek", "replace", "recharge", "wander", "idle"),
     *("camera", "sensor_board", "home", "counter"),
 }
 KNOWN = {"home": {"chargers": [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.0}]}}

@@ -56,7 +56,7 @@ PARTS: list[tuple[type, str, str]] = [
 ]
 """Class, method, part."""
 RESTING = {
-    *("visit", "inspect", "collect", "relay", "monitor", "sense", "replace", "recharge", "wander", "idle"),
+    *("visit", "inspect", "collect", "relay", "monitor", "sense", "seek", "replace", "recharge", "wander", "idle"),
     *("camera", "sensor_board", "home", "counter", "command", "mote_ranges"),
 }
 """Plugins that are almost idle while a team explores, counted as one part."""

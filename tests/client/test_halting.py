@@ -26,6 +26,7 @@ class ScriptedTransport:
     said: list[RobotState] = field(default_factory=list)
     drive = Drive.LOCKSTEP
     team = "default"
+    party = ""
     patience_s = 0.0
     gather_s = 0.0
 

@@ -1,6 +1,6 @@
 """A team as the coordinator hears it: fake robots on a lockstep session."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -11,6 +11,7 @@ import zenoh
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -167,14 +168,14 @@ class Team:
         self._ticks = 0
         self._stamp_ms = 0
 
-    def begin(self, journal: Journal | None, policy: PlanningPolicy | None = None) -> None:
+    def begin(self, journal: Journal | None, policy: PlanningPolicy | None = None, rules: Sequence[Rule] = ()) -> None:
         """A coordinator takes over; the one before has ended, as by a kill: it never says another word."""
         if self._coordinator_wire is not None:
             self._coordinator_wire.close()
         if journal is None:  # one that remembers nothing counts its changes anew
             self._told.clear()
         self._coordinator_wire = self.endpoint()
-        self.coordinator = Coordinator(self._coordinator_wire, journal, policy)
+        self.coordinator = Coordinator(self._coordinator_wire, journal, policy, rules)
 
     def submit(self, task: Task, **fields: Any) -> TaskRecord:
         return self.ask(TASK_SUBMIT, TaskSubmission(task=task, **fields))

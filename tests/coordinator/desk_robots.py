@@ -77,9 +77,9 @@ class DeskRobot(FakeRobot):
         if self.stopped:
             return
         now_ns = self._now_ns
-        heard = self._inbox.drain()
-        if heard and not self.isolated:
-            self.desk.coordinator_heard_ns = now_ns
+        for received in self._inbox.drain():
+            if not self.isolated:
+                self.desk.hear_coordinator(received.message, self.name, now_ns)
         if self.halted:
             self.desk.halted()
         self.desk.check_lease(now_ns)

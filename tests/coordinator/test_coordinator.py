@@ -357,6 +357,7 @@ def test_by_default_a_robot_keeps_its_goal_to_the_end(team):
 def test_a_goal_is_revised_when_another_has_become_much_nearer(team):
     team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
     robot = team.robot("r1", 4.0)
+    team.robot("r2", 4.2).accepts = False
     team.corridor()
     team.run(1.0)
     first = robot.offers[0].task
@@ -371,9 +372,20 @@ def test_a_goal_is_revised_when_another_has_become_much_nearer(team):
     assert team.summary.tasks_open == 1
 
 
+def test_a_robot_that_explores_alone_keeps_its_goal(team):
+    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
+    robot = team.robot("r1", 4.0)
+    team.corridor()
+    team.run(1.0)
+    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
+    team.run(3.0)
+    assert len(robot.offers) == 1
+
+
 def test_a_goal_is_not_revised_for_a_little(team):
     team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
     robot = team.robot("r1", 5.8)
+    team.robot("r2", 4.2).accepts = False
     team.corridor()
     team.run(1.0)
     for x_m in (6.4, 5.4, 6.2, 5.6):
@@ -385,6 +397,7 @@ def test_a_goal_is_not_revised_for_a_little(team):
 def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):
     team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
     robot = team.robot("r1", 4.0)
+    team.robot("r2", 4.2).accepts = False
     team.corridor()
     team.run(1.0)
     first, robot.accepts = robot.task.id, False
@@ -398,6 +411,7 @@ def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):
 def test_a_task_that_a_person_has_submitted_is_never_revised(team):
     team.coordinator.set_policy(PlanningPolicy(revise_s=0.5))
     robot = team.robot("r1", 4.0)
+    team.robot("r2", 4.2).accepts = False
     team.corridor()
     team.submit(Task(id="look", kind="explore", place=Point2D(3.0, robot.pose.y_m)))
     team.run(4.0)

@@ -23,6 +23,7 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL
 from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
+from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.world.fault_injection import FaultKind, FaultSpec
 
@@ -229,6 +230,22 @@ def test_calls_of_other_processes_are_repeated_in_their_tick(tmp_path: Path) -> 
     result = fork(path, tmp_path / "fork.mcap", 3.0)
     assert result.same_whole, result.difference
     assert result.digest == summary.digest
+
+
+def test_run_by_radio_is_repeated_unless_a_script_has_called_its_team(tmp_path: Path) -> None:
+    scenario = Scenario.builtin("arena_small").replace(robots=2, links=LinkSpec(range_m=4.0, loss=0.1))
+    path = tmp_path / "radio.mcap"
+    digest = scenario.run(time_limit_s=3.0, record=path).digest
+    result = fork(path, tmp_path / "fork.mcap", 2.0)
+    assert result.same_whole, result.difference
+    assert result.digest == digest
+    called = tmp_path / "called.mcap"
+    with scenario.team(record=called) as team:
+        team.run_for(1.0)
+        team.call("r1", "driver", "stop")
+    with pytest.raises(UsageError, match=r"a run with \[links\] can be forked only if no script has called its team"):
+        fork(called, tmp_path / "no.mcap", 0.5)
+    assert not (tmp_path / "no.mcap").exists()
 
 
 @pytest.fixture(scope="module")

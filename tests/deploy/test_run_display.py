@@ -1,7 +1,8 @@
 """The lines on map and positions at the end of a run."""
 
-from robrain.deploy.run.run_display import accuracy_lines
+from robrain.deploy.run.run_display import accuracy_lines, links_line
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.wire.messages.arena_messages import LinkCounters
 
 
 def test_nothing_is_said_of_what_was_not_measured() -> None:
@@ -27,3 +28,11 @@ def test_worst_robots_are_named_and_who_was_lost_or_silently_off() -> None:
     )
     [line] = accuracy_lines(None, {"r1": PoseAccuracy(rmse_m=0.1, max_error_m=0.2)})
     assert line.endswith("silent divergence: none, lost: none")
+
+
+def test_what_became_of_messages_by_radio_is_said() -> None:
+    counters = LinkCounters(delivered=900, out_of_reach=60, lost=30, crowded=7, overflowed=3, asked=12, timed_out=2)
+    assert links_line(counters) == (
+        "radio: 90.0% of 1000 samples delivered; 60 out of reach, 30 lost, 10 dropped; 2 of 12 queries timed out"
+    )
+    assert links_line(LinkCounters()).startswith("radio: no samples sent")

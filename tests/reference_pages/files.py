@@ -9,15 +9,16 @@ import msgspec
 from robrain.agent.host.robot_file import RobotFile
 from robrain.agent.manifest import ManifestTables
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.sim.scenarios.scenario_file import ScenarioTables, builtin_names
+from robrain.sim.scenarios.scenario_file import ScenarioTables
 from tests.reference_pages.markdown import page
 from tests.reference_pages.struct_tables import Struct, struct_table, summary
 
 SCENARIOS = """\
 A scenario is a TOML file that describes a floor, a team and its motes: `robrain run FILE.toml`, or `Scenario.from_file`
 in a script. `[scenario]` is required, and either `[floor]`, a drawing, or `[map]`, a map in the ROS map_server format.
-All other tables are optional. An unknown key is an error that names file and key. Lengths are in metres and angles in
-radians, in the arena frame. Built in are {builtin}.
+All other tables are optional. An unknown key is an error that names file, table and key, with those that there are.
+Lengths are in metres and angles in radians, in the arena frame. `robrain scenarios` lists the scenarios that come with
+robrain; [Choose or write a scenario](../how-to/scenarios.md) shows them.
 """
 ROBOT_FILES = """\
 `robrain agent ROBOT.toml` runs one robot. Only `[robot] name` is required; `[parameters.PLUGIN]` overrides the
@@ -37,8 +38,7 @@ made.
 
 def scenarios_page() -> str:
     """The whole of docs/reference/scenarios.md."""
-    builtin = " and ".join(f"`{name}`" for name in builtin_names())
-    return page("Scenario files", SCENARIOS.format(builtin=builtin), *file_sections(ScenarioTables))
+    return page("Scenario files", SCENARIOS, *file_sections(ScenarioTables))
 
 
 def robot_files_page() -> str:
@@ -53,7 +53,11 @@ def manifests_page() -> str:
 
 def planning_page() -> str:
     """The whole of docs/reference/planning.md."""
-    return page("Planning files", PLANNING, struct_table(PlanningPolicy))
+    tables = [
+        f"## `{name}` {{#{_anchor(name)}}}\n\n{summary(struct)}\n\n{struct_table(struct)}"
+        for name, struct in _tables(PlanningPolicy, "planning.")
+    ]
+    return page("Planning files", PLANNING, struct_table(PlanningPolicy), *tables)
 
 
 def file_sections(root: Struct) -> list[str]:

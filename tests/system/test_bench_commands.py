@@ -12,7 +12,18 @@ pytestmark = pytest.mark.system
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
     done = commands.run("bench", "--list")
     assert done.returncode == 0, done.stderr
-    names = ["allocation", "responses", "agents", "exploration", "mapping", "joining", "live", "log"]
+    names = [
+        "allocation",
+        "consensus",
+        "responses",
+        "agents",
+        "exploration",
+        "motes",
+        "mapping",
+        "joining",
+        "live",
+        "log",
+    ]
     assert [line.split()[0] for line in done.stdout.splitlines()] == names
 
 
@@ -40,12 +51,19 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["allocation", "--instance", str(R101), "--best", "-1"], ["--best -1", "above 0"]),
         (["allocation", "--best", "3"], ["--best", "--instance"]),
         (["allocation", "--sizes", "9"], ["--sizes 9", "1 to 3"]),
+        (["consensus", "--sizes", "3"], ["--sizes 3", "1 to 2"]),
+        (["consensus", "--seeds", "0"], ["--seeds 0", "at least 1"]),
         (["responses", "--rounds", "0"], ["--rounds 0", "at least 1"]),
         (["agents", "--robots", "0"], ["--robots 0", "at least 1"]),
         (["agents", "--minutes", "0"], ["--minutes 0", "above 0"]),
         (["mapping", "--maps", "moon"], ["--maps moon", "clinic"]),
         (["mapping", "--maps", "clinic", "--jobs", "0"], ["--jobs 0", "at least 1"]),
         (["mapping", "--maps", "clinic", "--conditions", "fog"], ["--conditions fog", "usual or glass or late"]),
+        (["motes", "--ways", "wind"], ["--ways wind", "tree or routes"]),
+        (["motes", "--motes", "0"], ["--motes 0", "1 to 1000"]),
+        (["motes", "--jobs", "0"], ["--jobs 0", "at least 1"]),
+        (["motes", "--goal-days", "0"], ["--goal-days 0", "above 0"]),
+        (["motes", "--motes", "8", "--ways", "tree", "--seeds", "1"], ["--motes 8", "take more"]),
         (["live", "--minutes", "0"], ["--minutes 0", "above 0"]),
         (["live", "--map", "gone.yaml"], ["gone.yaml", "there is none"]),
         (["live", "--map", "depot", "--robots", "0"], ["robots from 1"]),
@@ -58,6 +76,28 @@ def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: l
     assert "Traceback" not in done.stderr
     for text in named:
         assert text in done.stderr
+
+
+def test_life_of_a_mote_field_is_told_with_its_bounds(commands, tmp_path: Path) -> None:
+    file = tmp_path / "motes.json"
+    done = commands.run("bench", "motes", "--seeds", "3", "--ways", "tree,routes,relief", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    assert "first dead d" in done.stdout
+    told = json.loads(file.read_text())
+    assert told["all_kept"]
+    assert [run["case"]["way"] for run in told["runs"]] == ["tree", "routes", "relief"]
+    assert len(told["figures"]) == 2
+
+
+def test_a_team_without_coordinator_is_measured_beside_optimal(commands) -> None:
+    done = commands.run("bench", "consensus", "--sizes", "1", "--seeds", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["all_kept"]
+    assert {figure["kind"] for figure in told["figures"]} == {"deterministic"}
+    gaps = {figure["name"]: figure["value"] for figure in told["figures"] if "gap" in figure["name"]}
+    assert len(gaps) == 3
+    assert min(gaps.values()) < max(gaps.values())
 
 
 def test_responses_of_a_live_robot_are_measured(commands) -> None:

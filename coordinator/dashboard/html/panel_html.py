@@ -147,7 +147,9 @@ def motes_html(view: TeamView) -> str:
         '<tr><th style="width: 24%">Mote</th><th style="width: 42%">Reading</th>'
         '<th class="rb-number" style="width: 17%">Supply</th><th style="width: 17%">Via</th></tr>'
     )
-    return _table("motes", head, [_mote_row(mote) for mote in motes[:ROWS]], len(motes))
+    field = view.team.mote_field if view.team is not None else None
+    about = f'<div class="rb" data-testid="mote-field">{text(field.words)}</div>' if field else ""
+    return about + _table("motes", head, [_mote_row(mote) for mote in motes[:ROWS]], len(motes))
 
 
 def _table(testid: str, head: str, rows: Sequence[str], total: int) -> str:

@@ -1,4 +1,7 @@
-"""Whether a recording is what it should be: messages that decode, stamps that grow, numbers without holes."""
+"""Whether a recording is what it should be: messages that decode, stamps that grow, numbers without holes.
+
+With that, whether the run kept its invariants (`coordinator/recording/invariants/`).
+"""
 
 from collections import Counter
 from collections.abc import Callable
@@ -9,7 +12,10 @@ from typing import Any
 import msgspec
 
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
-from robrain.coordinator.recording.reader.contents import several_senders
+from robrain.coordinator.recording.invariants.findings import Ruling
+from robrain.coordinator.recording.invariants.invariant_judge import NOWHERE, Surroundings
+from robrain.coordinator.recording.invariants.judging import Judging, broken
+from robrain.coordinator.recording.reader.contents import has_numbers, several_senders
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, recording_info, topic_named_by
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.protocol.wire.border.codec import BadPayload
@@ -75,21 +81,32 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """The first few of each kind and key, in order."""
     more: dict[str, int]
     """How many of each kind were not told one by one."""
+    invariants: list[Ruling] = []
+    """How each invariant of the run stands."""
 
     @property
     def good(self) -> bool:
-        """Whether nothing is wrong; notes are not wrong."""
-        return self.problems == 0
+        """Whether nothing is wrong and no invariant is broken; notes are not wrong."""
+        return self.problems == 0 and not broken(self.invariants)
 
 
-def check_recording(path: Path, on_progress: Callable[[float], None] | None = None) -> Verdict:
-    """Check a recording from its first message to its last.
+def check_recording(
+    path: Path,
+    on_progress: Callable[[float], None] | None = None,
+    surroundings: Surroundings = NOWHERE,
+) -> Verdict:
+    """Check a recording from its first message to its last, and judge the invariants of its run.
+
+    Args:
+        path: an MCAP file.
+        on_progress: told now and then the share of the file that has been read, 0 to 1.
+        surroundings: what the recording does not tell of the place of the run.
 
     Raises:
         RecordingError: there is no such file, it is no recording, or it is damaged.
     """
     info = recording_info(path)
-    check = _Check(info.start_ns)
+    check = _Check(info.start_ns, Judging(surroundings, info.start_ns))
     if info.truncated:
         check.add(Severity.PROBLEM, Kind.TRUNCATED, "", 0, "its end is missing: `robrain recover` makes it whole")
     if not info.versions:
@@ -105,11 +122,13 @@ def check_recording(path: Path, on_progress: Callable[[float], None] | None = No
         notes=check.severities[Severity.NOTE],
         findings=check.findings,
         more={kind: count for kind, count in check.untold.items() if count},
+        invariants=check.judging.finish(),
     )
 
 
 class _Check:
-    def __init__(self, start_ns: int) -> None:
+    def __init__(self, start_ns: int, judging: Judging) -> None:
+        self.judging = judging
         self.findings: list[Finding] = []
         self.severities: Counter[Severity] = Counter()
         self.untold: Counter[str] = Counter()
@@ -142,12 +161,13 @@ class _Check:
         if topic is None:
             return
         decoded = self._decode(topic, message)
+        self.judging.take(decoded, now_ns)
         sender = f"{key} {_sender_of(decoded)}" if several_senders(topic) else key
         before = self._last.get(sender)
         self._last[sender] = message
         # Bytes of others carry no stamps and numbers of ours.
         if before is not None and topic.encoding == JSON:
-            self._check_order(before, message)
+            self._check_order(before, message, has_numbers=has_numbers(topic))
 
     def compare_counts(self, counts: dict[str, int], summary: dict[str, str]) -> None:
         for key in sorted(counts.keys() | self.counts.keys()):
@@ -185,11 +205,13 @@ class _Check:
             self.add(Severity.PROBLEM, Kind.MALFORMED, message.topic_key, message.log_time_ns, text)
             return None
 
-    def _check_order(self, before: RecordedMessage, message: RecordedMessage) -> None:
+    def _check_order(self, before: RecordedMessage, message: RecordedMessage, *, has_numbers: bool) -> None:
         key, now_ns = message.topic_key, message.log_time_ns
         if message.publish_time_ns < before.publish_time_ns:
             by_s = to_seconds(before.publish_time_ns - message.publish_time_ns)
             self.add(Severity.PROBLEM, Kind.STAMP_BACK, key, now_ns, f"its stamp is {by_s:g} s before the one before")
+        if not has_numbers:
+            return
         missing = message.sequence - before.sequence - 1
         if message.sequence < before.sequence:
             text = f"its sender counts again from {message.sequence}, after {before.sequence}"

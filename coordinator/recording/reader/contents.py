@@ -24,6 +24,7 @@ from robrain.coordinator.recording.writer.provenance import (
 )
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.topic import Role, Topic
+from robrain.protocol.wire.topics import ROBOT_LOG, ROBOT_PATH
 
 OnProgress = Callable[[float], None]
 SILENT_PERIODS = 5.0
@@ -103,6 +104,11 @@ def several_senders(topic: Topic[Any]) -> bool:
     return topic.by is Role.OPERATOR or (topic.by is Role.ROBOT and "robot" not in topic.fields)
 
 
+def has_numbers(topic: Topic[Any]) -> bool:
+    """Whether the numbers under a key can be followed: not where plugins of a robot count there, each for itself."""
+    return topic not in (ROBOT_PATH, ROBOT_LOG)
+
+
 class _Tally:
     """Collects the messages of one key."""
 
@@ -138,5 +144,7 @@ class _Tally:
             longest_gap_s=max(float(silences_s[longest]), 0.0) if silences_s.size else 0.0,
             longest_gap_at_s=float(times_s[longest]),
             gaps=int((silences_s > max(SILENT_S, SILENT_PERIODS * period_s)).sum()),
-            missing=0 if topic is None or several_senders(topic) else int(missing.clip(min=0).sum()),
+            missing=0
+            if topic is None or several_senders(topic) or not has_numbers(topic)
+            else int(missing.clip(min=0).sum()),
         )

@@ -25,7 +25,7 @@ from robrain.coordinator.recording.report.run_groups import (
     grouped_explored_figure,
     has_several_seeds,
 )
-from robrain.coordinator.recording.report.run_totals import COMPARED, comparison_figure, totals
+from robrain.coordinator.recording.report.run_totals import COMPARED, comparison_figure, names_of, totals
 from robrain.coordinator.recording.report.two_runs import TwoRuns, outcome_of, words_of
 from robrain.protocol.wire.border.safe_text import safe_html
 
@@ -212,7 +212,7 @@ def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _
 def _run_table(runs: Sequence[RunData]) -> str:
     compared = [totals(run) for run in runs]
     names = [run.name for run in runs]
-    rows = {total: [_number(each[total]) for each in compared] for total in compared[0]}
+    rows = {total: [_number(each.get(total)) for each in compared] for total in names_of(compared)}
     return _total_table(names, rows)
 
 
@@ -220,7 +220,7 @@ def _group_table(groups: Sequence[RunGroup]) -> str:
     names = [f"{group.name} ({len(group.runs)} seeds)" if len(group.runs) > 1 else group.name for group in groups]
     rows = {
         total: [_mean_words(group.mean(total), len(group.runs)) for group in groups]
-        for total in totals(groups[0].runs[0])
+        for total in names_of(totals(run) for group in groups for run in group.runs)
     }
     return _total_table(names, rows)
 

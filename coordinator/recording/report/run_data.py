@@ -18,6 +18,7 @@ from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import TaskDecision
@@ -101,6 +102,8 @@ class RunData:
     """Time and explored share, 0 to 1, as the arena tells."""
     known_m2: list[tuple[float, float]] = field(default_factory=list)
     """Time and known area, as the coordinator tells."""
+    mote_field: MoteFieldState | None = None
+    """How the motes were doing at the end, as the coordinator told; None if it did nothing for them by itself."""
     map_accuracy: list[tuple[float, MapAccuracy]] = field(default_factory=list)
     """Time and accuracy of the team's map by the ground truth; one entry for each change."""
     robots: dict[str, RobotRun] = field(default_factory=dict)
@@ -213,6 +216,8 @@ class _Gather:
 
     def _take_team(self, team: TeamState, t_s: float) -> None:
         self.run.known_m2.append((t_s, team.known_area_m2))
+        if team.mote_field:
+            self.run.mote_field = team.mote_field
 
     def _take_patch(self, patch: MapPatch, _t_s: float) -> None:
         try:

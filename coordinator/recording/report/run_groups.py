@@ -26,7 +26,7 @@ class RunGroup:
 
     def values(self, total: str) -> list[float]:
         """A figure of each run's totals, of the runs that tell it."""
-        told = (totals(run)[total] for run in self.runs)
+        told = (totals(run).get(total) for run in self.runs)
         return [value for value in told if value is not None]
 
     def mean(self, total: str) -> MeanInterval | None:

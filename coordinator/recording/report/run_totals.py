@@ -27,6 +27,7 @@ def totals(run: RunData) -> dict[str, float | None]:
         "Known area (m²)": run.map.known_area_m2 or None,
         "Robots": float(len(run.robots)),
         "Motes heard": float(len(run.motes)),
+        **_of_motes(run),
         "Distance (m)": _sum(robot.distance_m for robot in robots),
         "Energy (kJ)": _sum(None if robot.energy_j is None else robot.energy_j / 1000 for robot in robots),
         "Collisions": _sum(robot.collisions for robot in robots),
@@ -40,6 +41,24 @@ def totals(run: RunData) -> dict[str, float | None]:
         "Faults": float(sum(happening.lasts for happening in run.happenings)),
         "Messages": float(run.contents.info.messages),
         "File (MB)": run.contents.info.size_bytes / 1e6,
+    }
+
+
+def names_of(compared: Iterable[dict[str, float | None]]) -> list[str]:
+    """Names of the figures that any run has, in order."""
+    return list(dict.fromkeys(name for each in compared for name in each))
+
+
+def _of_motes(run: RunData) -> dict[str, float | None]:
+    """Figures of the mote field; none if the coordinator did nothing for it by itself."""
+    field = run.mote_field
+    if field is None:
+        return {}
+    return {
+        "Motes dead": float(field.dead),
+        "Readings arrived (%)": 100 * field.delivery_ratio,
+        "Age of mote data (s)": field.age_s,
+        "Covered by motes (%)": 100 * field.coverage,
     }
 
 

@@ -56,6 +56,8 @@ class MapHearing:
     def __init__(self, robot: str, atlas: SubmapAtlas, desk: ClosureDesk, frames: Frames) -> None:
         self.others: SubmapAtlas | None = None
         """Submaps that the others had before this robot started; only while its start is checked."""
+        self.withdrawn: set[int] = set()
+        """Numbers of this robot's submaps that it has withdrawn."""
         self._robot = robot
         self._atlas = atlas
         self._shared = SharedSteps(atlas)
@@ -141,8 +143,8 @@ class MapHearing:
         try:
             if patch.parts or patch.observed_ms > self._allowed_ms:
                 check_claim(patch, self._wire.clock.now_ns())
-            if patch.parts and any(part.robot == self._robot and part.submap >= self._began_ms for part in patch.parts):
-                raise ValueError(f"{patch.robot} tells a submap of {self._robot} that {self._robot} has not made")
+            if patch.parts:
+                patch = self._without_own(patch)
             move = self._frames.move_of(patch)
             take_message(self._atlas, patch)
             if self.others is not None:
@@ -153,10 +155,29 @@ class MapHearing:
                 self._refused.add(patch.robot)
                 logger.warning("%s: the map of %s cannot be merged: %s", self._robot, patch.robot, error)
             return str(error)
+        # It still knows them: it was out of reach, not restarted.
+        self._orphans.difference_update((patch.robot, part.submap) for part in patch.parts if part.robot == patch.robot)
         self._desk.hear_places(patch)
         if move is not None:
             self._frames.follow(move)
         return ""
+
+    def _without_own(self, patch: MapPatch) -> MapPatch:
+        """A patch without the submaps that this robot has made itself since it started.
+
+        Others tell them while they do not hear this robot, and may not know that some are withdrawn.
+
+        Raises:
+            ValueError: it has one that this robot has not made.
+
+        """
+        own = [part.submap for part in patch.parts if part.robot == self._robot and part.submap >= self._began_ms]
+        if not own:
+            return patch
+        if any((self._robot, number) not in self._atlas.submaps and number not in self.withdrawn for number in own):
+            raise ValueError(f"{patch.robot} tells a submap of {self._robot} that {self._robot} has not made")
+        parts = tuple(part for part in patch.parts if part.robot != self._robot or part.submap < self._began_ms)
+        return msgspec.structs.replace(patch, parts=parts)
 
     def _was_before(self, part: MapPatch) -> bool:
         """Whether a submap was begun before this robot started, and its cells were seen at most `WHOLE_MS` after it."""

@@ -357,6 +357,7 @@ class Mapper(Skill):
         for number in numbers:
             self._graph.withdraw(number)
             self._atlas.withdraw((self.env.robot, number))
+        self._hearing.withdrawn.update(numbers)
         self._telling.withdrawn(numbers)
         self._own.begin_trajectory(self._own.trajectory)
 

@@ -17,6 +17,7 @@ COLLECT: Final = "collect"
 RELAY: Final = "relay"
 MONITOR: Final = "monitor"
 SENSE: Final = "sense"
+SEEK: Final = "seek"
 REPLACE: Final = "replace"
 RECHARGE: Final = "recharge"
 
@@ -93,6 +94,20 @@ class Sense(TaskParameters, frozen=True, kw_only=True):
     """Time limit for a reading."""
 
 
+class Seek(TaskParameters, frozen=True, kw_only=True):
+    """Find where a quantity is greatest: climb its field from the place on, by readings on the way.
+
+    Result: `x_m`, `y_m`, and the `value` there, as fitted to the readings; `sd_m`, how well the place is known;
+    `at_wall`, whether it rises on behind what the robot cannot pass; `samples` taken, `heard` readings of motes.
+    """
+
+    quantity: Name = "temperature_c"
+    duration_s: PositiveDuration = 180.0
+    """Time limit at the place."""
+    reach_m: Annotated[float, Meta(gt=0.0, le=1000.0)] = 15.0
+    """How far from the place it looks."""
+
+
 class Replace(TaskParameters, frozen=True, kw_only=True):
     """Stand in for a mote: sense at its place, as often as it did. Result: `readings`."""
 
@@ -123,6 +138,7 @@ STOCK_KINDS: MappingProxyType[str, type[TaskParameters]] = MappingProxyType(
         EXPLORE: TaskParameters,
         REPLACE: Replace,
         SENSE: Sense,
+        SEEK: Seek,
         RECHARGE: Recharge,
     }
 )

@@ -6,7 +6,7 @@ and tokens. A message that several inboxes hold is decoded once.
 
 from collections.abc import Callable
 from threading import get_ident
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 from weakref import WeakValueDictionary
 
 import zenoh
@@ -44,6 +44,13 @@ class Route(NamedTuple):
 
 NOBODY = Route(None, [], [], [])
 """Of keys that nothing takes."""
+
+
+class Delivering(Protocol):
+    """Carries what publishers put."""
+
+    def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
+        """Hand a sample to all inboxes that take its key and that it reaches."""
 
 
 class Exchange:

@@ -1,5 +1,6 @@
 """Messages of a simulated world."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import msgspec
@@ -55,6 +56,31 @@ class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
     place: Point2D
 
 
+class BodyKind(StrEnum):
+    """What moves on a simulated floor and is no robot."""
+
+    DOOR = "door"
+    """A closed door."""
+    MOVER = "mover"
+    PERSON = "person"
+
+
+class BodyTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """True pose of a closed door, a moving obstacle or a person."""
+
+    body: Name
+    """Its name, such as `person1`."""
+    kind: BodyKind
+    pose: Pose2D
+    """Of its middle, arena frame; the yaw is the direction of its length."""
+    length_m: Length
+    """Extent along its yaw; the diameter of a disc."""
+    width_m: Length
+    """Extent across it."""
+    is_round: bool = False
+    """Whether it is a disc; a rectangle if not."""
+
+
 class ArenaTruth(Message, frozen=True, kw_only=True):
     """The true state of the simulated world and the accuracy of the team's map, for referees and viewers only."""
 
@@ -66,6 +92,52 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
     """Share of the reachable floor that the team's maps know."""
     map_accuracy: MapAccuracy | None = None
     """Accuracy of the team's map; null if it was not judged yet."""
+    bodies: Annotated[list[BodyTruth], Meta(max_length=100_000)] | msgspec.UnsetType = msgspec.UNSET
+    """Closed doors, moving obstacles and people; absent on a floor without any."""
+
+
+class LinkCounters(msgspec.Struct, kw_only=True):
+    """What became of messages between radios: samples by hearer, requests and replies of queries."""
+
+    delivered: Count = 0
+    """Samples that have arrived or are on their way."""
+    lost: Count = 0
+    """Samples that got lost by chance."""
+    crowded: Count = 0
+    """Samples dropped because a radio had too much to send."""
+    out_of_reach: Count = 0
+    """Samples for hearers to whom there was no way."""
+    overflowed: Count = 0
+    """Samples and replies dropped because too many were on their way."""
+    outdated: Count = 0
+    """Samples of lossless topics that were never delivered: their sender had kept newer ones instead."""
+    relayed: Count = 0
+    """Samples, requests and replies that a radio has passed on for others."""
+    asked: Count = 0
+    """Requests."""
+    timed_out: Count = 0
+    """Requests and replies that were too late, or for which there was no way."""
+
+
+class RadioTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """One radio of the team."""
+
+    party: Name
+    """The robot, or `coordinator`."""
+    place: Point2D
+    hears: Annotated[list[Name], Meta(max_length=100_000)]
+    """Parties that it hears without a relay."""
+    hops: Count | None = None
+    """Number of hops to the coordinator; null if there is no way."""
+
+
+class ArenaLinks(Message, frozen=True, kw_only=True):
+    """Who hears whom on the team's simulated radio, for viewers only."""
+
+    radios: Annotated[list[RadioTruth], Meta(max_length=100_000)]
+    """The coordinator's, then the robots'."""
+    counters: LinkCounters
+    """Since the start of the run."""
 
 
 class ArenaPreparation(Message, frozen=True, kw_only=True):

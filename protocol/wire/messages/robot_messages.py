@@ -121,6 +121,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Share of the beams of recent scans that end at walls of the robot's map; None before the first comparison."""
     loaded: Count = 0
     """Number that changes with the set of loaded plugins, so that others need not poll it; 0 if not reported."""
+    goes_on_s: Seconds | msgspec.UnsetType = msgspec.UNSET
+    """How long it goes on with its tasks while it hears no coordinator, if that is longer than the lease."""
     refused: Refused = msgspec.UNSET
     """Messages and requests that the robot's host and plugins have refused."""
 

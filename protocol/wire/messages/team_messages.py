@@ -18,7 +18,9 @@ from robrain.protocol.model.ranges import (
 )
 from robrain.protocol.wire.border.refusals import Refused
 from robrain.protocol.wire.messages.message import Message
+from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.robot_messages import Faults
+from robrain.protocol.wire.messages.rule_messages import Rules
 from robrain.protocol.wire.reasons import IdleReason, Unavailable
 
 
@@ -88,7 +90,11 @@ class TeamState(Message, frozen=True, kw_only=True):
     halt: HaltStatus | None = None
     """None until somebody halts the team."""
     refused: Refused = msgspec.UNSET
-    """Messages that the coordinator has refused."""
+    """What the coordinator has refused, largest count first; absent if nothing."""
+    rules: Rules = msgspec.UNSET
+    """Its rules, and what they have done."""
+    mote_field: MoteFieldState | msgspec.UnsetType = msgspec.UNSET
+    """How the motes are doing; absent if the coordinator does nothing for them by itself."""
 
 
 class Halt(Message, frozen=True, kw_only=True):

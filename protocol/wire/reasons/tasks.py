@@ -4,11 +4,51 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Text
+from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Stamp, Text
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.reasons.plans import LeftOut
 from robrain.protocol.wire.reasons.reason import Members, Plugins, Reason, Said
 from robrain.protocol.wire.reasons.robots import RobotReason, Unavailable
+
+# -- a rule has made it -----------------------------------------------------------------------------------------------
+
+
+class RuleEvent(Reason, frozen=True, tag="rule_event"):
+    """A rule has made it, for a notification of a plugin."""
+
+    rule: Name
+    robot: Name
+    plugin: Name
+    event: Name
+    stamp_ns: Stamp
+    """When the plugin notified."""
+    value: Quantity | None = None
+    """What the rule compared; None if that was no number."""
+
+
+class RuleReading(Reason, frozen=True, tag="rule_reading"):
+    """A rule has made it, for a reading that met its condition."""
+
+    rule: Name
+    mote: Name
+    quantity: Name
+    value: Quantity
+    """Of the latest reading."""
+    taken_ns: Stamp
+    """When that was taken."""
+    via: Name
+    """Robot or gateway that heard it."""
+    comparison: Name
+    """`above`, `below`, `rising_per_min` or `falling_per_min`."""
+    threshold: Quantity
+    """With which the value, or the rate, was compared."""
+    held_s: Quantity
+    """For how long the readings had met the condition."""
+    rate_per_min: Quantity | None = None
+    """Measured rate; None if the value was compared."""
+    age_s: Quantity = 0.0
+    """Age of the reading when the task was made."""
+
 
 # -- it cannot be offered ---------------------------------------------------------------------------------------------
 
@@ -254,6 +294,41 @@ class WholeIs(Reason, frozen=True, tag="whole_is"):
     state: TaskState
 
 
+# -- the coordinator made it for the mote field ------------------------------------------------------------------------
+
+
+class DataOld(Reason, frozen=True, tag="data_old"):
+    """The newest reading of a mote is old."""
+
+    mote: Name
+    age_s: Quantity
+    """Age of that reading."""
+
+
+class MoteCutOff(Reason, frozen=True, tag="mote_cut_off"):
+    """Nobody hears a mote."""
+
+    mote: Name
+    others: Count
+    """How many more motes a relay there is expected to hear that nobody hears."""
+
+
+class MoteEnds(Reason, frozen=True, tag="mote_ends"):
+    """A mote's cells are empty, or will be."""
+
+    mote: Name
+    left_s: Quantity
+    """How long they still last; 0 if they are empty."""
+
+
+class MoteHeard(Reason, frozen=True, tag="mote_heard"):
+    """The mote's data have come without it."""
+
+    mote: Name
+    age_s: Quantity
+    """Age of its newest reading."""
+
+
 Standing = (
     AfterOpen
     | AfterUnknown
@@ -262,6 +337,7 @@ Standing = (
     | CannotBePlanned
     | ChargedEnough
     | ContactBack
+    | DataOld
     | DoneBefore
     | Forgotten
     | Gather
@@ -273,6 +349,9 @@ Standing = (
     | IsState
     | LeaseRanOut
     | LeftOut
+    | MoteCutOff
+    | MoteEnds
+    | MoteHeard
     | MoteUnknown
     | NeededFor
     | NeverTaken
@@ -286,6 +365,8 @@ Standing = (
     | PartsUntold
     | PlanLeavesOut
     | RobotOut
+    | RuleEvent
+    | RuleReading
     | Said
     | TeamLacks
     | ToBegin

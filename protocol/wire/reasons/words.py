@@ -74,6 +74,8 @@ def words(reason: AnyReason) -> str:
             return "it is back"
         case robots.Crowded():
             return "another of its jobs would be too late"
+        case tasks.DataOld(mote=mote, age_s=age_s):
+            return f"the newest reading of {mote} is {age_s:.0f} s old"
         case tasks.DeadlinePassed(before=before):
             return f"its deadline has passed{_then('; ', before)}"
         case robots.Dearer(share=share, robot=robot, least_share=least_share):
@@ -126,6 +128,12 @@ def words(reason: AnyReason) -> str:
             return f"{robot} is silent, and the lease ran out"
         case robots.LostContact(silent_s=silent_s):
             return f"lost contact {silent_s:.1f} s ago"
+        case tasks.MoteCutOff(mote=mote, others=others):
+            return f"nobody hears {mote}{f' and {others} others' if others else ''}"
+        case tasks.MoteEnds(mote=mote, left_s=left_s):
+            return f"the cells of {mote} last for {left_s:.0f} s" if left_s else f"the cells of {mote} are empty"
+        case tasks.MoteHeard(mote=mote, age_s=age_s):
+            return f"{mote} was heard without it, {age_s:.0f} s ago"
         case robots.MoteSilent(silent_s=silent_s):
             return f"was last heard {silent_s:.0f} s ago"
         case tasks.MoteUnknown():
@@ -218,6 +226,10 @@ def words(reason: AnyReason) -> str:
             return "the robot is halted"
         case tasks.RobotOut(robot=robot, because=why_not, attempt=attempt, attempts=attempts):
             return f"{robot} {words(why_not)}{f'; attempt {attempt} of {attempts}' if attempt else ''}"
+        case tasks.RuleEvent(rule=rule, robot=robot, plugin=plugin, event=event, value=number):
+            return f"rule {rule}: {plugin} of {robot} notified of {event}{'' if number is None else f' {number:g}'}"
+        case tasks.RuleReading():
+            return _rule_reading(reason)
         case Said(text=text):
             return text
         case robots.SensesOther(quantity=quantity, wanted=wanted):
@@ -270,6 +282,27 @@ def words(reason: AnyReason) -> str:
             return f"{task} is {state}"
         case robots.WithOthers(task=task, others=names):
             return f"is at {task} with {_and(names)}"
+
+
+def _rule_reading(reason: tasks.RuleReading) -> str:
+    """The sentence of a reading that met a rule.
+
+    >>> _rule_reading(tasks.RuleReading("heat", "m3", "temperature_c", 27.31, 0, "r1", "above", 26.0, 8.0, None, 0.4))
+    'rule heat: m3 sensed temperature_c 27.31, above 26 for 8 s, 0.4 s before'
+    >>> _rule_reading(tasks.RuleReading("gas", "m3", "co2_ppm", 900.0, 0, "r1", "rising_per_min", 50.0, 0.0, 75.5))
+    'rule gas: m3 sensed co2_ppm 900, rising by 75.5 per minute, more than 50, 0.0 s before'
+    """
+    rate = reason.rate_per_min
+    if rate is None:
+        how = f"{reason.comparison} {reason.threshold:g}"
+    else:
+        verb = reason.comparison.removesuffix("_per_min")
+        how = f"{verb} by {abs(rate):.4g} per minute, more than {reason.threshold:g}"
+    held = f" for {reason.held_s:.0f} s" if reason.held_s > 0 else ""
+    return (
+        f"rule {reason.rule}: {reason.mote} sensed {reason.quantity} {reason.value:g}, {how}{held}, "
+        f"{reason.age_s:.1f} s before"
+    )
 
 
 def _then(comma: str, reason: TaskReason | None) -> str:

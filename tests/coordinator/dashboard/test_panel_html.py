@@ -25,12 +25,13 @@ from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
 from robrain.protocol.wire.messages.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team_messages import Halt, TeamState
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_TRUTH, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT
 
@@ -73,6 +74,9 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         for testid in filter(None, self._open):
             self.values[testid] = self.values.get(testid, "") + data
+
+
+FIELD = MoteFieldState(motes=3, dead=1, delivery_ratio=0.97, age_s=5.0, oldest_s=9.0, coverage=0.9, on_duty=1)
 
 
 def tell(view: TeamView, topic: Topic, message: object, **names: str) -> None:
@@ -183,6 +187,15 @@ TRACEBACK = """Traceback (most recent call last):
   File "/home/ada/my_plugins/greeter.py", line 12, in step
     self.seconds += one
 NameError: name 'one' is not defined <b>"""
+
+
+def test_state_of_the_field_is_above_the_table_of_motes_if_it_is_kept() -> None:
+    view = TeamView()
+    view.motes["m1"] = MoteView("m1")
+    view.team = TeamState(robots=[])
+    assert 'data-testid="mote-field"' not in motes_html(view)
+    view.team = TeamState(robots=[], mote_field=FIELD)
+    assert motes_html(view).startswith(f'<div class="rb" data-testid="mote-field">{FIELD.words}</div>')
 
 
 def test_error_of_a_plugin_is_shown_with_file_line_and_traceback_on_the_robots_page() -> None:

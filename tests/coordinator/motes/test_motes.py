@@ -5,19 +5,12 @@ from contextlib import nullcontext
 import pytest
 
 from robrain.coordinator.motes import mote_registry as motes
-from robrain.coordinator.motes.mote_energy import (
-    CAPACITY_J,
-    FLAT_V,
-    FRESH_V,
-    mote_left_j,
-    mote_share,
-    reading_j,
-    robot_share,
-)
+from robrain.coordinator.motes.mote_energy import mote_left_j, mote_share, reading_j, robot_share
 from robrain.coordinator.motes.mote_registry import MoteTable
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.motes.mote_energy import CAPACITY_J, FLAT_V, FRESH_V
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError
@@ -66,7 +59,7 @@ class Mote:
             self._due_s = now_s + self.period_s
             self.say(20.0 + 0.5 * self._sequence)
 
-    def say(self, value, *, age_s=0.0):
+    def say(self, value, *, age_s=0.0, numbered=True):
         self._sequence += 1
         self._readings.put(
             MoteReading(
@@ -77,7 +70,7 @@ class Mote:
                 voltage_v=self.voltage_v,
                 rssi_dbm=-60.0,
                 via="r1",
-                sequence=self._sequence,
+                sequence=self._sequence if numbered else None,
                 taken_ns=self.team.clock.now_ns() - to_ns(age_s),
                 period_s=self.period_s,
             )

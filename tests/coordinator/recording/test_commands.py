@@ -25,13 +25,14 @@ from robrain.deploy.recordings.recording_display import FOLDED_ABOVE, folded
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
 from robrain.sim.scenarios.scenario import Scenario
 from tests.waiting import PATIENCE_S
 
 NS_PER_S = 1_000_000_000
 STATE = "robrain/default/robot/r1/state"
 LOG = "robrain/default/robot/r1/log"
+PATH = "robrain/default/robot/r1/path"
 READING = "robrain/default/mote/m1/reading"
 HOSTILE = [
     "<script>alert(1)</script>",
@@ -173,6 +174,17 @@ def test_what_is_wrong_is_found(tmp_path: Path, said: Said, found: tuple[Kind, S
     path = write(tmp_path / "run.mcap", said)
     assert found in findings(path)
     assert check_recording(path).good == (found[1] is Severity.NOTE)
+
+
+def test_numbers_of_plugins_that_share_a_key_are_not_taken_for_those_of_one_sender(tmp_path: Path) -> None:
+    paths = [PlannedPath(robot="r1", points=[], seq=seq, stamp_ns=at * NS_PER_S) for at, seq in enumerate((0, 1, 0, 5))]
+    said: Said = [(PATH, float(at), path) for at, path in enumerate(paths)]
+    path = write(tmp_path / "run.mcap", said, summary={"messages": "4"})
+    assert findings(path) == []
+    assert [key.missing for key in read_contents(path).keys] == [0]
+    late = msgspec.structs.replace(paths[0], seq=9)
+    back = write(tmp_path / "back.mcap", [*said, (PATH, 4.0, late)], summary={"messages": "5"})
+    assert findings(back) == [(Kind.STAMP_BACK, Severity.PROBLEM)]
 
 
 @pytest.mark.parametrize(

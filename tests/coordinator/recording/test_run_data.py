@@ -20,6 +20,7 @@ from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.map_patch import to_message
+from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import TaskDecision
@@ -158,6 +159,16 @@ def test_the_known_area_and_the_length_of_the_run_are_told(path: Path) -> None:
         path, [(key("coordinator/state"), t_s, TeamState(robots=[], known_area_m2=4.0 * t_s)) for t_s in (0.0, 3.0)]
     )
     assert (run.known_m2, run.duration_s, run.name) == ([(0.0, 0.0), (3.0, 12.0)], 3.0, "run")
+
+
+def test_the_field_of_motes_is_told_as_it_was_at_the_end_if_it_was_kept(path: Path) -> None:
+    early = MoteFieldState(motes=4, dead=0, delivery_ratio=1.0, age_s=1.0, oldest_s=2.0, coverage=1.0, on_duty=4)
+    late = MoteFieldState(motes=4, dead=1, delivery_ratio=0.75, age_s=8.0, oldest_s=9.0, coverage=0.5, on_duty=3)
+    states = [TeamState(robots=[], mote_field=field) for field in (early, late)]
+    told = totals(gathered(path, [(key("coordinator/state"), float(t_s), one) for t_s, one in enumerate(states)]))
+    assert (told["Motes dead"], told["Readings arrived (%)"]) == (1.0, 75.0)
+    assert (told["Age of mote data (s)"], told["Covered by motes (%)"]) == (8.0, 50.0)
+    assert "Motes dead" not in totals(gathered(path, [(key("coordinator/state"), 0.0, TeamState(robots=[]))]))
 
 
 def test_the_map_is_merged_and_a_patch_that_does_not_fit_is_left_out(path: Path) -> None:

@@ -44,6 +44,7 @@ def test_a_row_is_what_the_run_alone_gives(swept: SweepResult) -> None:
     assert row["explored_share"] == alone.explored_fraction
     assert list(row["robot_distance_m"]) == [robot.distance_m for robot in alone.per_robot]
     assert row["explored_50_s"] == alone.explored_percent_s[50]
+    assert row["invariants_broken"] == 0
     assert alone.map_accuracy is not None
     assert row["map_cells_off_share"] == alone.map_accuracy.share_off
     assert list(row["curve_t_s"]) == [time_s for time_s, _ in alone.explored_curve]

@@ -34,7 +34,19 @@ TEAM = "errands"
 SPEAKS_EVERY = 25
 RESOLUTION_M = 0.05
 
-BEHAVIORS = ("visit", "inspect", "collect", "relay", "monitor", "sense", "replace", "recharge", "wander", "idle")
+BEHAVIORS = (
+    "visit",
+    "inspect",
+    "collect",
+    "relay",
+    "monitor",
+    "sense",
+    "seek",
+    "replace",
+    "recharge",
+    "wander",
+    "idle",
+)
 PLACELESS = {"wander", "counter", "camera", "sensor_board", "home"}
 """Plugins that need no map."""
 MOTES = {1: Point2D(4.5, 1.0), 2: Point2D(1.0, 3.2)}

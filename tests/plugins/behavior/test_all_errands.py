@@ -21,6 +21,7 @@ TASKS: tuple[Task, ...] = (
     Task(id="relay", kind="relay", place=Point2D(4.0, 3.0), parameters={"mote": "m1", "duration_s": 10.0}),
     Task(id="monitor", kind="monitor", place=Point2D(2.0, 2.0), parameters={"duration_s": 25.0, "interval_s": 12.0}),
     Task(id="sense", kind="sense", place=Point2D(4.5, 2.4)),
+    Task(id="seek", kind="seek", place=Point2D(3.0, 3.2), parameters={"reach_m": 4.0, "duration_s": 240.0}),
     Task(id="replace", kind="replace", place=MOTES[1], parameters={"mote": "m1", "duration_s": 6.0, "period_s": 2.0}),
     Task(id="recharge", kind="recharge", place=CHARGER, parameters={"yaw_rad": 0.0, "until_soc": 0.5}),
 )

@@ -4,6 +4,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from robrain.protocol.model.consensus.ballot import Ballot, Bid, Heard, Standing
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
@@ -14,6 +15,7 @@ from robrain.protocol.wire import errors
 from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.messages import (
     arena_messages,
+    consensus_messages,
     host_messages,
     map_messages,
     message,
@@ -24,8 +26,10 @@ from robrain.protocol.wire.messages import (
     recorder_messages,
     replay_messages,
     robot_messages,
+    rule_messages,
     team_messages,
 )
+from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.reasons.idle import NoWay
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import LostContact, Refused
@@ -102,6 +106,7 @@ EXAMPLES = [
         frame=MapFrame(1300, "r1"),
         map_agreement=0.875,
         loaded=3735928559,
+        goes_on_s=120.0,
         refused=REFUSED,
     ),
     map_messages.MapPatch(
@@ -207,6 +212,23 @@ EXAMPLES = [
             not_stopped=["r2"],
         ),
         refused=REFUSED,
+        rules=[
+            rule_messages.RuleStatus(
+                name="heat", made=3, open=1, alarms=2, refused=1, why="no robot does it", last_ns=1_400_000_000
+            )
+        ],
+        mote_field=MoteFieldState(
+            motes=10,
+            dead=1,
+            delivery_ratio=0.97,
+            age_s=5.2,
+            oldest_s=34.5,
+            coverage=0.96,
+            on_duty=6,
+            first_dead_ns=1_300_000_000,
+            half_dead_ns=None,
+            last_dead_ns=None,
+        ),
     ),
     robot_messages.RobotLinks(
         **STAMP,
@@ -255,6 +277,17 @@ EXAMPLES = [
         ranges_mm=[0, 1500, 8000],
     ),
     arena_messages.ArenaClock(**STAMP, sim_time_s=1.5),
+    arena_messages.ArenaLinks(
+        **STAMP,
+        radios=[
+            arena_messages.RadioTruth(party="coordinator", place=Point2D(1.0, 2.0), hears=["r1"], hops=0),
+            arena_messages.RadioTruth(party="r1", place=Point2D(5.0, 2.0), hears=["coordinator"], hops=1),
+            arena_messages.RadioTruth(party="r2", place=Point2D(25.0, 2.0), hears=[]),
+        ],
+        counters=arena_messages.LinkCounters(
+            delivered=9, lost=1, crowded=2, out_of_reach=3, overflowed=4, outdated=5, relayed=6, asked=7, timed_out=8
+        ),
+    ),
     arena_messages.ArenaPreparation(
         **STAMP,
         parts_ready=3,
@@ -311,6 +344,16 @@ EXAMPLES = [
         motes=[arena_messages.MoteTruth(mote="m3", place=Point2D(5.0, -2.0))],
         explored_fraction=0.25,
         map_accuracy=MapAccuracy(occupied_cells=400, cells_off=10, share_off=0.025, doubled_walls_m=0.5),
+        bodies=[
+            arena_messages.BodyTruth(
+                body="door1",
+                kind=arena_messages.BodyKind.DOOR,
+                pose=Pose2D(4.0, 2.0, 0.5),
+                length_m=1.25,
+                width_m=0.125,
+                is_round=False,
+            )
+        ],
     ),
     arena_messages.ScriptInput(**STAMP, key="robrain/default/task/submit", payload=b"{}"),
     arena_messages.OutsideInput(**STAMP, key="robrain/default/robot/r1/call/driver/stop", payload=b"[]"),
@@ -347,6 +390,24 @@ EXAMPLES = [
     host_messages.HaltRequest(by="operator", reason="somebody walks there"),
     host_messages.ResumeRequest(by="operator"),
     host_messages.Lease(plugin="mocdevice", holder="ann", until_ns=2_000_000_000),
+    consensus_messages.TeamBallot(
+        **STAMP,
+        robot="r1",
+        ballot=Ballot(
+            robot="r1",
+            number=7,
+            bids=(Bid(task="t1", robot="r2", score=12.5),),
+            heard=(Heard(robot="r2", number=6),),
+            term=2,
+            round=1,
+            base=4711,
+            base_value=20.0,
+            standings=(Standing(robot="r2", number=6, round=1, digest=4712, value=21.0),),
+        ),
+        hears_coordinator=False,
+        held=[consensus_messages.TaskHeld(id="t3", epoch=5)],
+        done=[consensus_messages.TaskDone(id="t2", robot="r2", epoch=4)],
+    ),
     errors.ErrorReply(code=errors.ErrorCode.BUSY, message="mocdevice is held by driver", detail="driver"),
 ]
 each = pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)

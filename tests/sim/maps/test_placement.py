@@ -83,6 +83,12 @@ def test_floor_without_any_wall_is_used() -> None:
     _check_group(plan, spawn_poses(plan, 3, 0.2, near=None, rng=_rng(), spacing_m=0.5), 0.2, 0.5)
 
 
+def test_teams_of_all_sizes_start_around_one_spot() -> None:
+    plan = _two_rooms()
+    first = [spawn_poses(plan, count, 0.2, near=None, rng=_rng(3), spacing_m=0.5)[0] for count in (1, 2, 4, 8)]
+    assert len({(pose.x_m, pose.y_m) for pose in first}) == 1
+
+
 def test_same_generator_state_gives_the_same_places() -> None:
     plan = _two_rooms()
 

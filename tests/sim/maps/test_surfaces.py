@@ -110,7 +110,7 @@ def test_pane_of_a_floor_is_seen_through_at_a_slant():
         ("mirror_share = nan", "surfaces: expected mirror_share from 0 to 1, got nan"),
         ("stretch_m = 0.1", "surfaces: expected stretch_m from 0.5 to 1000, got 0.1"),
         ("echo_rad = 2", "surfaces: expected echo_rad from 0 to 1.5, got 2"),
-        ("glas_share = 0.1", "surfaces: Object contains unknown field `glas_share`"),
+        ("glas_share = 0.1", "surfaces: unknown key `glas_share` (did you mean `glass_share`?)"),
     ],
 )
 def test_surfaces_without_sense_are_refused_with_file_and_key(line, sentence):

@@ -56,8 +56,8 @@ def test_the_digest_follows_the_seed_and_the_tables_and_nothing_else(tmp_path):
     [
         ("[motes]\nperiod_s = 0.0\n", "motes", "expected period_s from 0.1 to 6553.5, got 0.0"),
         ("[motes]\ncount = -1\n", "motes", "expected count from 0 to 10000, got -1"),
-        ('[motes]\nquantities = ["colour"]\n', "motes.quantities[0]", "Invalid enum value 'colour'"),
-        ("[motes]\ncolour = 1\n", "motes", "unknown field `colour`"),
+        ('[motes]\nquantities = ["colour"]\n', "motes.quantities[0]", "unknown value 'colour'"),
+        ("[motes]\ncolour = 1\n", "motes", "unknown key `colour`"),
         ("[radio]\nstatic_share = 2.0\n", "radio", "expected static_share from 0 to 1, got 2.0"),
         ("[radio]\ntransmit_dbm = 30.0\n", "radio", "expected a transmit power of at most 10 dBm, got 30"),
         ("[field]\nplumes = 65\n", "field", "expected plumes from 0 to 64, got 65"),

@@ -15,7 +15,8 @@ from robrain.sim.maps.placement import Starts
 from robrain.sim.robot.wheels import WheelSpec
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.referee import team_geometry
-from robrain.sim.world.world import ROBOT_SPACING_M, build_world
+from robrain.sim.world.robot_specs import ROBOT_SPACING_M
+from robrain.sim.world.world import build_world
 
 RESOLUTION_M = 0.05
 

@@ -1,0 +1,1 @@
+"""What robots do about tasks while no coordinator is heard."""

@@ -1,0 +1,269 @@
+"""Tasks while no coordinator is heard: the robot goes on, and allocates open tasks with the others by consensus.
+
+A robot takes tasks that a coordinator had queued only if it hears more than half of the team that the coordinator told
+of last, and none of these hears a coordinator. Two such groups would share a robot, so there is at most one, and the
+coordinator, if it lives, hears none of that group.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from robrain.agent.board import Board
+from robrain.agent.consensus.known_tasks import KnownTasks
+from robrain.agent.consensus.task_scorer import task_scorer
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.consensus.negotiation import Negotiation
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.consensus_messages import TaskDone, TaskHeld, TeamBallot
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.reasons.offers import Occupied
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
+
+SILENT_NS = to_ns(1.5)
+"""Silence after which the coordinator counts as gone (chosen: three summaries, as the lease)."""
+MATE_SILENT_NS = to_ns(1.5)
+"""Silence after which another robot takes no part any more."""
+PERIOD_NS = to_ns(0.2)
+"""How often a ballot is sent."""
+GOES_ON_S = 120.0
+"""How long a robot goes on with what a coordinator gave it while it hears neither that nor half of the team; its tasks
+are given to others 2 s later."""
+TOLD_NS = to_ns(1.0)
+"""Once a coordinator is heard again it is told for so long what was done, and its offers are refused meanwhile."""
+ANSWER_NS = to_ns(2.0)
+"""Those that hear a coordinator say so for this long after the ballot of one that hears none."""
+STALL_NS = to_ns(5.0)
+"""A negotiation that leads to nothing for so long is begun anew."""
+AGAIN_NS = to_ns(30.0)
+"""A task that this robot could not do is bid for again after this long."""
+CHARGED_SOC, CHARGE_BELOW_SOC = 0.95, 0.9
+NS_PER_MS = 1_000_000
+NAME = "consensus"
+TELLING = Occupied(NAME, "a coordinator is being told what was done without it")
+"""Why offers and withdrawals are refused for a moment."""
+
+
+class _Opened(NamedTuple):
+    """What a negotiation was opened for."""
+
+    at_ns: int
+    mates: frozenset[str]
+    tasks: frozenset[str]
+
+
+class _Mate(NamedTuple):
+    heard_ns: int
+    said: TeamBallot
+
+
+class ConsensusDesk:
+    """A robot's part in allocation without a coordinator; stepped by its host.
+
+    Args:
+        wire: the host's Zenoh endpoint.
+        robot: the robot's name.
+        board: what the robot knows of itself.
+        desk: where tasks are begun.
+        chargers: those that the robot knows, arena frame.
+
+    """
+
+    def __init__(self, wire: Endpoint, robot: str, board: Board, desk: TaskDesk, chargers: list[Point2D]) -> None:
+        now_ns = wire.clock.now_ns()
+        self.known = KnownTasks()
+        self.is_leaderless = False
+        """Whether this robot and more than half of the team allocate tasks by themselves."""
+        self._robot, self._board, self._desk, self._chargers = robot, board, desk, chargers
+        self._inbox = Inbox(capacity=4096)
+        for topic in (COORDINATOR_STATE, TASK_EVENT, ROBOT_BALLOT):
+            wire.subscribe(self._inbox, topic)
+        self._tell = wire.publisher(ROBOT_BALLOT, robot=robot)
+        self._heard_ns = now_ns
+        self._was_alone = False
+        self._fenced_until_ns = self._tell_until_ns = self._due_ns = 0
+        self._team: frozenset[str] = frozenset()
+        self._mates: dict[str, _Mate] = {}
+        nothing = task_scorer((), Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, 0, desk.work_of)
+        self._negotiation = Negotiation(robot, nothing, rounds=0, number=now_ns // NS_PER_MS)
+        self._opened = _Opened(now_ns, frozenset(), frozenset())
+        self._term = 0
+        """The greatest that was heard of."""
+        self._is_called = False
+        """Whether a ballot calls for a new negotiation."""
+        self._not_mine: dict[str, int] = {}
+        """Tasks that this robot could not do, and until when it does not bid for them."""
+        self._charges = 0
+        desk.goes_on_ns = to_ns(GOES_ON_S)
+
+    def step(self, now_ns: int, *, may_begin: bool) -> None:
+        """Hear, decide, act, tell.
+
+        Args:
+            now_ns: the time.
+            may_begin: whether the robot may begin tasks: it is not halted.
+
+        """
+        self._hear(now_ns)
+        is_alone = now_ns - self._heard_ns > SILENT_NS
+        if self._was_alone and not is_alone:
+            self._fenced_until_ns = now_ns + TOLD_NS
+            self._tell_until_ns = now_ns + 2 * TOLD_NS
+        self._was_alone = is_alone
+        knows_of_one = any(mate.said.hears_coordinator for mate in self._mates.values())
+        self.is_leaderless = is_alone and not knows_of_one and self._has_quorum()
+        self._note_own_ends(now_ns)
+        if self.is_leaderless:
+            self._desk.trusted_ns = now_ns
+            self._allocate(now_ns, may_begin=may_begin)
+        if (is_alone or now_ns < self._tell_until_ns) and now_ns >= self._due_ns:
+            self._due_ns = now_ns + PERIOD_NS
+            self._send(is_alone=is_alone)
+
+    def is_telling(self, now_ns: int) -> bool:
+        """Whether a coordinator has just returned, and may not know yet what was done without it."""
+        return now_ns < self._fenced_until_ns
+
+    def why_not_now(self, task_id: str, now_ns: int) -> Occupied | None:
+        """Why a coordinator's offer of a task is refused; None if it need not be."""
+        if self.is_telling(now_ns):
+            return TELLING
+        if self.known.is_done(task_id):
+            return Occupied(NAME, f"{self.known.done[task_id].robot} has done it")
+        others = (name for name, mate in self._mates.items() if any(one.id == task_id for one in mate.said.held))
+        holder = next(others, None)
+        return None if holder is None else Occupied(NAME, f"{holder} is at it")
+
+    # -- hearing --------------------------------------------------------------------------------------------
+
+    def _hear(self, now_ns: int) -> None:
+        for received in self._inbox.drain() if self._inbox.has_some else ():
+            message = received.message
+            match message:
+                case TeamState():
+                    self._heard_ns = now_ns
+                    self._team = frozenset(robot.name for robot in message.robots if robot.up)
+                case TaskEvent():
+                    self.known.hear(message)
+                case TeamBallot() if message.robot != self._robot:
+                    self._hear_mate(message, now_ns)
+        self._mates = {name: mate for name, mate in self._mates.items() if now_ns - mate.heard_ns <= MATE_SILENT_NS}
+
+    def _hear_mate(self, said: TeamBallot, now_ns: int) -> None:
+        self._mates[said.robot] = _Mate(now_ns, said)
+        self.known.note_done(said.done)
+        if not said.hears_coordinator:
+            self._tell_until_ns = max(self._tell_until_ns, now_ns + ANSWER_NS)
+        if not self._negotiation.hear(said.ballot):
+            self._term = max(self._term, said.ballot.term)
+            self._is_called = True
+
+    def _note_own_ends(self, now_ns: int) -> None:
+        facts = self._desk.facts
+        for status in (facts.before, facts.task):
+            if status is None or not status.state.ended:
+                continue
+            if status.state is TaskState.DONE:
+                self.known.note_done([TaskDone(id=status.id, robot=self._robot, epoch=status.epoch)])
+            elif self.is_leaderless and status.id not in self._not_mine:
+                self._not_mine[status.id] = now_ns + AGAIN_NS
+
+    def _has_quorum(self) -> bool:
+        return 2 * (1 + len(self._mates)) > len(self._team | {self._robot, *self._mates})
+
+    # -- deciding -------------------------------------------------------------------------------------------
+
+    def _allocate(self, now_ns: int, *, may_begin: bool) -> None:
+        tasks = {task.id: task for task in self._free(now_ns)}
+        mates, negotiation, opened = frozenset(self._mates), self._negotiation, self._opened
+        is_idle = not self._desk.is_busy and self._desk.held is None
+        mine = [name for name in negotiation.path if name in tasks]
+        is_due = self._is_called or mates != opened.mates or not tasks.keys() <= opened.tasks
+        if tasks and now_ns - opened.at_ns > STALL_NS:
+            is_due |= not negotiation.is_over or (is_idle and not mine)
+        if is_due:
+            self._open(tasks, mates, now_ns)
+        elif is_idle and may_begin and negotiation.is_over and not self.known.is_full:
+            has_begun = any(self._begin(tasks[name], now_ns) for name in mine)
+            if tasks and not mine and not has_begun:
+                self._charge()
+
+    def _free(self, now_ns: int) -> list[Task]:
+        """Open tasks that nobody does."""
+        held = {one.id for mate in self._mates.values() for one in mate.said.held}
+        held |= {one.id for one in self._held()}
+        there = {self._robot, *self._mates}
+        lost = now_ns - self._heard_ns > to_ns(GOES_ON_S + 2.0)
+        return [
+            task
+            for task in self.known.ready(now_ns)
+            if task.id not in held and (lost or not (robot := self.known.open[task.id].robot) or robot in there)
+        ]
+
+    def _open(self, tasks: dict[str, Task], mates: frozenset[str], now_ns: int) -> None:
+        """Bid anew, in the negotiation that a mate has opened or in one of its own."""
+        pose, negotiation = self._board.pose, self._negotiation
+        self._not_mine = {name: until for name, until in self._not_mine.items() if until > now_ns}
+        able: list[Task] = []
+        if pose is not None and not self._board.lost:
+            able = [task for name, task in tasks.items() if name not in self._not_mine and self._desk.can(task)]
+        here = Point2D(0.0, 0.0) if pose is None else Point2D(pose.x_m, pose.y_m)
+        ends = self._chargers or [here]
+        negotiation.bidder.scorer = task_scorer(able, here, ends, self._board.energy, now_ns, self._desk.work_of)
+        negotiation.bidder.limit = math.ceil(len(tasks) / (1 + len(mates)))
+        self._term = max(self._term, negotiation.term + 1)
+        self._opened = _Opened(now_ns, mates, frozenset(tasks))
+        self._is_called = False
+        negotiation.open(self._term, mates, tasks, lambda _one, _other: 0.0)
+
+    def _begin(self, task: Task, now_ns: int) -> bool:
+        if self._desk.begin_for_team(task).accepted:
+            self._due_ns = now_ns  # the others must know at once
+            return True
+        self._not_mine[task.id] = now_ns + AGAIN_NS
+        return False
+
+    def _charge(self) -> None:
+        """Charge if the energy left is for none of the tasks that there are."""
+        battery, pose = self._board.battery, self._board.pose
+        if battery is None or pose is None or not self._chargers or battery.soc > CHARGE_BELOW_SOC:
+            return
+        place = min(self._chargers, key=lambda one: (pose.distance_m(one), one.x_m, one.y_m))
+        self._charges += 1
+        wanted = {"until_soc": CHARGED_SOC}
+        self._desk.begin_for_team(
+            Task(id=f"recharge-{self._robot}-{self._charges}", kind=RECHARGE, place=place, parameters=wanted)
+        )
+
+    # -- telling --------------------------------------------------------------------------------------------
+
+    def _held(self) -> list[TaskHeld]:
+        facts = self._desk.facts
+        statuses: list[TaskStatus | None] = [facts.task, facts.next_task]
+        return [
+            TaskHeld(id=status.id, epoch=status.epoch)
+            for status in statuses
+            if status is not None and not status.state.ended
+        ]
+
+    def _send(self, *, is_alone: bool) -> None:
+        said = TeamBallot(
+            robot=self._robot,
+            ballot=self._negotiation.ballot(),
+            hears_coordinator=not is_alone,
+            held=self._held(),
+            done=list(self.known.done.values()),
+        )
+        self._tell.put(said)
+
+
+def chargers_in(parameters: Mapping[str, Mapping[str, Any]]) -> list[Point2D]:
+    """The chargers that a robot's file names for the plugin `home`."""
+    return [Point2D(one["x_m"], one["y_m"]) for one in parameters.get("home", {}).get("chargers", ())]

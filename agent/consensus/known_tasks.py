@@ -1,0 +1,67 @@
+"""The tasks that a robot knows to be open: a bounded copy of the coordinator's, kept by listening."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.consensus_messages import ENDS_MAX, TaskDone
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
+
+TASKS_MAX = 256
+"""Open tasks that a robot remembers (chosen: what is allocated at a time)."""
+OWN_KINDS = frozenset({EXPLORE, RECHARGE})
+"""Kinds that a coordinator makes by itself as the team needs them; nobody takes them over."""
+
+
+class KnownTask(NamedTuple):
+    """An open task as the coordinator told of it last."""
+
+    task: Task
+    robot: str
+    """Who had it then; empty if nobody."""
+
+
+class KnownTasks:
+    """Open tasks, and those done that no coordinator is known to have noted."""
+
+    def __init__(self) -> None:
+        self.open: dict[str, KnownTask] = {}
+        self.done: dict[str, TaskDone] = {}
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no further task may be done, as its end might be forgotten."""
+        return len(self.done) >= ENDS_MAX
+
+    def hear(self, event: TaskEvent) -> None:
+        """Take in what the coordinator says of a task."""
+        task = event.task
+        if event.state.ended:
+            self.open.pop(task.id, None)
+            self.done.pop(task.id, None)
+        elif task.kind not in OWN_KINDS and (task.id in self.open or len(self.open) < TASKS_MAX):
+            robot = "" if event.state is TaskState.QUEUED else event.robot
+            self.open[task.id] = KnownTask(task, robot)
+
+    def note_done(self, done: Iterable[TaskDone]) -> None:
+        """Tasks were done; of two robots that did one the first heard counts."""
+        for one in done:
+            if one.id in self.open and one.id not in self.done and not self.is_full:
+                self.done[one.id] = one
+
+    def is_done(self, task_id: str) -> bool:
+        """Whether a task is known to be done."""
+        return task_id in self.done
+
+    def ready(self, now_ns: int) -> list[Task]:
+        """Tasks for one robot that may begin now: what comes before them is done."""
+        return [
+            known.task
+            for task_id, known in sorted(self.open.items())
+            if task_id not in self.done
+            and known.task.robots == 1
+            and known.task.earliest_ns <= now_ns
+            and (known.task.deadline_ns is None or now_ns < known.task.deadline_ns)
+            and not any(other in self.open and other not in self.done for other in known.task.after)
+        ]

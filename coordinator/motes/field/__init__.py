@@ -1,0 +1,1 @@
+"""The mote field kept alive by the coordinator itself."""

@@ -1,0 +1,238 @@
+"""Keeps a field of motes alive: makes tasks to collect, stand in and relay, as a person would, and puts motes on duty.
+
+The tasks are planned in the same objective as all others. Their record says by whom they are, and why they were made.
+"""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
+from robrain.coordinator.motes.field.field_duties import BY, FieldDuties
+from robrain.coordinator.motes.field.field_ledger import FieldLedger, MoteLife
+from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.motes.collect_tour import stops_for, visit_weight
+from robrain.protocol.model.tasks.stock_kinds import COLLECT, RELAY, REPLACE, Collect, Relay, Replace, TaskParameters
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard, TaskReason
+from robrain.protocol.wire.topics import MOTE_READING
+
+LOOK_NS = to_ns(1.0)
+ALONG_SHARE = 0.6
+"""Once a mote is due, those that have reached this share of the age are collected on the same tour (chosen)."""
+HEARD_SHARE = 0.5
+"""A queued task to collect is called off if the data have meanwhile come, and are younger than this share (chosen)."""
+WEIGHTS = (0.2, 10.0)
+"""Least and greatest priority of a task to collect."""
+PERIODS_WAITED = 3.0
+FRESH_AGAIN_NS = to_ns(30.0)
+"""After a robot was at a mote, so long nobody is sent there again (chosen)."""
+
+
+class FieldKeeper:
+    """Makes tasks for the field, and tells how it is doing.
+
+    Args:
+        wire: the coordinator's Zenoh endpoint.
+        book: of its tasks.
+        policy: what is to be done.
+        new_id: gives an unused id of a task, for its kind.
+
+    """
+
+    def __init__(self, wire: Endpoint, book: TaskBook, policy: MoteFieldPolicy, new_id: Callable[[str], str]) -> None:
+        self.is_on = False
+        self.ledger = FieldLedger(policy.sensing_m)
+        self.state: MoteFieldState | None = None
+        """How the field is doing; None while nothing is done for it."""
+        self._wire = wire
+        self._book = book
+        self._new_id = new_id
+        self._inbox = Inbox(capacity=8192)
+        self._guard = RecordGuard(wire.refusals)
+        self._listens = False
+        self._policy = MoteFieldPolicy()
+        self._duties = FieldDuties(wire, self.ledger)
+        self._look_ns = 0
+        self._made: dict[str, tuple[str, str]] = {}
+        """Kind and mote of each own task that has not ended."""
+        self._ended_ns: dict[tuple[str, str], int] = {}
+        """When the last own task of a kind for a mote ended."""
+        self._open: set[tuple[str, str]] = set()
+        """Kind and mote of all tasks that have not ended, whoever asked for them."""
+        self.set_policy(policy)
+
+    def set_policy(self, policy: MoteFieldPolicy) -> None:
+        """Do this from now on; tasks that were made go on."""
+        if policy == self._policy:
+            return
+        self._policy = policy
+        self.ledger = FieldLedger(policy.sensing_m)
+        self._duties = FieldDuties(self._wire, self.ledger)
+        self.is_on = policy.is_on
+        self.state = None
+        if self.is_on and not self._listens:
+            self._listens = True
+            self._wire.subscribe(self._inbox, MOTE_READING)
+
+    def step(self, now_ns: int, writing: Callable[[int], AbstractContextManager[object]]) -> bool:
+        """Hear the motes and, once a second, make and call off tasks.
+
+        Args:
+            now_ns: the time.
+            writing: given the time, goes around all that changes tasks: what the journal does not take is not done.
+
+        Returns:
+            Whether there are new tasks.
+
+        """
+        if self._inbox.has_some:
+            self._guard.messages(self._inbox.drain(), self._take)
+        if now_ns < self._look_ns:
+            return False
+        self._look_ns = now_ns + LOOK_NS
+        has_made = False
+        with writing(now_ns):
+            self._follow(now_ns)
+            before = len(self._made)
+            self._collect(now_ns)
+            self._stand_in(now_ns)
+            self._relay(now_ns)
+            has_made = len(self._made) > before
+        self._duties.step(self._policy, now_ns)
+        self.state = self.ledger.state(self._duties.on_duty, now_ns)
+        return has_made
+
+    def _take(self, received: Received) -> None:
+        self.ledger.note(received.message)
+
+    # -- following ------------------------------------------------------------------------------------------
+
+    def _follow(self, now_ns: int) -> None:
+        """Forget own tasks that have ended, and call off those that are no longer needed."""
+        self._open.clear()
+        for one in self._book.open:
+            what = (one.task.kind, str(one.task.parameters.get("mote", "")))
+            self._open.add(what)
+            if one.by == BY and one.task.id not in self._made:  # of a coordinator before this one
+                self._made[one.task.id] = what
+        for task_id, (kind, name) in list(self._made.items()):
+            record = self._book.find(task_id)
+            mote = self.ledger.motes.get(name)
+            if record is None or record.state.ended:
+                self._end(task_id, record, mote, now_ns)
+            elif kind == COLLECT and mote is not None and record.state is TaskState.QUEUED:
+                age_s = mote.age_s(now_ns)
+                if age_s < HEARD_SHARE * self._policy.collect_age_s:
+                    self._book.move(task_id, TaskState.CANCELLED, MoteHeard(name, round(age_s, 3)))
+                    del self._made[task_id]
+
+    def _end(self, task_id: str, record: TaskRecord | None, mote: MoteLife | None, now_ns: int) -> None:
+        kind, name = self._made.pop(task_id)
+        self._ended_ns[kind, name] = now_ns
+        was_tried = record is not None and record.state is TaskState.FAILED and record.attempts > 0
+        if kind == COLLECT and mote is not None and record is not None and was_tried:
+            mote.is_hopeless = mote.spoke_ns < record.submitted_ns
+
+    def _has(self, kind: str, mote: str) -> bool:
+        return (kind, mote) in self._open or (kind, mote) in self._made.values()
+
+    def _count(self, kind: str) -> int:
+        return sum(made == kind for made, _ in self._made.values())
+
+    # -- making ---------------------------------------------------------------------------------------------
+
+    def _collect(self, now_ns: int) -> None:
+        wanted_s = self._policy.collect_age_s
+        living = [mote for mote in self.ledger.placed() if not mote.is_dead(now_ns)] if wanted_s else []
+        due = [mote for mote in living if mote.age_s(now_ns) >= wanted_s and self._may(COLLECT, mote, now_ns)]
+        if not due:
+            return
+        for mote in living:
+            age_s = mote.age_s(now_ns)
+            if age_s < ALONG_SHARE * wanted_s or not self._may(COLLECT, mote, now_ns):
+                continue
+            weight = visit_weight(age_s, wanted_s, mote.left_s(now_ns))
+            timeout_s = max(self._policy.collect_timeout_s, PERIODS_WAITED * mote.period_s)
+            self._make(
+                COLLECT,
+                mote,
+                Collect(mote=mote.name, timeout_s=timeout_s),
+                DataOld(mote.name, round(age_s, 3)),
+                priority=round(min(WEIGHTS[1], max(WEIGHTS[0], weight)), 3),
+            )
+
+    def _stand_in(self, now_ns: int) -> None:
+        """Stand in where most of the floor would otherwise be told of by no mote."""
+        placed = self.ledger.placed()
+        ending = [mote.is_dead(now_ns) or mote.left_s(now_ns) < self._policy.replace_before_s for mote in placed]
+        room = self._policy.stand_ins - self._count(REPLACE)
+        if room <= 0 or not any(ending):
+            return
+        cover = self.ledger.cover()
+        told = cover.spots(
+            [number for number, mote in enumerate(placed) if not ending[number] or self._has(REPLACE, mote.name)]
+        )
+        waiting = [number for number, mote in enumerate(placed) if ending[number] and not self._has(REPLACE, mote.name)]
+        while waiting and room > 0:
+            best = max(waiting, key=lambda number: ((cover.covered[number] & ~told).bit_count(), -number))
+            if not cover.covered[best] & ~told:
+                return
+            waiting.remove(best)
+            told |= cover.covered[best]
+            room -= 1
+            mote = placed[best]
+            wanted = Replace(mote=mote.name, duration_s=self._policy.stand_in_s, period_s=mote.usual_period_s)
+            left_s = max(0.0, mote.left_s(now_ns)) if not mote.is_dead(now_ns) else 0.0
+            self._make(REPLACE, mote, wanted, MoteEnds(mote.name, round(left_s, 3)))
+
+    def _relay(self, now_ns: int) -> None:
+        """Stand where most motes are heard that nobody hears."""
+        room = self._policy.relays - self._count(RELAY)
+        if room <= 0:
+            return
+        placed = self.ledger.placed()
+        places = [mote.place for mote in placed if mote.place is not None]
+        served = [
+            place for kind, name in self._made.values() if kind == RELAY and (place := self._place_of(name)) is not None
+        ]
+        silent = [
+            number
+            for number, mote in enumerate(placed)
+            if mote.is_overdue(now_ns)
+            and not mote.is_dead(now_ns)
+            and all(_distance_m(places[number], place) > self._policy.relay_reach_m for place in served)
+            and self._may(RELAY, mote, now_ns)
+        ]
+        for stop in stops_for(places, silent, self._policy.relay_reach_m)[:room]:
+            mote = next(placed[number] for number in stop.motes if places[number] == stop.place)
+            wanted = Relay(mote=mote.name, duration_s=self._policy.relay_s)
+            self._make(RELAY, mote, wanted, MoteCutOff(mote.name, len(stop.motes) - 1))
+
+    def _place_of(self, name: str) -> Point2D | None:
+        mote = self.ledger.motes.get(name)
+        return None if mote is None else mote.place
+
+    def _may(self, kind: str, mote: MoteLife, now_ns: int) -> bool:
+        ended_ns = self._ended_ns.get((kind, mote.name))
+        is_rested = ended_ns is None or now_ns >= ended_ns + FRESH_AGAIN_NS
+        return is_rested and not self._has(kind, mote.name)
+
+    def _make(
+        self, kind: str, mote: MoteLife, wanted: TaskParameters, reason: TaskReason, priority: float = 1.0
+    ) -> None:
+        assert mote.place is not None
+        task = Task(id=self._new_id(kind), kind=kind, place=mote.place, priority=priority, parameters=wanted.json)
+        self._book.add(task, by=BY, reason=reason)
+        self._made[task.id] = (kind, mote.name)
+
+
+def _distance_m(one: Point2D, other: Point2D) -> float:
+    return float(((one.x_m - other.x_m) ** 2 + (one.y_m - other.y_m) ** 2) ** 0.5)

@@ -1,0 +1,1 @@
+"""Invariants of a run: what must hold in every run, judged from its messages."""

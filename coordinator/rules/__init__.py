@@ -1,0 +1,1 @@
+"""Rules: tasks that the coordinator makes when something is sensed."""

@@ -1,0 +1,310 @@
+"""Rules: what has to be sensed, or notified of, for a task to be made, and which task that is.
+
+As tables of a scenario file, or of a file of their own:
+
+```toml
+[[rules]]
+name = "heat"
+cooldown_s = 120.0
+
+[rules.reading]
+quantity = "temperature_c"
+above = 26.0
+for_s = 10.0
+clear_at = 24.0
+
+[rules.task]
+kind = "seek"
+parameters = { quantity = "{quantity}" }
+```
+"""
+
+import math
+from collections.abc import Iterable
+from enum import StrEnum
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.coordinator.rules.template import Values, check_template, fill, is_plain
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Duration, Metres, Name, PositiveDuration, Priority
+from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
+from robrain.protocol.model.tasks.task import BadParameters, Needs, Parameters, Task
+from robrain.protocol.wire.errors import BadName
+from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+
+RULES_MAX = 256
+BY = "rule:"
+"""Who asks for the task of a rule is this and the rule's name."""
+OF_READING: Values = {
+    "quantity": "temperature_c",
+    "value": 1.0,
+    "mote": "m1",
+    "robot": "r1",
+    "x_m": 0.0,
+    "y_m": 0.0,
+    "place": {"x_m": 0.0, "y_m": 0.0},
+}
+"""What parameters may be filled with from a reading, with an example of each. `robot` is who heard it."""
+OF_EVENT: Values = {
+    "robot": "r1",
+    "plugin": "monitor",
+    "event": "changed",
+    "value": 1.0,
+    "x_m": 0.0,
+    "y_m": 0.0,
+    "place": {"x_m": 0.0, "y_m": 0.0},
+}
+"""From an event. `value` is the event's, or the field of it that the rule names; the place is the robot's."""
+
+Selected = Annotated[tuple[Name, ...], Meta(max_length=1000)]
+
+
+class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A rectangle of the floor, arena frame."""
+
+    x_min_m: Metres
+    y_min_m: Metres
+    x_max_m: Metres
+    y_max_m: Metres
+
+    def __post_init__(self) -> None:
+        if not (self.x_min_m < self.x_max_m and self.y_min_m < self.y_max_m):
+            raise ValueError("expected x_min_m below x_max_m and y_min_m below y_max_m")
+
+    def holds(self, place: Point2D | None) -> bool:
+        """Whether a place is in it; an unknown one is not."""
+        return (
+            place is not None
+            and self.x_min_m <= place.x_m <= self.x_max_m
+            and self.y_min_m <= place.y_m <= self.y_max_m
+        )
+
+
+class ReadingCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[rules.reading]`: what readings have to be. One of `above`, `below`, `rising_per_min` and `falling_per_min`.
+
+    Readings are judged by the time at which they were taken, whenever and in whatever order they arrive.
+    """
+
+    quantity: Name
+    """What is sensed, as readings name it, such as `temperature_c`."""
+    above: float | None = None
+    """The value is above this."""
+    below: float | None = None
+    """The value is below this."""
+    rising_per_min: float | None = None
+    """The value rises by more than this per minute, by a straight line through a mote's readings of `over_s`."""
+    falling_per_min: float | None = None
+    """The value falls by more than this per minute."""
+    for_s: Duration = 0.0
+    """How long all readings of a mote must have been so; with 0 one reading is enough."""
+    over_s: PositiveDuration = 60.0
+    """Time over which a rate is measured: at least three readings, from at least half of that time."""
+    clear_at: float | None = None
+    """The rule is armed again when the value, or the rate, is back at this. Default: the threshold."""
+    max_age_s: PositiveDuration = 60.0
+    """A mote whose latest reading is older on arrival makes no task; such readings still count as its past."""
+    motes: Selected = ()
+    """Only readings of these motes; all if empty."""
+    robots: Selected = ()
+    """Only readings that these robots or gateways have heard; all if empty."""
+    area: Area | None = None
+    """Only readings that were taken in this rectangle."""
+
+    def __post_init__(self) -> None:
+        given = [name for name in LEVELS if getattr(self, name) is not None]
+        if len(given) != 1:
+            got = " and ".join(given) if given else "none"
+            raise ValueError(f"expected one of above, below, rising_per_min and falling_per_min, got {got}")
+        for name in (*given, "clear_at"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"expected {name} to be finite, got {value}")
+        if self.is_rate and not self.threshold > 0:
+            raise ValueError(f"expected {given[0]} > 0, got {self.threshold}")
+        if self.clear_level > self.level_min:
+            side = "at least" if self.comparison == "below" else "at most"
+            raise ValueError(f"expected clear_at to be {side} {given[0]} = {self.threshold:g}, got {self.clear_at:g}")
+
+    @property
+    def comparison(self) -> str:
+        """The name of the threshold."""
+        return next(name for name in LEVELS if getattr(self, name) is not None)
+
+    @property
+    def threshold(self) -> float:
+        """As it was given."""
+        value = getattr(self, self.comparison)
+        assert value is not None
+        return float(value)
+
+    @property
+    def is_rate(self) -> bool:
+        """Whether the rate of the value is compared, not the value."""
+        return self.comparison in ("rising_per_min", "falling_per_min")
+
+    @property
+    def sign(self) -> float:
+        """A value or rate, times this, is the level, which is above `level_min` where the condition holds."""
+        return -1.0 if self.comparison in ("below", "falling_per_min") else 1.0
+
+    @property
+    def level_min(self) -> float:
+        """The condition holds above this level."""
+        return -self.threshold if self.comparison == "below" else self.threshold
+
+    @property
+    def clear_level(self) -> float:
+        """At or below this level the rule is armed again."""
+        if self.clear_at is None:
+            return self.level_min
+        return -self.clear_at if self.comparison == "below" else self.clear_at
+
+    def covers(self, reading: MoteReading) -> bool:
+        """Whether a reading of the quantity is one that the rule is about."""
+        return (
+            (not self.motes or reading.mote in self.motes)
+            and (not self.robots or reading.via in self.robots)
+            and (self.area is None or self.area.holds(reading.place))
+        )
+
+
+LEVELS = ("above", "below", "rising_per_min", "falling_per_min")
+
+
+class EventCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[rules.event]`: which notification of a plugin makes the task; each one counts by itself."""
+
+    plugin: Name
+    """The plugin that notifies."""
+    event: Name
+    """Name of its event, one that leaves the robot."""
+    robots: Selected = ()
+    """Only of these robots; of all if empty."""
+    field: Name = ""
+    """The part of the event's value that counts, with dots where it is nested; empty for the value itself."""
+    above: float | None = None
+    """That part must be a number above this."""
+    below: float | None = None
+    """That part must be a number below this."""
+    max_age_s: PositiveDuration = 60.0
+    """An event that is older on arrival makes no task."""
+
+    def __post_init__(self) -> None:
+        for name in ("above", "below"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"expected {name} to be finite, got {value}")
+        if self.above is not None and self.below is not None and not self.above < self.below:
+            raise ValueError(f"expected above less than below, got {self.above:g} and {self.below:g}")
+
+    def holds(self, value: object) -> bool:
+        """Whether the part of an event's value is as it has to be."""
+        if self.above is None and self.below is None:
+            return True
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        return (self.above is None or value > self.above) and (self.below is None or value < self.below)
+
+
+class TaskOrder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[rules.task]`: the task that is made."""
+
+    kind: Name
+    """Kind of task, such as `seek` or `inspect`."""
+    place_m: tuple[Metres, Metres] | None = None
+    """Where, arena frame. Default: where the reading was taken, or where the robot of the event is."""
+    priority: Priority = 1.0
+    deadline_s: PositiveDuration | None = None
+    """Time from the making of the task by which it must be done."""
+    service_s: Duration = 0.0
+    """Expected time at its place."""
+    needs: Needs = ()
+    """Names of plugins that a robot must have for it, besides the behavior."""
+    parameters: Parameters = {}
+    """What its kind needs besides. `{value}`, `{mote}` and others in texts are replaced: see the how-to on rules."""
+
+    def __post_init__(self) -> None:
+        if not self.kind:
+            raise ValueError("expected a kind of task, got an empty one")
+        if self.deadline_s is not None and self.service_s > self.deadline_s:
+            raise ValueError(f"expected service_s of at most deadline_s = {self.deadline_s:g}, got {self.service_s:g}")
+
+    def check(self, values: Values) -> None:
+        """Check the parameters (ValueError), filled with these examples."""
+        for name, parameter in self.parameters.items():
+            try:
+                check_template(parameter, values)
+            except ValueError as error:
+                raise ValueError(f"task.parameters.{name}: {error}") from error
+        if self.kind in STOCK_KINDS:
+            parameters = {name: fill(parameter, values) for name, parameter in self.parameters.items()}
+            try:
+                check_parameters(Task(id="t", kind=self.kind, place=Point2D(0.0, 0.0), parameters=parameters))
+            except BadParameters as error:
+                raise ValueError(f"task.parameters: {error}") from error
+
+    @property
+    def needs_place(self) -> bool:
+        """Whether no task can be made unless it is known where the reading was taken."""
+        return self.place_m is None or not is_plain(self.parameters, ("x_m", "y_m", "place"))
+
+
+class Per(StrEnum):
+    """What is in alarm."""
+
+    MOTE = "mote"
+    """Each mote by itself; of events, each robot."""
+    TEAM = "team"
+    """All of them together: one task, until none of them is in alarm any more."""
+
+
+class Rule(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[[rules]]`: when a task is made, and which. It has either `[rules.reading]` or `[rules.event]`."""
+
+    name: Name
+    """Letters, digits, `_`, `-` and `.`; its tasks are called by it."""
+    task: TaskOrder
+    reading: ReadingCondition | None = None
+    event: EventCondition | None = None
+    per: Per = Per.MOTE
+    """After a task the rule makes none until it is armed again: for each mote by itself, or for the whole team."""
+    cooldown_s: Duration = 60.0
+    """Least time between two tasks of the rule, whatever made them."""
+    max_open: Annotated[int, Meta(ge=1, le=1000)] = 1
+    """Most tasks of the rule that are open at the same time."""
+
+    def __post_init__(self) -> None:
+        try:
+            check_name("rule", self.name)
+        except BadName as error:
+            raise ValueError(str(error)) from error
+        if (self.reading is None) == (self.event is None):
+            raise ValueError(f"rule {self.name}: expected either reading or event, got {self._given}")
+        try:
+            self.task.check(OF_READING if self.event is None else OF_EVENT)
+        except ValueError as error:
+            raise ValueError(f"rule {self.name}: {error}") from error
+
+    @property
+    def by(self) -> str:
+        """Who asks for its tasks."""
+        return f"{BY}{self.name}"
+
+    @property
+    def _given(self) -> str:
+        return "neither" if self.reading is None else "both"
+
+
+def check_rules(rules: Iterable[Rule]) -> None:
+    """Check rules that are to hold together (ValueError)."""
+    names = [rule.name for rule in rules]
+    if len(names) > RULES_MAX:
+        raise ValueError(f"expected at most {RULES_MAX} rules, got {len(names)}")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"expected each rule to have a name of its own, got {', '.join(twice)} twice")

@@ -1,0 +1,283 @@
+"""The rule desk: hears readings and events, and makes the tasks of the rules that they meet.
+
+The tasks are ordinary ones: they pass the same admission as those that people submit, are journalled, planned, offered
+and explained alike. What a rule has made a task for is written down in the transaction that accepts the task, so that
+after a restart none is made twice. Work and memory are bounded, however much arrives.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import msgspec
+
+from robrain.coordinator.journal.alarm import Alarm
+from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, check_rules
+from robrain.coordinator.rules.rule_watch import RuleWatch, TrackTable
+from robrain.coordinator.rules.template import Values, fill
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_requests import TaskRequests
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.wire.border.refusals import RefusalCode
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.plugin_messages import Event
+from robrain.protocol.wire.messages.rule_messages import RuleStatus
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.reasons.tasks import RuleEvent, RuleReading
+from robrain.protocol.wire.topics import MOTE_READING, ROBOT_EVENT
+
+INBOX_MAX = 2048
+"""Readings and events in one step; of more the oldest are dropped."""
+REMEMBERED = 1 << 14
+"""Readings of which repetitions are recognised."""
+GAP_PERIODS = 3.0
+GAP_MIN_S = 5.0
+USUAL_PERIOD_S = 4.0
+"""As long as a mote sends no reading in three periods, nothing is known of it; this is the period of one that does not
+say how often it senses."""
+
+
+class Cause(NamedTuple):
+    """What makes a task."""
+
+    source: str
+    """Mote or robot."""
+    stamp_ns: int
+    """When the reading was taken, or the event happened."""
+    place: Point2D | None
+    values: Values
+    """For the parameters of the task."""
+    reason: RuleReading | RuleEvent
+
+
+class RuleDesk:
+    """Keeps all rules of a team.
+
+    Args:
+        wire: the coordinator's Zenoh endpoint.
+        rules: the rules, checked as they are built.
+        book: of the tasks; its journal keeps the alarms.
+        roster: the robots of the team.
+        requests: admits tasks.
+        new_id: makes the id of a task, from how it is to begin.
+
+    """
+
+    def __init__(
+        self,
+        wire: Endpoint,
+        rules: Sequence[Rule],
+        book: TaskBook,
+        roster: Roster,
+        requests: TaskRequests,
+        new_id: Callable[[str], str],
+    ) -> None:
+        check_rules(rules)
+        self.tracks = TrackTable()
+        self.sieve = ReadingSieve(REMEMBERED)
+        self._wire = wire
+        self._book = book
+        self._roster = roster
+        self._requests = requests
+        self._new_id = new_id
+        self._inbox = Inbox(capacity=INBOX_MAX)
+        self._guard = RecordGuard(wire.refusals)
+        self._now_ns = wire.clock.now_ns()
+        self._watches = self._restored(rules)
+        self._of_quantity: dict[str, list[tuple[RuleWatch, ReadingCondition]]] = {}
+        self._of_event: dict[tuple[str, str], list[tuple[RuleWatch, EventCondition]]] = {}
+        for watch in self._watches:
+            reading, event = watch.rule.reading, watch.rule.event
+            if reading is not None:
+                self._of_quantity.setdefault(reading.quantity, []).append((watch, reading))
+            if event is not None:
+                self._of_event.setdefault((event.plugin, event.event), []).append((watch, event))
+        if self._of_quantity:
+            wire.subscribe(self._inbox, MOTE_READING)
+        for plugin, event_name in self._of_event:
+            wire.subscribe(self._inbox, ROBOT_EVENT, plugin=plugin, event=event_name)
+
+    @property
+    def has_some(self) -> bool:
+        """Whether anything has arrived since the last step."""
+        return self._inbox.has_some
+
+    @property
+    def has_open(self) -> bool:
+        """Whether a task of a rule is open."""
+        return any(status.open for status in self.status())
+
+    def step(self, now_ns: int) -> None:
+        """Hear what has arrived, and make the tasks that follow from it."""
+        self._now_ns = now_ns
+        self._guard.messages(self._inbox.drain(), self._take)
+
+    def status(self) -> list[RuleStatus]:
+        """Each rule and what it has done, in the order of the file."""
+        return [watch.status(self._is_open) for watch in self._watches]
+
+    def _restored(self, rules: Sequence[Rule]) -> list[RuleWatch]:
+        """The rules as an earlier coordinator left them; what is not needed any more goes out of the journal."""
+        alarms: dict[str, list[Alarm]] = {rule.name: [] for rule in rules}
+        needed_s = {rule.name: max(rule.cooldown_s, _max_age_s(rule)) for rule in rules}
+        for alarm in self._book.journal.alarms():
+            if alarm.rule not in alarms:
+                continue
+            if not alarm.is_armed or self._now_ns - alarm.fired_ns < to_ns(needed_s[alarm.rule]):
+                alarms[alarm.rule].append(alarm)
+        self._book.journal.keep_alarms(alarm for kept in alarms.values() for alarm in kept)
+        open_tasks: dict[str, list[str]] = {}
+        for record in self._book.open:
+            open_tasks.setdefault(record.by, []).append(record.task.id)
+        return [RuleWatch(rule, alarms[rule.name], open_tasks.get(rule.by, ()), self._now_ns) for rule in rules]
+
+    # -- hearing --------------------------------------------------------------------------------------------
+
+    def _take(self, received: Received) -> None:
+        if received.topic is ROBOT_EVENT:
+            self._take_event(received.message)
+        else:
+            self._take_reading(received.message)
+
+    def _take_reading(self, reading: MoteReading) -> None:
+        watches = self._of_quantity.get(reading.quantity)
+        if watches is None or not self.sieve.is_new(reading):
+            return
+        for watch, condition in watches:
+            if condition.covers(reading):
+                self._judge(watch, condition, reading)
+
+    def _judge(self, watch: RuleWatch, condition: ReadingCondition, reading: MoteReading) -> None:
+        track = self.tracks.of(watch.rule.name, reading.mote, condition, self._now_ns)
+        if track is None:
+            return
+        gap_ns = to_ns(max(GAP_MIN_S, GAP_PERIODS * (reading.period_s or USUAL_PERIOD_S)))
+        track.note(taken_at_ns(reading), reading.value, gap_ns)
+        watch.note_level(reading.mote, track, gap_ns, self._now_ns)
+        source = watch.source_of(reading.mote)
+        alarm = watch.in_alarm(source)
+        if alarm is not None:
+            if watch.is_clear(alarm, track, self._now_ns):
+                self._arm(watch, alarm)
+            return
+        known = watch.alarms.get(source)
+        if known is not None and track.newest_ns <= known.taken_ns:
+            return  # the reading for which there was a task, told again to a coordinator that has begun anew
+        held_s, age_ns = track.held_s, self._now_ns - track.newest_ns
+        if held_s is None or held_s < condition.for_s or age_ns > to_ns(condition.max_age_s):
+            return
+        place = reading.place
+        where = {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}
+        reason = RuleReading(
+            watch.rule.name,
+            reading.mote,
+            reading.quantity,
+            track.value,
+            track.newest_ns,
+            reading.via,
+            condition.comparison,
+            condition.threshold,
+            round(held_s, 3),
+            round(track.rate_per_min, 6) if condition.is_rate else None,
+            round(to_seconds(max(age_ns, 0)), 3),
+        )
+        values = {
+            "quantity": reading.quantity,
+            "value": track.value,
+            "mote": reading.mote,
+            "robot": reading.via,
+            **where,
+        }
+        self._make(watch, Cause(source, track.newest_ns, place, values, reason))
+
+    def _take_event(self, event: Event) -> None:
+        state = self._roster.robots.get(event.robot)
+        pose = None if state is None or state.state is None or state.state.frame != ARENA else state.state.pose
+        place = None if pose is None else Point2D(pose.x_m, pose.y_m)
+        for watch, condition in self._of_event.get((event.plugin, event.event), ()):
+            value = _part(event.value, condition.field)
+            is_meant = not condition.robots or event.robot in condition.robots
+            is_old = self._now_ns - event.stamp_ns > to_ns(condition.max_age_s)
+            source = watch.source_of(event.robot)
+            known = watch.alarms.get(source)
+            # A coordinator that begins anew is told the last events again.
+            is_known = known is not None and event.stamp_ns <= known.taken_ns
+            if not is_meant or is_old or is_known or not condition.holds(value):
+                continue
+            where = {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}
+            values = {"robot": event.robot, "plugin": event.plugin, "event": event.event, "value": value, **where}
+            number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+            reason = RuleEvent(watch.rule.name, event.robot, event.plugin, event.event, event.stamp_ns, number)
+            self._make(watch, Cause(source, event.stamp_ns, place, values, reason))
+
+    # -- making tasks ---------------------------------------------------------------------------------------
+
+    def _arm(self, watch: RuleWatch, alarm: Alarm) -> None:
+        armed = alarm._replace(is_armed=True)
+        try:
+            self._book.journal.note_alarm(armed)
+        except JournalUnwritable as error:  # it stays in alarm until that can be written down
+            watch.refused(str(error), self._now_ns)
+            return
+        watch.alarms[alarm.source] = armed
+
+    def _make(self, watch: RuleWatch, cause: Cause) -> None:
+        if not watch.may_make(self._now_ns, self._is_open):
+            return
+        rule, now_ns = watch.rule, self._now_ns
+        is_armed = rule.event is not None  # an event is over at once: the next one counts again
+        alarm = Alarm(rule.name, cause.source, cause.stamp_ns, now_ns, is_armed)
+        try:
+            asked = TaskSubmission(task=self._task(rule, cause), deadline_in_s=rule.task.deadline_s)
+            record = self._requests.admit(asked, rule.by, reason=cause.reason, alarm=alarm)
+        except (CallError, ValueError) as error:
+            why = error.message if isinstance(error, CallError) else str(error)
+            watch.refused(why, now_ns)
+            self._wire.refusals.note("rule", rule.name, RefusalCode.FAILED, why)
+            return
+        watch.made(record.task.id, alarm)
+
+    def _task(self, rule: Rule, cause: Cause) -> Task:
+        """The task that a rule makes; ValueError if what it needs is not known."""
+        order, fixed_m = rule.task, rule.task.place_m
+        if cause.place is None and order.needs_place:
+            what = "the robot" if rule.reading is None else "the mote"
+            raise ValueError(f"no task is made by rule {rule.name}: {what} does not know where it is")
+        place = Point2D(*fixed_m) if fixed_m is not None else cause.place
+        assert place is not None
+        return Task(
+            id=self._new_id(rule.name),
+            kind=order.kind,
+            place=place,
+            priority=order.priority,
+            service_s=order.service_s,
+            needs=order.needs,
+            parameters={name: fill(parameter, cause.values) for name, parameter in order.parameters.items()},
+        )
+
+    def _is_open(self, task: str) -> bool:
+        record = self._book.find(task)
+        return record is not None and not record.state.ended
+
+
+def _max_age_s(rule: Rule) -> float:
+    condition = rule.reading or rule.event
+    assert condition is not None
+    return condition.max_age_s
+
+
+def _part(value: Any, field: str) -> Any:
+    """A field of an event's value, with dots where it is nested; None if there is no such field."""
+    for name in field.split(".") if field else ():
+        value = value.get(name) if isinstance(value, dict) else None
+    return value

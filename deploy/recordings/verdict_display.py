@@ -1,0 +1,66 @@
+"""What a person sees of a check: findings in the file, and how the invariants of the run stand."""
+
+from rich.console import Console
+from rich.table import Table
+
+from robrain.coordinator.recording.invariants.findings import Ruling, Standing
+from robrain.coordinator.recording.invariants.judging import broken
+from robrain.coordinator.recording.invariants.words import INVARIANTS, cases_words
+from robrain.coordinator.recording.reader.checking import Severity, Verdict
+from robrain.deploy.commands.terminal import results
+from robrain.deploy.recordings.recording_display import said
+
+
+def show_verdict(verdict: Verdict) -> None:
+    """What a check found."""
+    console = results()
+    if verdict.findings:
+        _show_findings(console, verdict)
+    _show_invariants(console, verdict.invariants)
+    result = "good" if verdict.good else "[red]not good[/]"
+    counted = f"{verdict.messages} messages, {verdict.problems} problems, {verdict.notes} notes"
+    if count := broken(verdict.invariants):
+        counted += f", {count} {'invariant' if count == 1 else 'invariants'} broken"
+    console.print(f"{said(verdict.path)}: {result}, {counted}", soft_wrap=True)
+
+
+def _show_findings(console: Console, verdict: Verdict) -> None:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("", "what", "at", "key", "found"):
+        table.add_column(heading, overflow="fold")
+    for finding in verdict.findings:
+        color = "red" if finding.severity is Severity.PROBLEM else "yellow"
+        row = (f"{finding.time_s:.3f} s", finding.key, finding.text)
+        table.add_row(f"[{color}]{finding.severity}[/]", finding.kind.replace("_", " "), *map(said, row))
+    console.print(table)
+    for kind, count in verdict.more.items():
+        console.print(f"and {count} more of {kind.replace('_', ' ')}")
+    console.print()
+
+
+def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("invariant", "", "cases"):
+        table.add_column(heading, overflow="fold")
+    for ruling in rulings:
+        table.add_row(INVARIANTS[ruling.invariant], *_standing(ruling))
+    console.print(table)
+    for ruling in rulings:
+        if ruling.breaches:
+            console.print(f"\n[red]{INVARIANTS[ruling.invariant]}[/]: broken", soft_wrap=True)
+        for breach in ruling.breaches:
+            console.print(f"  {said(breach.text)}", soft_wrap=True)
+        if ruling.more:
+            console.print(f"  and {ruling.more} more")
+    console.print()
+
+
+def _standing(ruling: Ruling) -> tuple[str, str]:
+    cases = cases_words(ruling.invariant, ruling.cases)
+    match ruling.standing:
+        case Standing.KEPT:
+            return "[green]kept[/]", cases
+        case Standing.BROKEN:
+            return f"[red]broken ({ruling.broken})[/]", cases
+        case Standing.NOT_JUDGED:
+            return "[yellow]not judged[/]", ruling.why

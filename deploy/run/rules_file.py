@@ -1,0 +1,56 @@
+"""Rules files: the `[[rules]]` of a scenario, or a file with only these."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from robrain.coordinator.rules.rule import Rule, check_rules
+from robrain.deploy.errors import UsageError
+from robrain.protocol.wire.errors import BadToml
+from robrain.protocol.wire.toml_text import LARGE, read_toml
+
+
+class _Tables(msgspec.Struct, frozen=True):
+    """The tables read here; a scenario has others too."""
+
+    rules: tuple[Rule, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_rules(self.rules)
+
+
+def read_rules(path: Path, option: str = "--rules") -> tuple[Rule, ...]:
+    """Read the rules in a file; `option` is named in errors.
+
+    Raises:
+        UsageError: naming file, key and what was expected.
+
+    """
+    try:
+        found = msgspec.convert(read_toml(path, LARGE), _Tables).rules
+    except FileNotFoundError as error:
+        raise UsageError(f"{option} {path}: there is no such file") from error
+    except BadToml as error:
+        raise UsageError(f"{option} {path}: {error}") from error
+    except msgspec.ValidationError as error:
+        what, _, key = str(error).partition(" - at `$")
+        key = key.rstrip("`").lstrip(".")
+        raise UsageError(f"{option} {path}: {f'{key}: ' if key else ''}{what}") from error
+    if not found:
+        raise UsageError(f"{option} {path}: expected at least one table [[rules]]")
+    return found
+
+
+def write_rules(path: Path, rules: Sequence[Rule]) -> Path:
+    """Write a file that `read_rules` reads; returns its path."""
+    path.write_bytes(msgspec.toml.encode({"rules": [_given(msgspec.to_builtins(rule)) for rule in rules]}))
+    return path
+
+
+def _given(table: dict[str, Any]) -> dict[str, Any]:
+    """A table without the keys that are None, which TOML leaves out."""
+    return {
+        key: _given(value) if isinstance(value, dict) else value for key, value in table.items() if value is not None
+    }

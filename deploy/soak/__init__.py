@@ -1,0 +1,1 @@
+"""Soaks: many fault scripts, judged, and the failing ones shrunk."""

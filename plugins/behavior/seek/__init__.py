@@ -1,0 +1,1 @@
+"""Seek: the robot finds the source of what is sensed."""

@@ -1,0 +1,313 @@
+"""Seek: finds the source of a plume. Climbs the field of a quantity until it has seen it fall on all sides.
+
+The field is what the robot's own sensor board measures on the way, and what motes around have just told. From the
+place of the task on, the robot goes where the fitted field rises most, until a fitted summit is near. It drives around
+that summit; if the field still has its summit within the circle, that is the source. If not, it drives around the new
+summit. Where the field is flat, it looks for a rise on a spiral. Where walls keep it from climbing on, the highest
+place that it has reached is the result, marked as being at a wall.
+"""
+
+import math
+from collections.abc import Generator
+
+import msgspec
+
+from robrain.agent.event import Event
+from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Script
+from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress
+from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
+from robrain.plugins.skill.energy.interface import Work
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.navigation.source_seeking import FieldFit, FieldSamples
+from robrain.protocol.model.tasks.stock_kinds import SEEK, Seek
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.border.reading_sieve import taken_at_ns
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.topics import MOTE_READING
+
+SAMPLE_S = 0.5
+PROBE_M = 1.0
+"""From the place the robot first drives so far to three sides: without readings beside the way there is no slope."""
+STEP_M = 1.5
+"""It climbs in steps of this length. A fitted summit that is nearer than two of them, and known better than to one, is
+looked at from all sides."""
+CIRCLE_M = 1.0
+"""Radius of the circle on which a summit is looked at from all sides."""
+CIRCLE_POINTS = 5
+CIRCLES_MAX = 4
+SIDES_MIN = 3
+"""Points of the circle that must be reached: walls may be in the way of the others."""
+SUMMIT_SD_M = 0.5
+"""A source must be known at least so well."""
+MOVED_M = 0.3
+"""A step that moves the robot less has led nowhere."""
+STUCK_MAX = 4
+"""So many steps in a row that lead no higher end the climb."""
+GOLDEN_RAD = math.radians(137.5)
+SPIRAL_M = 0.8
+"""The first turn of the spiral; its radius grows by the square root."""
+WIDTH_M = 2.5
+NEAR_WIDTH_M = 1.2
+"""Readings so far away count a quarter of those here: during the climb, and on the circle around the summit."""
+HEARD_S = 60.0
+"""Readings of motes that are older do not count."""
+PACE_M_S = 0.25
+"""Of a climb, stops included, for the estimate of its cost (measured)."""
+ANYWHERE_RAD = (0.0, math.radians(50.0), math.radians(-50.0), math.radians(100.0), math.radians(-100.0))
+"""If there is no way uphill the robot tries to go around, in this order."""
+
+Drive = Generator[None, None, bool]
+"""A piece of a script that tells whether the robot got there."""
+
+
+class SourceFound(msgspec.Struct, frozen=True, kw_only=True):
+    """A source was found."""
+
+    task: str
+    quantity: str
+    value: float
+    """As fitted."""
+    place: Point2D
+    """Arena frame."""
+    sd_m: float
+    """Standard deviation of the place along x or y, by the fit alone."""
+    at_wall: bool
+    """The field rises on behind what the robot cannot pass; the place is the highest that it has reached."""
+
+
+class SeekBehavior(Errand[Seek]):
+    """Finds where a quantity is greatest."""
+
+    kind = SEEK
+    found = Event[SourceFound](outside=True)
+
+    def init(self) -> None:
+        super().init()
+        self._readings = Inbox(capacity=256)
+        self._hears_motes = False
+
+    def activate(self) -> None:
+        self._board = self.env.use("sensor_board", SensorBoardInterface)
+        self._hears_motes = False
+        super().activate()
+
+    def work(self, task: Task, seek: Seek) -> Work:
+        """All of the time that it may take, half of it driving, and the way back to the place."""
+        return Work(path_m=PACE_M_S * seek.duration_s + seek.reach_m, wait_s=0.5 * seek.duration_s)
+
+    def do(self, task: Task, seek: Seek) -> Script:
+        """Climb. Result: `x_m`, `y_m`, `value`, `quantity`, `sd_m`, `at_wall`, `samples`, `heard`."""
+        if not self._hears_motes:
+            self._hears_motes = True
+            self.env.wire.subscribe(self._readings, MOTE_READING)
+        climb = Climb(self, task, seek)
+        summit = yield from climb.climb()
+        place = Point2D(round(summit.x_m, 3), round(summit.y_m, 3))
+        value, sd_m = round(climb.value, 3), round(climb.sd_m, 3)
+        self.found.notify(
+            SourceFound(
+                task=task.id, quantity=seek.quantity, value=value, place=place, sd_m=sd_m, at_wall=climb.is_at_wall
+            )
+        )
+        return {
+            "x_m": place.x_m,
+            "y_m": place.y_m,
+            "value": value,
+            "quantity": seek.quantity,
+            "sd_m": sd_m,
+            "at_wall": climb.is_at_wall,
+            "samples": climb.samples,
+            "heard": climb.heard,
+        }
+
+    def measured(self, quantity: str) -> float | None:
+        """What the robot's own board measures now; None if it does not answer or does not sense this."""
+        try:
+            return self._board.measure().values.get(quantity)
+        except CallError:
+            return None
+
+    def told(self) -> list[MoteReading]:
+        """What motes have told since the last call."""
+        return [received.message for received in self._readings.drain()]
+
+
+class Climb:
+    """One climb to a summit.
+
+    Args:
+        errand: the behavior that does it.
+        task: the task.
+        seek: what is sought.
+
+    """
+
+    def __init__(self, errand: SeekBehavior, task: Task, seek: Seek) -> None:
+        self.samples = 0
+        self.heard = 0
+        self.value = math.nan
+        """Of the field at the summit that was found."""
+        self.sd_m = math.inf
+        self.is_at_wall = False
+        self._errand = errand
+        self._travel = errand.travel
+        self._clock = errand.env.clock
+        self._priority = round(min(task.priority, PRIORITY_MAX))
+        self._place = task.place
+        self._seek = seek
+        self._field = FieldSamples()
+        self._until_ns = self._clock.now_ns() + to_ns(seek.duration_s)
+        self._next_ns = 0
+
+    def climb(self) -> Generator[None, None, Point2D]:
+        """The place of the source.
+
+        Raises:
+            Failed: there is none within reach, or time is up.
+
+        """
+        yield from self._probe()
+        stuck = turns = 0
+        top = -math.inf
+        while stuck < STUCK_MAX:
+            self._check_time()
+            here = self._here()
+            fit = self._fit(here)
+            if fit is not None and self._is_near(fit, here) and fit.summit is not None:
+                found = yield from self._look_around(fit.summit)
+                if found is not None:
+                    return found
+                stuck += 1
+            elif fit is None or fit.is_flat:
+                turns += 1
+                yield from self._drive(self._on_spiral(turns))
+            else:
+                stuck = stuck + 1 if fit.value <= top else 0
+                top = max(top, fit.value)
+                yield from self._uphill(fit, here)
+        highest = self._field.highest()
+        if highest is None:
+            raise Failed(f"cannot get nearer to the source of {self._seek.quantity}")
+        yield from self._drive(highest.place)
+        self.is_at_wall, self.value, self.sd_m = True, highest.value, CIRCLE_M
+        return highest.place
+
+    def _probe(self) -> Generator[None, None, None]:
+        for turn in range(3):
+            self._sample(self._here())
+            yield from self._drive(_off(self._place, PROBE_M, turn * math.tau / 3))
+        if not len(self._field):
+            raise Failed(f"nothing tells {self._seek.quantity}: neither the robot's own board nor a mote that is heard")
+
+    def _is_near(self, fit: FieldFit, here: Point2D) -> bool:
+        """Whether a fitted summit is so near that it is worth a look from all sides."""
+        return fit.summit is not None and fit.summit_sd_m < STEP_M and _apart_m(fit.summit, here) < 2.0 * STEP_M
+
+    def _look_around(self, summit: Point2D) -> Generator[None, None, Point2D | None]:
+        """Drive around a summit, and around the one that is fitted then; None if it is found nowhere near."""
+        for _ in range(CIRCLES_MAX):
+            reached = yield from self._circle(summit)
+            fit = self._fit(summit, NEAR_WIDTH_M)
+            if fit is None or fit.summit is None or reached < SIDES_MIN:
+                return None
+            off_m = _apart_m(fit.summit, summit)
+            if off_m <= CIRCLE_M and fit.summit_sd_m <= SUMMIT_SD_M:
+                self.value, self.sd_m = fit.summit_value, fit.summit_sd_m
+                return fit.summit
+            if off_m > 2.0 * STEP_M:
+                return None
+            summit = fit.summit
+        return None
+
+    def _circle(self, middle: Point2D) -> Generator[None, None, int]:
+        """Drive around a place; how many points of the circle were reached."""
+        reached = 0
+        here = self._here()
+        begin_rad = math.atan2(here.y_m - middle.y_m, here.x_m - middle.x_m)
+        for point in range(CIRCLE_POINTS):
+            goal = _off(middle, CIRCLE_M, begin_rad + point * math.tau / CIRCLE_POINTS)
+            got_there = yield from self._drive(goal)
+            reached += got_there and self._away_m(goal) < CIRCLE_M
+        return reached
+
+    def _uphill(self, fit: FieldFit, here: Point2D) -> Generator[None, None, None]:
+        """One step up, around what stands in the way."""
+        yaw_rad, step_m = math.atan2(fit.slope[1], fit.slope[0]), STEP_M
+        if fit.summit is not None:
+            step_m = min(STEP_M, max(_apart_m(fit.summit, here), PROBE_M))
+        for aside_rad in ANYWHERE_RAD:
+            goal = _off(here, step_m, yaw_rad + aside_rad)
+            if _apart_m(goal, self._place) > self._seek.reach_m:
+                continue
+            yield from self._drive(goal)
+            if self._away_m(here) >= MOVED_M:
+                return
+
+    def _on_spiral(self, turn: int) -> Point2D:
+        """Where to look next in a flat field (Failed beyond the reach)."""
+        radius_m = SPIRAL_M * (1.0 + math.sqrt(turn))
+        if radius_m > self._seek.reach_m:
+            raise Failed(f"{self._seek.quantity} rises nowhere within {self._seek.reach_m:g} m")
+        return _off(self._place, radius_m, turn * GOLDEN_RAD)
+
+    # -- driving and sensing --------------------------------------------------------------------------------
+
+    def _drive(self, goal: Point2D) -> Drive:
+        """Go there, sensing on the way; False if that is not possible."""
+        travel = self._travel
+        if not travel.set_out(goal, priority=self._priority):
+            yield
+            return False
+        while (progress := travel.step()) is not Progress.ARRIVED:
+            if progress is Progress.LOST:
+                raise Failed(TROUBLE[progress])
+            if progress in TROUBLE:
+                travel.stand()
+                yield
+                return False
+            self._sample(self._here())
+            self._check_time()
+            yield
+        self._sample(self._here())
+        return True
+
+    def _sample(self, here: Point2D) -> None:
+        now_ns = self._clock.now_ns()
+        if now_ns < self._next_ns:
+            return
+        self._next_ns = now_ns + to_ns(SAMPLE_S)
+        value = self._errand.measured(self._seek.quantity)
+        if value is not None:
+            self.samples += 1
+            self._field.add(here, value, to_seconds(now_ns))
+        for reading in self._errand.told():
+            taken_ns = taken_at_ns(reading)
+            is_meant = reading.quantity == self._seek.quantity and now_ns - taken_ns < to_ns(HEARD_S)
+            if is_meant and reading.place is not None and _apart_m(reading.place, here) < self._seek.reach_m:
+                self.heard += 1
+                self._field.hear(reading.mote, reading.place, reading.value, to_seconds(taken_ns))
+
+    def _fit(self, at: Point2D, width_m: float = WIDTH_M) -> FieldFit | None:
+        return self._field.fit(at, to_seconds(self._clock.now_ns()), width_m)
+
+    def _check_time(self) -> None:
+        if self._clock.now_ns() > self._until_ns:
+            raise Failed(f"no source of {self._seek.quantity} was found in {self._seek.duration_s:g} s")
+
+    def _here(self) -> Point2D:
+        pose = self._travel.pose()
+        return Point2D(pose.x_m, pose.y_m)
+
+    def _away_m(self, place: Point2D) -> float:
+        return _apart_m(self._here(), place)
+
+
+def _off(place: Point2D, distance_m: float, yaw_rad: float) -> Point2D:
+    return Point2D(place.x_m + distance_m * math.cos(yaw_rad), place.y_m + distance_m * math.sin(yaw_rad))
+
+
+def _apart_m(one: Point2D, other: Point2D) -> float:
+    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

@@ -1,0 +1,86 @@
+"""What robots tell each other while they allocate tasks: the winning bids that each knows, and how fresh that is."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.model.ranges import Count, Name
+
+TASKS_MAX = 256
+"""Tasks that are allocated at a time (chosen; 256 bids are about 12 kB)."""
+ROBOTS_MAX = 128
+"""Robots that take part at a time (chosen)."""
+Value = Annotated[float, Meta(ge=-1e300, le=1e300)]
+Score = Annotated[float, Meta(ge=0.0, le=1e300)]
+
+
+class Bid(msgspec.Struct, frozen=True, kw_only=True):
+    """The best bid for a task that a robot knows of."""
+
+    task: Name
+    """Id of the task."""
+    robot: Name
+    """Who made it."""
+    score: Score
+    """What the task is worth to that robot, in joules."""
+
+    def beats(self, other: "Bid | None") -> bool:
+        """Whether it wins against another bid for the task: the greater score; of equal ones the lesser name."""
+        return other is None or (-self.score, self.robot) < (-other.score, other.robot)
+
+
+Bids = Annotated[tuple[Bid, ...], Meta(max_length=TASKS_MAX)]
+
+
+class Heard(msgspec.Struct, frozen=True, kw_only=True):
+    """How much a robot knows of another."""
+
+    robot: Name
+    """The other robot."""
+    number: Count
+    """Of its last ballot that is taken into account, directly or by others."""
+
+
+HeardOf = Annotated[tuple[Heard, ...], Meta(max_length=ROBOTS_MAX)]
+
+
+class Standing(msgspec.Struct, frozen=True, kw_only=True):
+    """How far a robot has come in a round of the negotiation."""
+
+    robot: Name
+    """Whose standing it is."""
+    number: Count
+    """Number of the robot's ballot that said so."""
+    round: Count
+    """Round of the negotiation."""
+    digest: Count
+    """Of all winners as the robot knows them, and of the round; see `digest_of`."""
+    value: Value
+    """What its own path is worth to it."""
+
+
+Standings = Annotated[tuple[Standing, ...], Meta(max_length=ROBOTS_MAX)]
+
+
+class Ballot(msgspec.Struct, frozen=True, kw_only=True):
+    """All that one robot knows of the bidding. A later one replaces an earlier one of the same robot."""
+
+    robot: Name
+    """Who says it."""
+    number: Count
+    """Greater than in every earlier ballot of this robot."""
+    bids: Bids = ()
+    """At most one for each task, sorted by task."""
+    heard: HeardOf = ()
+    """Each other robot that this one knows of."""
+    term: Count = 0
+    """Number of the negotiation; ballots of an earlier one are out of date."""
+    round: Count = 0
+    """Round of the negotiation: 0 is the first allocation, each later one tries an improvement."""
+    base: Count = 0
+    """Digest of the allocation that the round starts from."""
+    base_value: Value = 0.0
+    """What that one is worth, all paths together."""
+    standings: Standings = ()
+    """The last known ones of all robots, its own included."""

@@ -1,0 +1,239 @@
+"""A negotiation about tasks: the first allocation by CBBA, then rounds that release some tasks and bid for them anew.
+
+The bundle algorithm alone ends at the allocation of the sequential greedy algorithm. Each later round releases the
+tasks around one place and those that nobody has, which all robots choose alike by the number of the round; they are
+allocated by bids again, and the result is kept if all paths together are worth about as much as at best (ruin and
+recreate: G. Schrimpf and others, Record Breaking Optimization Results Using the Ruin and Recreate Principle, J.
+Computational Physics 159, 2000). Rounds score in turn by gain and by prize per joule, each with a little noise of its
+own. A round ends when every robot has said the same winners; each tells what its own path is worth, so all draw the
+same conclusion.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
+from zlib import crc32
+
+from robrain.protocol.model.consensus.ballot import TASKS_MAX, Ballot, Standing
+from robrain.protocol.model.consensus.bidder import Bidder, Scorer
+
+RELEASED_MIN, RELEASED_MAX = 5, 15
+"""Tasks released around a place in a round (measured: `robrain bench consensus`)."""
+SLACK = 0.02
+"""Share of its worth by which an allocation may be worse than the best at first, and still be gone on from; none in the
+last round (chosen)."""
+GAIN_MIN = 1e-6
+"""Allocations must be worth more by this to replace another, against rounding."""
+
+Apart = Callable[[str, str], float]
+"""How far two tasks are from each other; the same for all robots."""
+
+
+class _Agreed(NamedTuple):
+    """An allocation that all robots have said, or may yet say."""
+
+    winners: Mapping[str, str]
+    path: list[str]
+
+
+def digest_of(term: int, number: int, winners: Mapping[str, str]) -> int:
+    """A number that tells two allocations of one round apart."""
+    text = ";".join(f"{task}={winners[task]}" for task in sorted(winners))
+    return crc32(f"{term}/{number}/{text}".encode())
+
+
+class Negotiation:
+    """One robot's part in a negotiation.
+
+    Args:
+        robot: its name.
+        scorer: what tasks are worth to it.
+        rounds: rounds of improvement after the first allocation.
+        number: its ballots have greater numbers; after a restart, greater than before.
+
+    """
+
+    def __init__(self, robot: str, scorer: Scorer, rounds: int, number: int = 0) -> None:
+        self.bidder = Bidder(robot, scorer, number)
+        self.term = 0
+        self.round = 0
+        """Rounds concluded; `rounds + 1` when the negotiation is over."""
+        self.improvements = 0
+        """Rounds that found a better allocation than all before."""
+        self._rounds = rounds
+        self._tasks: list[str] = []
+        self._apart: Apart = lambda _a, _b: 0.0
+        self._team: frozenset[str] = frozenset((robot,))
+        self._base = _Agreed({}, [])
+        self._base_digest = 0
+        self._base_value = -math.inf
+        self._best, self._best_digest, self._best_value = self._base, 0, -math.inf
+        """The best allocation so far; a round may start from one that is a little worse."""
+        self._said: dict[int, _Agreed] = {}
+        """Allocations of this round that the robot has said, by digest."""
+        self._standings: dict[str, Standing] = {}
+
+    def open(self, term: int, team: Iterable[str], tasks: Iterable[str], apart: Apart) -> None:
+        """Begin anew.
+
+        Args:
+            term: greater than that of every earlier negotiation that this robot has heard of.
+            team: the robots that take part.
+            tasks: ids of the tasks to allocate.
+            apart: how far two of them are from each other.
+
+        """
+        self.term, self.round, self.improvements = term, 0, 0
+        self._team = frozenset((*team, self.bidder.robot))
+        self._tasks, self._apart = sorted(set(tasks))[:TASKS_MAX], apart
+        self._base, self._base_digest, self._base_value = _Agreed({}, []), 0, -math.inf
+        self._best, self._best_digest, self._best_value = self._base, 0, -math.inf
+        self._said, self._standings = {}, {}
+        self.bidder.scorer.begin(0)
+        self.bidder.open(self._tasks)
+
+    @property
+    def is_agreed(self) -> bool:
+        """Whether all robots have agreed on an allocation."""
+        return self.round > 0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is the last one of this negotiation."""
+        return self.round > self._rounds
+
+    @property
+    def path(self) -> list[str]:
+        """What this robot does, in order, by the allocation agreed last; nothing without one."""
+        return list(self._base.path)
+
+    @property
+    def winners(self) -> dict[str, str]:
+        """Robot of each allocated task, by the allocation agreed last."""
+        return dict(self._base.winners)
+
+    @property
+    def value(self) -> float:
+        """What all paths together are worth, by the allocation agreed last."""
+        return self._base_value
+
+    def ballot(self) -> Ballot:
+        """Bid, and say what to tell the others now."""
+        if not self.is_over:
+            self.bidder.build()
+            self._note_own()
+            self._conclude()
+        said = self.bidder.ballot()
+        return Ballot(
+            robot=said.robot,
+            number=said.number,
+            bids=said.bids,
+            heard=said.heard,
+            term=self.term,
+            round=self.round,
+            base=self._base_digest,
+            base_value=self._base_value if self.round else 0.0,
+            standings=tuple(self._standings[name] for name in sorted(self._standings)),
+        )
+
+    def hear(self, ballot: Ballot) -> bool:
+        """Take another robot's ballot into account.
+
+        Returns:
+            False if it is of a later negotiation or cannot be understood, so that a new one is to be opened.
+
+        """
+        if ballot.term != self.term:
+            return ballot.term < self.term
+        if ballot.round > self.round:
+            if ballot.round > self.round + 1 or not self._follow(ballot.base, ballot.base_value):
+                return False
+        elif ballot.round == self.round and self.round and ballot.base != self._base_digest:
+            return False
+        self._note_standings(ballot.standings)
+        if ballot.round == self.round and not self.is_over:
+            self.bidder.hear(ballot)
+        return True
+
+    def _note_standings(self, standings: Iterable[Standing]) -> None:
+        for standing in standings:
+            known = self._standings.get(standing.robot)
+            if standing.robot != self.bidder.robot and (known is None or standing.number > known.number):
+                self._standings[standing.robot] = standing
+
+    def _note_own(self) -> None:
+        bidder = self.bidder
+        winners = {task: bid.robot for task, bid in bidder.winning.items()}
+        kept = self._kept()
+        digest = digest_of(self.term, self.round, {**kept, **winners})
+        self._said[digest] = _Agreed({**kept, **winners}, list(bidder.path))
+        self._standings[bidder.robot] = Standing(
+            robot=bidder.robot,
+            number=bidder.number + 1,
+            round=self.round,
+            digest=digest,
+            value=bidder.scorer.value(bidder.path),
+        )
+
+    def _kept(self) -> dict[str, str]:
+        """Robots of the tasks that are not released in this round."""
+        open_tasks = set(self.bidder.tasks)
+        return {task: robot for task, robot in self._base.winners.items() if task not in open_tasks}
+
+    def _conclude(self) -> None:
+        """End the round if every robot has said what this one says."""
+        own = self._standings[self.bidder.robot]
+        values = []
+        for name in sorted(self._team):
+            standing = self._standings.get(name)
+            if standing is None or (standing.round, standing.digest) != (self.round, own.digest):
+                return
+            values.append(standing.value)
+        value = math.fsum(values)
+        if value > self._least_value():
+            self._begin_round(own.digest, value)
+        else:
+            self._begin_round(self._base_digest, self._base_value)
+
+    def _least_value(self) -> float:
+        """What an allocation has to be worth more than to be gone on from: at first a little less than the best."""
+        if self._best_value == -math.inf:
+            return -math.inf
+        left = 1.0 - self.round / self._rounds if self._rounds else 0.0
+        return self._best_value + GAIN_MIN - SLACK * left * abs(self._best_value)
+
+    def _follow(self, base: int, value: float) -> bool:
+        """End the round as another robot has; whether this robot knows that result."""
+        known = {*self._said, self._base_digest, self._best_digest} if self.round else set(self._said)
+        if base not in known:
+            return False
+        self._begin_round(base, value)
+        return True
+
+    def _begin_round(self, digest: int, value: float) -> None:
+        if digest not in (self._base_digest, self._best_digest):
+            self._base = self._said[digest]
+        self._base_digest, self._base_value = digest, value
+        if value > self._best_value:
+            self.improvements += self.round > 0
+            self._best, self._best_digest, self._best_value = self._base, digest, value
+        self.round += 1
+        self._said = {}
+        if self.is_over:
+            self._base, self._base_digest, self._base_value = self._best, self._best_digest, self._best_value
+            self.bidder.open((), self._base.path)
+            return
+        self.bidder.scorer.begin(self.round)
+        released = self._released()
+        self.bidder.open(released, [task for task in self._base.path if task not in released])
+
+    def _released(self) -> set[str]:
+        """The tasks that this round allocates anew: some around one place, and those that nobody has."""
+        tasks, apart = self._tasks, self._apart
+        if not tasks:
+            return set()
+        chance = crc32(f"{self.term}:{self.round}".encode())
+        centre = tasks[chance % len(tasks)]
+        count = RELEASED_MIN + chance // len(tasks) % (RELEASED_MAX - RELEASED_MIN + 1)
+        near = sorted(tasks, key=lambda task: (apart(centre, task), task))[:count]
+        return {*near, *(task for task in tasks if task not in self._base.winners)}

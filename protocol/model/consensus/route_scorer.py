@@ -1,0 +1,180 @@
+"""What tasks are worth to a robot that drives to them: their prize, less the energy that its route takes more.
+
+A route ends at a charger. A task that would be late, or make another late, or leave too little energy for the way to
+the charger, cannot be inserted.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+from zlib import crc32
+
+from robrain.protocol.model.consensus.bidder import Insertion
+
+SLACK_J = 1e-6
+"""Tolerance for sums of joules, against rounding that depends on the order of summation."""
+TWO_OPT_PASSES = 8
+"""Passes over a route at most; almost all routes are settled after three."""
+
+NOISE = 0.3
+"""Width of the noise of scores (chosen)."""
+LEAST_COST_J = 1e-3
+"""Costs below this count as this, for the prize per joule."""
+
+Costs = Sequence[Sequence[float]]
+"""From a row's place to a column's; infinite where there is no way."""
+
+
+class Stop(NamedTuple):
+    """A task as a route sees it."""
+
+    place: int
+    """Index into the costs."""
+    prize_j: float
+    """What it is worth, in joules."""
+    service_s: float = 0.0
+    service_j: float = 0.0
+    earliest_s: float = 0.0
+    """Earliest start; the robot waits."""
+    latest_s: float = math.inf
+    """Latest end."""
+
+
+class Drive(NamedTuple):
+    """What a robot's driving takes, and from where."""
+
+    energy_j: Costs
+    time_s: Costs
+    start: int
+    ends: tuple[int, ...]
+    """Chargers at which a route may end; it takes the one that is cheapest in energy."""
+    usable_j: float
+    """Energy that it may spend until it is at the charger."""
+    ready_s: float = 0.0
+    wait_w: float = 0.0
+    """Power while it waits for a task's earliest start."""
+
+
+class RouteScorer:
+    """Scores of tasks on the route of one robot.
+
+    Args:
+        drive: what driving takes the robot.
+        stops: the tasks that it is able to do, by id.
+
+    """
+
+    def __init__(self, drive: Drive, stops: Mapping[str, Stop]) -> None:
+        self._drive = drive
+        self._stops = stops
+        places = range(len(drive.energy_j))
+        end_of = [min(drive.ends, key=lambda end, place=place: (drive.energy_j[place][end], end)) for place in places]  # type: ignore[misc]
+        self._home_j = [drive.energy_j[place][end] for place, end in zip(places, end_of, strict=True)]
+        self._is_timed = drive.wait_w > 0 or any(s.earliest_s > 0 or s.latest_s < math.inf for s in stops.values())
+        self._variant = 0
+        self._spent: tuple[tuple[str, ...], float] = ((), 0.0)
+
+    def cost_j(self, path: Sequence[str]) -> float:
+        """Energy of a route, the way to the charger included; infinite if it cannot be kept, 0 without tasks."""
+        drive = self._drive
+        if not path:
+            return 0.0
+        now_s, place, spent_j = drive.ready_s, drive.start, 0.0
+        for task in path:
+            stop = self._stops[task]
+            spent_j += drive.energy_j[place][stop.place] + stop.service_j
+            now_s += drive.time_s[place][stop.place]
+            if now_s < stop.earliest_s:
+                spent_j += (stop.earliest_s - now_s) * drive.wait_w
+                now_s = stop.earliest_s
+            now_s += stop.service_s
+            if now_s > stop.latest_s:
+                return math.inf
+            place = stop.place
+        spent_j += self._home_j[place]
+        return spent_j if spent_j <= drive.usable_j + SLACK_J else math.inf
+
+    def value(self, path: Sequence[str]) -> float:
+        """Prizes less energy of a route."""
+        return math.fsum(self._stops[task].prize_j for task in path) - self.cost_j(path)
+
+    def begin(self, variant: int) -> None:
+        """See Scorer: odd variants score by prize per joule; all but 0 have noise."""
+        self._variant = variant
+
+    def insertion(self, path: Sequence[str], task: str) -> Insertion | None:
+        """See Scorer. What would cost more than its prize is never inserted."""
+        stop = self._stops.get(task)
+        if stop is None:
+            return None
+        key = tuple(path)
+        if self._spent[0] != key:
+            self._spent = key, self.cost_j(path)
+        base_j = self._spent[1]
+        best: Insertion | None = None
+        for position, more_j in self._by_energy(path, stop):
+            gain = stop.prize_j - more_j
+            if best is not None and not gain > best.gain:
+                continue
+            if self._is_timed:
+                longer_j = self.cost_j([*path[:position], task, *path[position:]])
+                gain = stop.prize_j - (longer_j - base_j)
+                if longer_j == math.inf or (best is not None and not gain > best.gain):
+                    continue
+            elif base_j + more_j > self._drive.usable_j + SLACK_J:
+                continue
+            best = Insertion(gain, position)
+        if best is None or not self._variant or not best.gain > 0:
+            return best
+        gain = best.gain
+        if self._variant % 2:
+            gain = stop.prize_j / max(stop.prize_j - gain, LEAST_COST_J)
+        chance = crc32(f"{self._variant}:{self._drive.start}:{task}".encode()) / 2**32
+        return best._replace(gain=gain * (1 + NOISE * (chance - 0.5)))
+
+    def _by_energy(self, path: Sequence[str], stop: Stop) -> list[tuple[int, float]]:
+        """Each position with the energy of driving and service that an insertion there takes more, waiting aside."""
+        drive, here = self._drive, stop.place
+        energy_j = drive.energy_j
+        found = []
+        place = drive.start
+        for position, name in enumerate(path):
+            then = self._stops[name].place
+            more_j = energy_j[place][here] + energy_j[here][then] - energy_j[place][then] + stop.service_j
+            if more_j < math.inf:
+                found.append((position, more_j))
+            place = then
+        back_j = self._home_j[place] if path else 0.0
+        more_j = energy_j[place][here] + self._home_j[here] - back_j + stop.service_j
+        if more_j < math.inf:
+            found.append((len(path), more_j))
+        return found
+
+    def ordered(self, path: Sequence[str]) -> list[str]:
+        """The path after moves of one task and reversals of stretches (2-opt), as long as one saves energy."""
+        best = list(path)
+        best_j = self.cost_j(best)
+        for _ in range(TWO_OPT_PASSES):
+            found = self._better(best, best_j)
+            if found is None:
+                break
+            best, best_j = found
+        return best
+
+    def _better(self, path: list[str], cost_j: float) -> tuple[list[str], float] | None:
+        """The route after one pass of moves; None if none saves energy."""
+        is_better = False
+        for first in range(len(path)):
+            for last in range(len(path)):
+                if first < last:
+                    changed = path[:first] + path[first : last + 1][::-1] + path[last + 1 :]
+                    found_j = self.cost_j(changed)
+                    if found_j < cost_j - SLACK_J:
+                        path, cost_j, is_better = changed, found_j, True
+                if first != last:
+                    rest = path[:first] + path[first + 1 :]
+                    changed = [*rest[:last], path[first], *rest[last:]]
+                    found_j = self.cost_j(changed)
+                    if found_j < cost_j - SLACK_J:
+                        path, cost_j, is_better = changed, found_j, True
+        return (path, cost_j) if is_better else None

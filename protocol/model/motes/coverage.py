@@ -1,0 +1,68 @@
+"""Which motes are on duty so that the floor stays covered: as few as possible, in turn, the full ones first."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from functools import reduce
+from operator import or_
+
+from robrain.protocol.model.geometry import Point2D
+
+Spots = int
+"""A set of sample points of the floor, a bit each."""
+
+
+class CoverageMap:
+    """Which sample points of the floor each mote covers.
+
+    Args:
+        places: of the motes, arena frame.
+        points: sample points of the floor, arena frame.
+        radius_m: a mote tells of the floor up to this distance.
+
+    """
+
+    def __init__(self, places: Sequence[Point2D], points: Sequence[Point2D], radius_m: float) -> None:
+        self.points = len(points)
+        self.covered: list[Spots] = [
+            sum(
+                1 << index
+                for index, point in enumerate(points)
+                if math.hypot(point.x_m - place.x_m, point.y_m - place.y_m) <= radius_m
+            )
+            for place in places
+        ]
+        """Of each mote."""
+
+    def share(self, motes: Collection[int]) -> float:
+        """Share of the sample points that some of these motes cover."""
+        return self.spots(motes).bit_count() / self.points
+
+    def spots(self, motes: Collection[int]) -> Spots:
+        """What some of these motes cover."""
+        return reduce(or_, (self.covered[mote] for mote in motes), 0)
+
+
+def duty_set(cover: CoverageMap, left: Mapping[int, float]) -> list[int]:
+    """Few motes that cover all that the living ones cover; of these, the ones with much energy left.
+
+    The greedy set cover (Chvátal, Mathematics of Operations Research 4(3), 1979), each mote's gain times the share of
+    energy that it has left, and then without those that turned out not to be needed, emptiest first. Repeated from time
+    to time with the energies of then, the motes take turns.
+
+    Args:
+        cover: who covers what.
+        left: share of its energy that each living mote has left, above 0.
+
+    """
+    wanted = cover.spots(left)
+    chosen: list[int] = []
+    open_spots = wanted
+    while open_spots:
+        best = max(left, key=lambda mote: ((cover.covered[mote] & open_spots).bit_count() * left[mote], -mote))
+        chosen.append(best)
+        open_spots &= ~cover.covered[best]
+    for mote in sorted(chosen, key=lambda mote: (left[mote], mote)):
+        others = [other for other in chosen if other != mote]
+        if cover.spots(others) == wanted:
+            chosen = others
+    return sorted(chosen)

@@ -1,0 +1,283 @@
+"""Delivery between the parties of a lockstep run that hear each other by radio, if at all.
+
+A robot is a party, with all its endpoints, and so is the coordinator; see `RadioNetwork`. What a party says reaches its
+own endpoints and those of the infrastructure (arena, recorder, scripts) at once, other parties as the network
+decides:
+
+- A sample on a LATEST or EVERY topic is sent once. On a LOSSLESS topic the sender keeps the last `cache` samples of a
+  key that a hearer has missed and sends them again, in order: at most `RESEND_NS` after there is a way again.
+- A token disappears for a party that its owner has not reached for `lost_after_ns`, and comes back with the way.
+- A query is answered within the tick if request and reply need no longer than the time limit; otherwise it times out.
+  Whoever has lost the token of the party that would answer is told that nobody answers. A reply that nobody waits for
+  (`Endpoint.ask_into`) arrives after as long as both take.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from heapq import heappop, heappush
+from threading import get_ident
+
+import zenoh
+
+from robrain.protocol.wire.answers.asked import Answer
+from robrain.protocol.wire.border.border import Heard
+from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.inbox import Sample
+from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.party_exchange import PartyExchange
+from robrain.protocol.wire.links.radio_network import EVERYWHERE, RadioNetwork, is_direct
+from robrain.protocol.wire.links.radio_query import RadioQuery
+from robrain.protocol.wire.topic import Delivery, Topic
+
+RESEND_NS = to_ns(0.5)
+"""Period in which a hearer finds out what it has missed of a lossless topic: Zenoh's heartbeat, see `ZenohLink`."""
+IN_FLIGHT_MAX = 65536
+"""Samples and replies that are on their way; further ones are dropped and counted."""
+
+
+class _Stream:
+    """Samples of one key of a lossless topic that one hearer has missed."""
+
+    def __init__(self, speaker: str, kept: int, retry_ns: int) -> None:
+        self.speaker = speaker
+        self.samples: deque[Sample] = deque(maxlen=kept)
+        self.retry_ns = retry_ns
+
+
+class RadioExchange(PartyExchange):
+    """Decides who hears what, who is asked a query and who sees a token, where the parties of a run have radios.
+
+    It is the infrastructure's own exchange at the same time.
+
+    Args:
+        network: who reaches whom.
+        clock: of the run.
+        lost_after_s: how long a token is seen after its owner was last heard.
+
+    """
+
+    def __init__(self, network: RadioNetwork, clock: Clock, lost_after_s: float) -> None:
+        super().__init__(EVERYWHERE, self._takers_changed, self._token_anywhere)
+        self._network = network
+        self._clock = clock
+        self._lost_after_ns = to_ns(lost_after_s)
+        self._homes: dict[str, PartyExchange] = {EVERYWHERE: self}
+        self._takers: dict[str, list[PartyExchange]] = {}
+        """Parties that take a key, for those that were put."""
+        self._heard_ns: dict[tuple[str, str], int] = {}
+        """When a party (the first) last reached another, as long as the other counts on it."""
+        self._on_way: list[tuple[int, int, Callable[[], object]]] = []
+        self._number = 0
+        self._last_ns: dict[tuple[str, str], int] = {}
+        """When the last sample from one party to another arrives."""
+        self._missed: dict[tuple[str, str], _Stream] = {}
+        """By key and hearer."""
+
+    @classmethod
+    def open(cls, session: zenoh.Session, network: RadioNetwork, clock: Clock, lost_after_s: float) -> "RadioExchange":
+        """That of a session that nobody else can join and on which nothing is declared yet."""
+        made = cls(network, clock, lost_after_s)
+        cls._of_session[str(session.zid())] = made
+        return made
+
+    def join(self, party: str) -> PartyExchange:
+        """The exchange of a party that opens an endpoint.
+
+        Raises:
+            ValueError: the network does not know the party.
+
+        """
+        home = self._homes.get(party)
+        if home is None:
+            if party not in self._network.parties:
+                raise ValueError(f"expected a party with a radio, got {party!r}: {', '.join(self._network.parties)}")
+            home = self._homes[party] = PartyExchange(party, self._takers_changed, self._token_anywhere)
+        home.links += 1
+        if home.links == 1 and party:
+            self._look()
+            for speaker in self._homes.values():
+                self._show(home, speaker)
+        return home
+
+    def leave(self, home: PartyExchange) -> None:
+        """A party closes an endpoint; with the last one its radio is off, also as a relay."""
+        home.links -= 1
+
+    def step(self) -> None:
+        """Take in who hears whom now, and deliver what has arrived meanwhile."""
+        now_ns = self._clock.now_ns()
+        self._look()
+        while self._on_way and self._on_way[0][0] <= now_ns:
+            heappop(self._on_way)[2]()
+        for at in [at for at, stream in self._missed.items() if now_ns >= stream.retry_ns]:
+            self._send_again(at, self._missed[at], now_ns)
+
+    # -- samples --------------------------------------------------------------------------------------------
+
+    def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
+        """Hand a sample of the infrastructure to all who take its key."""
+        self.deliver_from(EVERYWHERE, topic, key, payload)
+
+    def deliver_from(self, party: str, topic: Heard, key: str, payload: bytes) -> None:
+        """Hand a party's sample to all whom it reaches."""
+        takers = self._takers.get(key)
+        if takers is None:
+            takers = self._takers[key] = [home for home in self._homes.values() if home.takes(topic, key)]
+        if not takers:
+            return
+        if get_ident() != self._owner:  # a thread of its own, such as a plugin's server: the run is not repeatable
+            for home in takers:
+                if is_direct(party, home.party) or self._network.reaches(party, home.party):
+                    Exchange.deliver(home, topic, key, payload)
+            return
+        sample: Sample = (topic, key, payload, [])
+        far = []
+        for home in takers:
+            if is_direct(party, home.party):
+                home.hand(sample)
+            else:
+                far.append(home.party)
+        if far:
+            self._send(party, far, sample)
+
+    def _send(self, speaker: str, hearers: list[str], sample: Sample) -> None:
+        now_ns = self._clock.now_ns()
+        topic, key = sample[0], sample[1]
+        is_kept = isinstance(topic, Topic) and topic.delivery is Delivery.LOSSLESS
+        if is_kept and self._missed:
+            waiting = [self._missed.get((key, hearer)) for hearer in hearers]
+            hearers = [hearer for hearer, stream in zip(hearers, waiting, strict=True) if stream is None]
+            for stream in waiting:
+                if stream is not None:
+                    self._keep(stream, sample)
+        took_ns = self._network.spread(speaker, hearers, _size(sample), now_ns)
+        for hearer in hearers:
+            if hearer in took_ns:
+                self._arrive(speaker, hearer, now_ns + took_ns[hearer], sample)
+            elif is_kept:
+                assert isinstance(topic, Topic)
+                stream = self._missed[key, hearer] = _Stream(speaker, topic.cache, now_ns + RESEND_NS)
+                self._keep(stream, sample)
+
+    def _keep(self, stream: _Stream, sample: Sample) -> None:
+        self._network.counters.outdated += len(stream.samples) == stream.samples.maxlen
+        stream.samples.append(sample)
+
+    def _send_again(self, at: tuple[str, str], stream: _Stream, now_ns: int) -> None:
+        stream.retry_ns = now_ns + RESEND_NS
+        hearer = at[1]
+        if not self._homes[stream.speaker].links:
+            del self._missed[at]  # with the sender, what it kept has gone
+            return
+        if not self._network.reaches(stream.speaker, hearer):
+            return
+        while stream.samples:
+            sample = stream.samples[0]
+            took_ns = self._network.spread(stream.speaker, [hearer], _size(sample), now_ns)
+            if hearer not in took_ns:
+                return
+            stream.samples.popleft()
+            self._arrive(stream.speaker, hearer, now_ns + took_ns[hearer], sample)
+        del self._missed[at]
+
+    def _arrive(self, speaker: str, hearer: str, due_ns: int, sample: Sample) -> None:
+        """Hand a sample over when it arrives, after all that the speaker has sent there before."""
+        pair = speaker, hearer
+        due_ns = self._last_ns[pair] = max(due_ns, self._last_ns.get(pair, 0))
+        self._network.counters.delivered += self._at(due_ns, partial(self._homes[hearer].hand, sample))
+
+    def _at(self, due_ns: int, do: Callable[[], object]) -> bool:
+        """Do something now or when it is due; returns False if there is no room for it."""
+        if due_ns <= self._clock.now_ns():
+            do()
+        elif len(self._on_way) >= IN_FLIGHT_MAX:
+            self._network.counters.overflowed += 1
+            return False
+        else:
+            self._number += 1
+            heappush(self._on_way, (due_ns, self._number, do))
+        return True
+
+    def _takers_changed(self) -> None:
+        self._takers.clear()
+
+    # -- queries --------------------------------------------------------------------------------------------
+
+    def ask_from(
+        self,
+        party: str,
+        selector: str,
+        payload: bytes,
+        limit_ns: int,
+        take: Callable[[Answer], None],
+        over: Callable[[], None],
+        *,
+        waits: bool,
+    ) -> RadioQuery:
+        """Send a party's query to all who answer it, as far as it knows of them; as `ask`.
+
+        Args:
+            party: who asks.
+            selector: as for `ask`.
+            payload: as for `ask`.
+            limit_ns: time limit for request and reply together.
+            take: as for `ask`.
+            over: as for `ask`.
+            waits: whether the asker waits, so that `take` gets each reply now; otherwise when it arrives.
+
+        """
+        key = selector.partition("?")[0]
+        query = RadioQuery(self._network, party, self._clock.now_ns(), limit_ns, take, None if waits else self._after)
+        known = [
+            (speaker, answers)
+            for speaker, home in self._homes.items()
+            if (answers := home.answerers(key)) and (is_direct(party, speaker) or (speaker, party) in self._heard_ns)
+        ]
+        query.ask(selector, payload, known, over)
+        return query
+
+    def _after(self, delay_ns: int, do: Callable[[], object]) -> None:
+        self._at(self._clock.now_ns() + delay_ns, do)
+
+    # -- tokens ---------------------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Who counts on whom, by what was heard until now."""
+        now_ns, network, heard_ns = self._clock.now_ns(), self._network, self._heard_ns
+        homes = [home for party, home in self._homes.items() if party]
+        if not network.look(now_ns, [home.party for home in homes if home.links]):
+            return
+        for speaker in homes:
+            for hearer in homes:
+                pair = speaker.party, hearer.party
+                if speaker is hearer:
+                    continue
+                if network.reaches(*pair):
+                    is_new = pair not in heard_ns
+                    heard_ns[pair] = now_ns
+                    if is_new:
+                        self._show(hearer, speaker)
+                elif pair in heard_ns and now_ns - heard_ns[pair] > self._lost_after_ns:
+                    del heard_ns[pair]
+                    self._show(hearer, speaker)
+
+    def _show(self, hearer: PartyExchange, speaker: PartyExchange) -> None:
+        for key in sorted(speaker.own_tokens):
+            hearer.show(key, is_there=self._sees(hearer.party, key))
+
+    def _sees(self, hearer: str, key: str) -> bool:
+        for speaker, home in self._homes.items():
+            is_in_reach = is_direct(speaker, hearer) or (speaker, hearer) in self._heard_ns
+            if is_in_reach and key in home.own_tokens:
+                return True
+        return False
+
+    def _token_anywhere(self, key: str) -> None:
+        for hearer, home in self._homes.items():
+            home.show(key, is_there=self._sees(hearer, key))
+
+
+def _size(sample: Sample) -> int:
+    """Bytes that a sample takes on the air."""
+    return len(sample[1]) + len(sample[2])

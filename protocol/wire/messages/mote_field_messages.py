@@ -1,0 +1,43 @@
+"""How a field of motes is doing, as the coordinator tells it."""
+
+import msgspec
+
+from robrain.protocol.model.ranges import Count, Quantity, Stamp
+
+
+class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
+    """How the motes are doing of which the coordinator has ever heard."""
+
+    motes: Count
+    """Number of motes."""
+    dead: Count
+    """Number of those whose cells are empty, as far as can be told."""
+    delivery_ratio: Quantity
+    """Share of the readings taken since each mote was first heard that have arrived; dead motes count as if they went
+    on."""
+    age_s: Quantity
+    """Mean age of the newest reading of each living mote."""
+    oldest_s: Quantity
+    """Greatest of these ages."""
+    coverage: Quantity
+    """Share of the floor between the motes, as far as they can tell of it, of which a mote or a robot in its place does
+    tell."""
+    on_duty: Count
+    """Number of living motes that are on duty."""
+    first_dead_ns: Stamp | None = None
+    """When the first mote was heard last that is dead."""
+    half_dead_ns: Stamp | None = None
+    """The same of the mote with which half of them were dead."""
+    last_dead_ns: Stamp | None = None
+    """The same of the last mote, if all are dead."""
+
+    @property
+    def words(self) -> str:
+        """The state in one sentence, for people."""
+        dead = f", {self.dead} dead" if self.dead else ""
+        resting = self.motes - self.dead - self.on_duty
+        rest = f", {resting} off duty" if resting > 0 else ""
+        return (
+            f"{self.motes} motes{dead}{rest}; {100 * self.delivery_ratio:.0f} % of the readings arrived, "
+            f"newest {self.age_s:.0f} s old (oldest {self.oldest_s:.0f} s); {100 * self.coverage:.0f} % covered"
+        )

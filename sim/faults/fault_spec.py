@@ -1,0 +1,136 @@
+"""Faults of processes, of the wire, of the journal's disk and of the battery, as a fault script has them.
+
+Faults of a robot's hardware are in `sim/world/fault_injection.py`.
+"""
+
+import math
+from enum import StrEnum
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+COORDINATOR = "coordinator"
+"""Names the coordinator where a fault may be of a robot or of the coordinator."""
+LATEST_S = 60.0
+"""Limit of the delay of a message."""
+SKEW_MAX_S = 7 * 86_400.0
+
+
+class FaultKind(StrEnum):
+    """What fails."""
+
+    KILL = "kill"
+    """The process is killed; at `until_s` another one is started."""
+    HANG = "hang"
+    """The process stands still; its token stays, messages wait, queries are not answered."""
+    SLOW = "slow"
+    """The process takes a step only every `period_s`."""
+    CLOCK_SKEW = "clock_skew"
+    """The process reads a clock that is `skew_s` ahead."""
+    DISK_FULL = "disk_full"
+    """The coordinator's journal cannot be written."""
+    DRAIN = "drain"
+    """The battery's charge falls to `soc` at once."""
+    LOSE = "lose"
+    """A `share` of the messages, requests and replies from and to the component is lost."""
+    DELAY = "delay"
+    """Messages and requests from and to the component are late by `late_s`, in order."""
+    REORDER = "reorder"
+    """The same, each by a time of its own, so that later ones overtake earlier ones."""
+    PARTITION = "partition"
+    """The component, with those in `side`, and all others do not hear each other."""
+
+
+PROCESS = frozenset((FaultKind.KILL, FaultKind.HANG, FaultKind.SLOW, FaultKind.CLOCK_SKEW))
+"""Faults of a process: a robot's agent, or the coordinator."""
+WIRE = frozenset((FaultKind.LOSE, FaultKind.DELAY, FaultKind.REORDER, FaultKind.PARTITION))
+"""Faults of the wire."""
+
+
+class FaultMoment(StrEnum):
+    """What a fault waits for."""
+
+    TASK_ASSIGNED = "task_assigned"
+    """The robot, or any robot for the coordinator, begins a task."""
+    TASK_DONE = "task_done"
+    """It has done a task."""
+    DOCKED = "docked"
+    """It has come to a charger."""
+    TASK_ACCEPTED = "task_accepted"
+    """The coordinator has acknowledged a task; for faults of any component."""
+
+
+Side = Annotated[tuple[str, ...], Meta(max_length=1000)]
+
+OPTIONS: dict[str, frozenset[FaultKind]] = {
+    "period_s": frozenset((FaultKind.SLOW,)),
+    "skew_s": frozenset((FaultKind.CLOCK_SKEW,)),
+    "soc": frozenset((FaultKind.DRAIN,)),
+    "share": frozenset((FaultKind.LOSE,)),
+    "late_s": frozenset((FaultKind.DELAY, FaultKind.REORDER)),
+}
+"""Keys that these kinds need and no other may have."""
+
+
+class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Something fails at a given time or event. Raises ValueError where its values do not fit."""
+
+    robot: str
+    """Name of the component, a robot such as `r1` or `coordinator`."""
+    kind: FaultKind
+    at_s: float
+    """Simulated time at which it begins; with `on`, time after that event."""
+    until_s: float | None = None
+    """Simulated time at which it ends, counted as `at_s`; never if absent."""
+    on: FaultMoment | None = None
+    """Event that it waits for, once."""
+    within_s: float = 0.0
+    """It begins, and ends, later than said by a time from 0 to this, drawn from the run's seed."""
+    period_s: float | None = None
+    """`slow`: time between two steps."""
+    skew_s: float | None = None
+    """`clock_skew`: how far the clock is ahead; negative if it is behind."""
+    soc: float | None = None
+    """`drain`: the state of charge that is left, 0 to 1."""
+    share: float | None = None
+    """`lose`: share of what is lost, above 0 to 1."""
+    late_s: tuple[float, float] | None = None
+    """`delay`, `reorder`: least and greatest delay."""
+    side: Side = ()
+    """`partition`: components on the robot's side of the cut."""
+
+    def __post_init__(self) -> None:
+        self._check_times()
+        for name, kinds in OPTIONS.items():
+            if (self.kind in kinds) != (getattr(self, name) is not None):
+                raise ValueError(f"expected {name} for {' and '.join(sorted(kinds))}, and for nothing else")
+        if self.side and self.kind is not FaultKind.PARTITION:
+            raise ValueError(f"expected side for {FaultKind.PARTITION} alone, got it for {self.kind}")
+        self._check_values()
+        if self.kind is FaultKind.DISK_FULL and self.robot != COORDINATOR:
+            raise ValueError(f"expected robot = '{COORDINATOR}' for {FaultKind.DISK_FULL}, got {self.robot!r}")
+        if self.kind is FaultKind.DRAIN and self.robot == COORDINATOR:
+            raise ValueError(f"expected the name of a robot for {self.kind}, got {self.robot!r}")
+
+    def _check_times(self) -> None:
+        if self.kind is FaultKind.DRAIN and self.until_s is not None:
+            raise ValueError(f"expected no until_s for {self.kind}: it has no end")
+        if not self.at_s >= 0:
+            raise ValueError(f"expected at_s >= 0, got {self.at_s}")
+        if self.until_s is not None and not self.until_s > self.at_s:
+            raise ValueError(f"expected until_s > at_s = {self.at_s:g}, got {self.until_s}")
+        if not (self.within_s >= 0 and math.isfinite(self.within_s)):
+            raise ValueError(f"expected within_s >= 0, got {self.within_s}")
+
+    def _check_values(self) -> None:
+        if self.period_s is not None and not 0 < self.period_s <= LATEST_S:
+            raise ValueError(f"expected period_s above 0 to {LATEST_S:g}, got {self.period_s}")
+        if self.skew_s is not None and not abs(self.skew_s) <= SKEW_MAX_S:
+            raise ValueError(f"expected skew_s from -{SKEW_MAX_S:g} to {SKEW_MAX_S:g}, got {self.skew_s}")
+        if self.soc is not None and not 0 <= self.soc <= 1:
+            raise ValueError(f"expected soc from 0 to 1, got {self.soc}")
+        if self.share is not None and not 0 < self.share <= 1:
+            raise ValueError(f"expected share above 0 to 1, got {self.share}")
+        if self.late_s is not None and not 0 <= self.late_s[0] <= self.late_s[1] <= LATEST_S:
+            raise ValueError(f"expected late_s as [least, greatest] from 0 to {LATEST_S:g} s, got {list(self.late_s)}")

@@ -1,0 +1,122 @@
+"""A process of a run with faults: an agent or the coordinator, which may die, hang, be slow or misread the time."""
+
+import logging
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.errors import RobrainError
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
+from robrain.sim.faults.faulty_exchange import FaultyExchange
+from robrain.sim.faults.skewed_clock import SkewedClock
+
+logger = logging.getLogger(__name__)
+
+RESTART_NS = to_ns(1.0)
+"""What could not start is tried again after this."""
+
+
+class Component(Protocol):
+    """What a process runs."""
+
+    def step(self) -> None:
+        """Do what is due."""
+
+    def close(self) -> None:
+        """End, as a process does that is asked to."""
+
+
+class Process:
+    """One process.
+
+    Args:
+        name: of the component on the exchange.
+        clock: of the run.
+        exchange: of the run.
+        start: makes the component; called at the start and at each restart.
+
+    """
+
+    def __init__(self, name: str, clock: Clock, exchange: FaultyExchange, start: "Callable[[Process], Any]") -> None:
+        self.name = name
+        self.clock = SkewedClock(clock)
+        self.component: Component | None = None
+        """What runs; None while the process is dead."""
+        self.since_ns = 0
+        """When it was started."""
+        self._exchange = exchange
+        self._start = start
+        self._faults: dict[int, FaultSpec] = {}
+        self._true_clock = clock
+        self._step_ns = 0
+        self._start_ns = 0
+
+    @property
+    def is_awake(self) -> bool:
+        """Whether it runs, and does not hang."""
+        return self.component is not None and not self._has(FaultKind.HANG)
+
+    @property
+    def period_s(self) -> float:
+        """Time between two of its steps, if it is slow; else 0."""
+        return max((fault.period_s or 0.0 for fault in self._faults.values()), default=0.0)
+
+    def start(self) -> None:
+        """Start it, if it is dead and nothing keeps it so; what cannot start is tried again, as by a supervisor."""
+        if self.component is not None or self._has(FaultKind.KILL):
+            return
+        self.since_ns = self._true_clock.now_ns()
+        with self._exchange.acting(self.name):
+            try:
+                self.component = self._start(self)
+            except RobrainError as error:
+                self._exchange.drop(self.name)
+                self._start_ns = self.since_ns + RESTART_NS
+                logger.warning("%s cannot start: %s", self.name, error)
+
+    def set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
+        """A fault of the process begins or ends."""
+        if begins:
+            self._faults[number] = fault
+        else:
+            del self._faults[number]
+        if fault.kind is FaultKind.KILL:
+            if begins:
+                self.component = None
+                self._exchange.drop(self.name)
+            else:
+                self.start()
+        skews_s = (each.skew_s or 0.0 for each in self._faults.values())
+        self.clock.skew_ns = to_ns(sum(skews_s))
+        if self.component is not None and (self._has(FaultKind.HANG) or self._has(FaultKind.SLOW)):
+            self._exchange.sleep(self.name)
+        else:
+            self._exchange.wake(self.name)
+
+    def step(self, now_ns: int) -> None:
+        """Take its step, if it can and is not too slow."""
+        if self.component is None and now_ns >= self._start_ns:
+            self.start()
+        component = self.component
+        if component is None or not self.is_awake:
+            return
+        is_slow = self._has(FaultKind.SLOW)
+        if is_slow and now_ns < self._step_ns:
+            return
+        self._step_ns = now_ns + to_ns(self.period_s)
+        with self._exchange.acting(self.name):
+            if is_slow:
+                self._exchange.wake(self.name)
+            component.step()
+            if is_slow:
+                self._exchange.sleep(self.name)
+
+    def close(self) -> None:
+        """End it."""
+        if self.component is not None:
+            with self._exchange.acting(self.name):
+                self.component.close()
+            self.component = None
+
+    def _has(self, kind: FaultKind) -> bool:
+        return any(fault.kind is kind for fault in self._faults.values())

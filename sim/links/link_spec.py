@@ -1,0 +1,139 @@
+"""The table `[links]` of a scenario: who hears whom on the team's own wire."""
+
+import math
+from collections.abc import Iterable
+
+import msgspec
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.links.radio_network import COORDINATOR
+from robrain.sim.errors import ScenarioError
+from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
+
+LOSS_MAX = 0.95
+DELAY_MAX_S = 10.0
+LOSS_DB_MAX = 200.0
+
+
+class PartitionSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[[links.partitions]]`: a time in which parts of the team do not hear each other.
+
+    Raises ValueError for a time that ends before it begins, and for a name in two groups.
+    """
+
+    from_s: float = 0.0
+    """Simulated time at which it begins."""
+    until_s: float | None = None
+    """Simulated time at which it ends; absent for the rest of the run."""
+    groups: tuple[tuple[str, ...], ...]
+    """Robots, and `coordinator`, that still hear each other. Those in no group are one more group."""
+
+    def __post_init__(self) -> None:
+        check_not_negative(self, "from_s")
+        if self.until_s is not None and not self.until_s > self.from_s:
+            raise ValueError(f"expected until_s above from_s, {self.from_s:g}, got {self.until_s:g}")
+        names = [name for group in self.groups for name in group]
+        if not names or not all(self.groups):
+            raise ValueError("expected groups with at least one name each")
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"expected each name in one of the groups, got {name!r} twice")
+
+    def covers(self, sim_time_s: float) -> bool:
+        """Whether it is in force."""
+        return self.from_s <= sim_time_s < (math.inf if self.until_s is None else self.until_s)
+
+    def group_of(self, party: str) -> int:
+        """Number of a party's group; −1 for those in none."""
+        return next((number for number, group in enumerate(self.groups) if party in group), -1)
+
+
+class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[links]`: the radio between robots and coordinator; without the table, everybody hears everybody.
+
+    In lockstep runs only, and only in those that no other process joins. Raises ValueError for impossible values.
+    """
+
+    range_m: float = math.inf
+    """Distance up to which two radios hear each other with a free line of sight."""
+    wall_db: float = 0.0
+    """Attenuation of each wall between them."""
+    walls_block: bool = False
+    """Whether no radio hears another through a wall."""
+    exponent: float = 3.0
+    """Path-loss exponent, by which walls shorten the range: to `10 ** (-walls * wall_db / (10 * exponent))` of it."""
+    loss: float = 0.0
+    """Probability that a hop loses a message."""
+    delay_s: float = 0.0
+    """Time that each hop takes, besides that of sending."""
+    bandwidth_bytes_s: float = math.inf
+    """Rate at which each radio sends its own messages and those that it relays, one after the other."""
+    queue_s: float = 1.0
+    """A message that would wait for its radio for longer than this is dropped."""
+    relays: bool | tuple[str, ...] = True
+    """Who passes on messages of others: everybody, nobody, or those with these names (robots, or `coordinator`)."""
+    lost_after_s: float = 2.0
+    """Time after which a party counts those that it no longer hears as absent, as by Zenoh's lease."""
+    return_after_s: float = 10.0
+    """Time after which a robot with nothing to do drives back to its start, where it may be heard again; `inf` to
+    stay where it is. Robots that do not know where they start stay."""
+    coordinator_m: tuple[float, float] | None = None
+    """Place of the coordinator's radio, arena frame; that of the first robot's start if absent."""
+    partitions: tuple[PartitionSpec, ...] = ()
+    """Times in which parts of the team do not hear each other."""
+
+    def __post_init__(self) -> None:
+        check_above_zero(self, "range_m", "bandwidth_bytes_s")
+        check_above_zero(self, "exponent", "queue_s", finite=True)
+        check_within(self, 0, LOSS_DB_MAX, "wall_db")
+        check_within(self, 0, LOSS_MAX, "loss")
+        check_within(self, 0, DELAY_MAX_S, "delay_s")
+        check_not_negative(self, "lost_after_s", finite=True)
+        check_not_negative(self, "return_after_s")
+        if self.coordinator_m is not None and not all(map(math.isfinite, self.coordinator_m)):
+            raise ValueError(f"expected finite coordinates for coordinator_m, got {list(self.coordinator_m)}")
+
+    def check_names(self, robots: Iterable[str], where: str) -> None:
+        """Check that there are all robots that the table names.
+
+        Raises:
+            ScenarioError: naming `where`, key and name.
+
+        """
+        known = [COORDINATOR, *robots]
+        named = [("partitions", name) for one in self.partitions for group in one.groups for name in group]
+        named += [("relays", name) for name in (() if isinstance(self.relays, bool) else self.relays)]
+        for key, name in named:
+            if name not in known:
+                there = f"{COORDINATOR} and r1 to {known[-1]}"
+                raise ScenarioError(f"{where}: links: {key}: no party {name!r}; there are {there}")
+
+    def idle_parameters(self, start: Pose2D) -> dict[str, dict[str, object]]:
+        """Parameters of a robot's plugin `idle`, if it returns to its start."""
+        if self.return_after_s == math.inf:
+            return {}
+        return {"idle": {"home": [start.x_m, start.y_m], "return_after_s": self.return_after_s}}
+
+    def reach_m(self, walls: int) -> float:
+        """Distance up to which two radios hear each other with that many walls between them."""
+        if walls and self.walls_block:
+            return 0.0
+        return self.range_m * math.pow(10.0, -walls * self.wall_db / (10.0 * self.exponent))
+
+    def relays_by(self, party: str) -> bool:
+        """Whether a party passes on messages of others."""
+        return self.relays if isinstance(self.relays, bool) else party in self.relays
+
+
+def check_alone(links: LinkSpec | None, where: str, *, is_alone: bool) -> None:
+    """Check that no other process joins a run with `[links]`: it would hear, and be heard by, everybody.
+
+    Raises:
+        ScenarioError: one may; names `where`.
+
+    """
+    if links is not None and not is_alone:
+        raise ScenarioError(
+            f"{where}: links: expected a run that no other process can join, got one with a dashboard or a port to "
+            "listen on: run it without them and look at its recording, or leave [links] out"
+        )

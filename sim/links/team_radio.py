@@ -1,0 +1,203 @@
+"""The radios of a simulated team: who hears whom, by which hops, and what each message costs.
+
+A radio sends one message after the other: its own, and those that it relays. A sample goes to several hearers along the
+tree of shortest ways, so that each hop of the tree is sent once. Waiting times are those at the moment at which the
+message is sent, on all hops.
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from enum import Enum
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.links.radio_network import COORDINATOR
+from robrain.protocol.wire.messages.arena_messages import LinkCounters
+from robrain.sim.links.link_spec import LinkSpec
+from robrain.sim.links.walls_between import walls_between
+from robrain.sim.maps.floor_plan import FloorPlan
+
+LOOK_PERIOD_NS = to_ns(0.1)
+"""Period in which distances and walls are measured."""
+RESEND_NS = to_ns(0.1)
+"""After which a request or reply that was lost is sent again."""
+_RNG_OF_LINKS = 5
+
+Place = tuple[float, float]
+"""Metres, arena frame."""
+Places = Callable[[], NDArray[np.float64]]
+"""(N, 2): where the robots are, metres, arena frame."""
+
+
+class _Dropped(Enum):
+    LOST = "lost"
+    CROWDED = "crowded"
+
+
+class TeamRadio:
+    """A `RadioNetwork` on a floor plan.
+
+    Args:
+        spec: the table `[links]`.
+        plan: the floor and its walls.
+        robots: their names.
+        starts_m: (N, 2), where they start, metres, arena frame.
+        seed: of the run.
+
+    """
+
+    def __init__(
+        self, spec: LinkSpec, plan: FloorPlan, robots: Sequence[str], starts_m: NDArray[np.float64], seed: int
+    ) -> None:
+        self.counters = LinkCounters()
+        self.parties: Sequence[str] = (COORDINATOR, *robots)
+        self.where: Places = lambda: starts_m
+        """Says where the robots are; the starts until it is set."""
+        own_m = spec.coordinator_m
+        self._own_m = (float(starts_m[0, 0]), float(starts_m[0, 1])) if own_m is None else own_m
+        self._spec = spec
+        self._plan = plan
+        self._rng = np.random.default_rng([seed, _RNG_OF_LINKS])
+        self._in_range: dict[tuple[str, str], tuple[Place, Place, bool]] = {}
+        """Places of each pair when it was measured last, and whether they were in range of each other."""
+        self._hears: dict[str, list[str]] = {party: [] for party in self.parties}
+        self._ways: dict[str, dict[str, list[str]]] = {}
+        """From a party to each that it reaches: the radios that send, and the hearer."""
+        self._looked_ns: int | None = None
+        self._on: Collection[str] = ()
+        self._free_ns: dict[str, int] = {}
+        """When each radio has sent all that it has to send."""
+
+    @property
+    def places_m(self) -> dict[str, Place]:
+        """Where the radios are, metres, arena frame."""
+        robots = [(float(x_m), float(y_m)) for x_m, y_m in self.where()]
+        return dict(zip(self.parties, [self._own_m, *robots], strict=True))
+
+    def look(self, now_ns: int, on: Collection[str]) -> bool:
+        """See `RadioNetwork`."""
+        if on == self._on and self._looked_ns is not None and now_ns < self._looked_ns + LOOK_PERIOD_NS:
+            return False
+        self._looked_ns, self._on = now_ns, on
+        hears = self._measure(to_seconds(now_ns))
+        if hears != self._hears:
+            self._hears = hears
+            self._ways.clear()
+        return True
+
+    def hears(self, party: str) -> list[str]:
+        """Those whom a party hears without a relay, in the order of `parties`."""
+        return self._hears[party]
+
+    def hops(self, speaker: str, hearer: str) -> int | None:
+        """Number of hops from one party to another; None if there is no way."""
+        way = self._ways_of(speaker).get(hearer)
+        return None if way is None else len(way) - 1
+
+    def reaches(self, speaker: str, hearer: str) -> bool:
+        """See `RadioNetwork`."""
+        return hearer in self._ways_of(speaker)
+
+    def spread(self, speaker: str, hearers: Sequence[str], size: int, now_ns: int) -> dict[str, int]:
+        """See `RadioNetwork`."""
+        ways, counters = self._ways_of(speaker), self.counters
+        took: dict[str, int | _Dropped] = {speaker: 0}
+        arrived = {}
+        for hearer in hearers:
+            way = ways.get(hearer)
+            if way is None:
+                counters.out_of_reach += 1
+                continue
+            end = self._along(way, took, size, now_ns)
+            if isinstance(end, _Dropped):
+                counters.lost += end is _Dropped.LOST
+                counters.crowded += end is _Dropped.CROWDED
+            else:
+                arrived[hearer] = end
+        return arrived
+
+    def carry(self, speaker: str, hearer: str, size: int, now_ns: int, limit_ns: int) -> int | None:
+        """See `RadioNetwork`."""
+        way = self._ways_of(speaker).get(hearer)
+        if way is None:
+            return None
+        total_ns = 0
+        for sender in way[:-1]:
+            self.counters.relayed += sender != speaker
+            while isinstance(hop := self._send(sender, size, now_ns), _Dropped):
+                total_ns += RESEND_NS
+                if total_ns > limit_ns:
+                    return None
+            total_ns += hop
+        return total_ns if total_ns <= limit_ns else None
+
+    def _along(self, way: list[str], took: dict[str, int | _Dropped], size: int, now_ns: int) -> int | _Dropped:
+        """Send a sample along a way, as far as that was not done for other hearers."""
+        for sender, receiver in pairwise(way):
+            before = took[sender]
+            if isinstance(before, _Dropped):
+                return before
+            if receiver not in took:
+                hop = self._send(sender, size, now_ns)
+                self.counters.relayed += sender != way[0]
+                took[receiver] = hop if isinstance(hop, _Dropped) else before + hop
+        return took[way[-1]]
+
+    def _send(self, sender: str, size: int, now_ns: int) -> int | _Dropped:
+        """One hop; returns how long it takes."""
+        spec = self._spec
+        free_ns = max(now_ns, self._free_ns.get(sender, 0))
+        if free_ns - now_ns > to_ns(spec.queue_s):
+            return _Dropped.CROWDED
+        free_ns += to_ns(size / spec.bandwidth_bytes_s)
+        self._free_ns[sender] = free_ns
+        if spec.loss and self._rng.random() < spec.loss:
+            return _Dropped.LOST
+        return free_ns - now_ns + to_ns(spec.delay_s)
+
+    def _measure(self, sim_time_s: float) -> dict[str, list[str]]:
+        places = self.places_m
+        cuts = [one for one in self._spec.partitions if one.covers(sim_time_s)]
+        groups = {party: [one.group_of(party) for one in cuts] for party in self.parties}
+        hears: dict[str, list[str]] = {party: [] for party in self.parties}
+        on = [party for party in self.parties if party in self._on]
+        for number, one in enumerate(on):
+            for other in on[number + 1 :]:
+                if groups[one] == groups[other] and self._are_in_range(one, other, places):
+                    hears[one].append(other)
+                    hears[other].append(one)
+        return hears
+
+    def _are_in_range(self, one: str, other: str, places: dict[str, Place]) -> bool:
+        from_m, to_m = places[one], places[other]
+        known = self._in_range.get((one, other))
+        if known is None or known[:2] != (from_m, to_m):
+            known = self._in_range[one, other] = from_m, to_m, self._is_in_range(from_m, to_m)
+        return known[2]
+
+    def _is_in_range(self, from_m: Place, to_m: Place) -> bool:
+        spec = self._spec
+        square_m2 = (to_m[0] - from_m[0]) ** 2 + (to_m[1] - from_m[1]) ** 2
+        if square_m2 > spec.range_m**2:
+            return False
+        if not spec.walls_block and not spec.wall_db:
+            return True
+        return square_m2 <= spec.reach_m(walls_between(self._plan, from_m, to_m)) ** 2
+
+    def _ways_of(self, speaker: str) -> dict[str, list[str]]:
+        """The shortest ways from a party, of equal ones the one by the radios that come first in `parties`."""
+        ways = self._ways.get(speaker)
+        if ways is None:
+            ways, edge = {speaker: [speaker]}, [speaker]
+            while edge:
+                reached = []
+                for sender in edge:
+                    if sender == speaker or self._spec.relays_by(sender):
+                        new = [party for party in self._hears[sender] if party not in ways]
+                        ways.update((party, [*ways[sender], party]) for party in new)
+                        reached += new
+                edge = sorted(reached, key=self.parties.index)
+            self._ways[speaker] = ways
+        return ways

@@ -1,0 +1,317 @@
+"""A mote field's life: energy and readings of all motes, from one change of routes, duties or the living to the next.
+
+Between two changes powers and flows are constant, so that they are integrated at once: no packet is simulated. Packets
+that are sent within range arrive; readings are lost in motes that die, and in full memories.
+"""
+
+import math
+
+import msgspec
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.motes.collect_tour import shortest_order, stops_for, tour_m
+from robrain.protocol.model.motes.coverage import CoverageMap, duty_set
+from robrain.protocol.model.motes.mote_energy import DAY_S
+from robrain.protocol.model.motes.radio_graph import RadioGraph
+from robrain.protocol.model.motes.relay_places import relay_places
+from robrain.protocol.model.motes.routes import (
+    NO_ROUTE,
+    Routes,
+    lifetime_routes,
+    min_hop_tree,
+    routes_of,
+    share_at_once,
+)
+from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, Routing
+
+HOP_S = 1.0
+"""Delay of one hop: the receiver listens once in that time; chosen."""
+POINTS_A_SIDE = 25
+"""Sample points of the floor along each side, for the coverage."""
+ROUNDING = 1e-9
+"""Relays stand as far apart as the radio reaches."""
+LEAST_GOAL_DAYS = 20.0
+"""Beyond its goal the field is run as if it were so far away."""
+MAX_DAYS = 3650.0
+FLAT_J = 1e-6
+"""A mote that has no more than this left is dead."""
+
+
+class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a field."""
+
+    deaths_days: list[float]
+    """When the motes died, in order."""
+    taken: float
+    """Readings that the motes took in the whole time."""
+    delivered: float
+    lost: float
+    """With their motes, or in full memories."""
+    stored: float
+    """Still in living motes at the end."""
+    due: float
+    """Readings within the horizon that motes on duty took, and dead ones would have taken."""
+    delivered_in_horizon: float
+    coverage: float
+    """Mean share of the floor within the horizon about which a living mote told."""
+    age_h: float
+    """Mean age of a reading on its arrival."""
+    news_age_h: float
+    """Mean age, within the horizon, of the newest reading that is known of a living mote on duty."""
+    spent_j: float
+    """By all motes."""
+    left_j: float
+    """In all motes at the end."""
+    robot_j: float
+    """By the robots, within the horizon."""
+    driven_m: float
+    """By the robots, within the horizon."""
+
+    @property
+    def first_days(self) -> float:
+        """When the first mote died."""
+        return self.deaths_days[0] if self.deaths_days else math.inf
+
+    @property
+    def half_days(self) -> float:
+        """When half of the motes were dead."""
+        return self.deaths_days[(len(self.deaths_days) - 1) // 2] if self.deaths_days else math.inf
+
+    @property
+    def last_days(self) -> float:
+        """When the last mote died."""
+        return self.deaths_days[-1] if self.deaths_days else math.inf
+
+    @property
+    def delivery_ratio(self) -> float:
+        """Share of the readings due within the horizon that arrived."""
+        return self.delivered_in_horizon / self.due if self.due else 0.0
+
+
+class FieldRun:
+    """One life of a field.
+
+    Args:
+        site: where the motes lie, and what they are.
+        plan: how the field is run.
+        horizon_days: time over which delivery, coverage and the robots' work are counted.
+        until_days: when the run ends at the latest.
+
+    """
+
+    def __init__(
+        self, site: MoteSite, plan: FieldPlan, horizon_days: float = 365.0, until_days: float = MAX_DAYS
+    ) -> None:
+        self.site, self.plan = site, plan
+        motes_alone = RadioGraph(site.places, site.sink, site.range_m)
+        self.relays = relay_places(motes_alone, most=plan.relays) if plan.relays else []
+        """Where robots stand as relays; nodes of the graph after the motes."""
+        self.graph = RadioGraph([*site.places, *self.relays], site.sink, site.range_m * (1.0 + ROUNDING))
+        count = len(site.places)
+        self._robots = range(count, count + len(self.relays))
+        step_m = site.size_m / POINTS_A_SIDE
+        sides_m = [(index + 0.5) * step_m for index in range(POINTS_A_SIDE)]
+        points = [Point2D(x_m, y_m) for x_m in sides_m for y_m in sides_m]
+        self._cover = CoverageMap(site.places, points, site.sensing_m)
+        self.horizon_days = horizon_days
+        self._horizon_s, self._until_s = horizon_days * DAY_S, until_days * DAY_S
+        self.left_j = [site.energy.capacity_j] * count
+        self.stored = [0.0] * count
+        self.alive = set(range(count))
+        self._on_duty = set(self.alive)
+        self._routes: Routes | None = None
+        self._share = 1.0
+        self._has_route = [False] * count
+        self._tours_m: dict[tuple[int, ...], float] = {}
+        self.now_s = 0.0
+        self._next_plan_s = 0.0
+        self._known_s = [0.0] * count
+        """When the newest reading that is known of each mote was taken."""
+        self._next_tour_s = DAY_S / plan.tours_per_day if plan.tours_per_day else math.inf
+        self._deaths_s: list[float] = []
+        self._taken = self._delivered = self._lost = self._early = 0.0
+        self._age_sum_s = self._news_sum_s = self._watched_s = self._due = 0.0
+        self._covered_s = self._spent_j = self._robot_j = self._driven_m = 0.0
+
+    def run(self) -> FieldLife:
+        """Live until all motes are dead, or the time is over."""
+        while self.alive and self.now_s < self._until_s:
+            if self.now_s >= self._next_plan_s:
+                self._make_plan()
+            powers_w = {mote: self._power_w(mote) for mote in sorted(self.alive)}
+            dies_s = min(self.left_j[mote] / power_w for mote, power_w in powers_w.items())
+            ends_s = [self._next_plan_s, self._next_tour_s, self._until_s]
+            ends_s += [self._horizon_s] if self.now_s < self._horizon_s else []
+            self._pass(max(0.0, min(dies_s, min(ends_s) - self.now_s)), powers_w)
+            if self.now_s >= self._next_tour_s:
+                self._tour()
+            self._bury()
+        return self._life()
+
+    # -- planning -------------------------------------------------------------------------------------------
+
+    def _make_plan(self) -> None:
+        site, plan = self.site, self.plan
+        self._next_plan_s = self.now_s + plan.replan_days * DAY_S
+        living = sorted(self.alive)
+        self._on_duty = set(self.alive)
+        if plan.takes_turns:
+            left = {mote: max(self.left_j[mote] / site.energy.capacity_j, FLAT_J) for mote in living}
+            self._on_duty = set(duty_set(self._cover, left))
+        awake = sorted(self._on_duty)
+        forwarding = [*awake, *self._robots]
+        rate_hz = 1.0 / site.period_s
+        if plan.routing is Routing.NONE:
+            self._routes = routes_of(self.graph, [[NO_ROUTE] * self.graph.sink], ())
+        elif plan.routing is Routing.TREE:
+            self._routes = routes_of(self.graph, [min_hop_tree(self.graph, forwarding)], awake)
+        else:
+            self._routes = lifetime_routes(self.graph, self._left_j_of_all(), forwarding, awake, site.energy, rate_hz)
+        self._has_route = [hops > 0 for hops in self._routes.hops]
+        self._share = self._share_at_once(self._routes, rate_hz) if plan.tours_per_day else 1.0
+        self._spend_on_beacons(len(self._routes.trees) if plan.routing is not Routing.NONE else 0, awake)
+
+    def _share_at_once(self, routes: Routes, rate_hz: float) -> float:
+        """Share of the readings that travel over the air so that no mote dies before the goal."""
+        energy, awake = self.site.energy, self._on_duty
+        goal_s = max(LEAST_GOAL_DAYS * DAY_S, self.plan.goal_days * DAY_S - self.now_s)
+        budgets_w = [
+            left_j / goal_s - energy.awake_w - rate_hz * energy.reading_j if mote in awake else 0.0
+            for mote, left_j in enumerate(self.left_j)
+        ]
+        budgets_w += [math.inf] * len(self.relays)
+        return share_at_once(routes, awake, budgets_w, energy, rate_hz)
+
+    def _left_j_of_all(self) -> list[float]:
+        """Energy of the motes and of the robots that relay, which charge in turn."""
+        return [*self.left_j, *[math.inf] * len(self.relays)]
+
+    def _spend_on_beacons(self, trees: int, awake: list[int]) -> None:
+        """Each tree is made from one beacon of every mote on duty, which its neighbours hear."""
+        energy = self.site.energy
+        for mote in awake:
+            heard = sum(other in self._on_duty for other in self.graph.neighbours[mote])
+            spent_j = trees * (energy.beacon_send_j + heard * energy.beacon_receive_j)
+            spent_j = min(spent_j, self.left_j[mote])
+            self.left_j[mote] -= spent_j
+            self._spent_j += spent_j
+
+    # -- living ---------------------------------------------------------------------------------------------
+
+    def _power_w(self, mote: int) -> float:
+        energy, routes = self.site.energy, self._routes
+        assert routes is not None
+        if mote not in self._on_duty:
+            return energy.asleep_w
+        rate_hz = 1.0 / self.site.period_s
+        on_air_w = (
+            self._share * rate_hz * (routes.sent[mote] * energy.send_j + routes.received[mote] * energy.receive_j)
+        )
+        return energy.awake_w + rate_hz * energy.reading_j + on_air_w
+
+    def _pass(self, step_s: float, powers_w: dict[int, float]) -> None:
+        """Let time pass with constant powers and flows."""
+        routes = self._routes
+        assert routes is not None
+        told = set()
+        for mote, power_w in powers_w.items():
+            spent_j = power_w * step_s
+            self.left_j[mote] -= spent_j
+            self._spent_j += spent_j
+            if mote not in self._on_duty:
+                continue
+            taken = step_s / self.site.period_s
+            at_once = taken * self._share if self._has_route[mote] else 0.0
+            self._taken += taken
+            self._deliver(at_once, routes.hops[mote] * HOP_S)
+            self.stored[mote] += taken - at_once
+            over = max(0.0, self.stored[mote] - self.site.log_readings)
+            self.stored[mote] -= over
+            self._lost += over
+            if self._has_route[mote] or self.plan.tours_per_day:
+                told.add(mote)
+            self._note_news(mote, step_s, routes.hops[mote])
+        if self.now_s < self._horizon_s:
+            self._covered_s += step_s * self._cover.share(told)
+            self._robot_j += step_s * len(self.relays) * self.plan.robot.standing_w
+            dead = len(self.site.places) - len(self.alive)
+            self._due += (len(self._on_duty) + dead) * step_s / self.site.period_s
+        self.now_s += step_s
+
+    def _note_news(self, mote: int, step_s: float, hops: float) -> None:
+        """Count the age of the newest reading that is known of a mote, over a step."""
+        if self.now_s >= self._horizon_s:
+            return
+        tour_s = DAY_S / self.plan.tours_per_day if self.plan.tours_per_day else math.inf
+        by_air_s = self.site.period_s / self._share if self._has_route[mote] and self._share > 0 else math.inf
+        between_s = min(tour_s, by_air_s)
+        if math.isfinite(between_s):
+            mean_s = hops * HOP_S + 0.5 * between_s
+            self._known_s[mote] = self.now_s + step_s
+        else:
+            mean_s = self.now_s + 0.5 * step_s - self._known_s[mote]
+        self._news_sum_s += step_s * mean_s
+        self._watched_s += step_s
+
+    def _deliver(self, readings: float, age_s: float) -> None:
+        self._delivered += readings
+        self._age_sum_s += readings * age_s
+        if self.now_s < self._horizon_s:
+            self._early += readings
+
+    def _tour(self) -> None:
+        """A robot visits the living motes that have stored something, and takes it."""
+        tour_s, robot = DAY_S / self.plan.tours_per_day, self.plan.robot
+        readings = 0.0
+        motes = tuple(mote for mote in sorted(self.alive) if self.stored[mote] > 0)
+        way_m = self._way_m(motes)
+        for mote in motes:
+            handed = min(self.stored[mote], max(0.0, self.left_j[mote]) / self.site.energy.hand_over_j)
+            spent_j = handed * self.site.energy.hand_over_j
+            self.left_j[mote] -= spent_j
+            self._spent_j += spent_j
+            self.stored[mote] -= handed
+            self._deliver(handed, 0.5 * tour_s + 0.5 * way_m / robot.speed_m_s)
+            readings += handed
+        if self.now_s <= self._horizon_s:
+            tour_takes_s = way_m / robot.speed_m_s + readings / robot.readings_per_s
+            self._robot_j += robot.standing_w * tour_takes_s + robot.driving_j_per_m * way_m
+            self._driven_m += way_m
+        self._next_tour_s += tour_s
+
+    def _way_m(self, motes: tuple[int, ...]) -> float:
+        """Length of the tour that serves these motes."""
+        if motes not in self._tours_m:
+            stops = stops_for(self.site.places, motes, self.plan.robot.reach_m)
+            places = [stop.place for stop in stops]
+            order = shortest_order(self.site.sink, places)
+            self._tours_m[motes] = tour_m(self.site.sink, [places[index] for index in order])
+        return self._tours_m[motes]
+
+    def _bury(self) -> None:
+        for mote in sorted(self.alive):
+            if self.left_j[mote] <= FLAT_J:
+                self.alive.remove(mote)
+                self._deaths_s.append(self.now_s)
+                self._lost += self.stored[mote]
+                self.stored[mote] = 0.0
+                self._next_plan_s = self.now_s
+
+    def _life(self) -> FieldLife:
+        in_horizon = min(self._horizon_s, self._until_s)
+        return FieldLife(
+            deaths_days=[death_s / DAY_S for death_s in self._deaths_s],
+            taken=self._taken,
+            delivered=self._delivered,
+            lost=self._lost,
+            stored=sum(self.stored),
+            due=self._due,
+            delivered_in_horizon=self._early,
+            coverage=self._covered_s / in_horizon,
+            age_h=self._age_sum_s / max(self._delivered, 1e-9) / 3600.0,
+            news_age_h=self._news_sum_s / max(self._watched_s, 1e-9) / 3600.0,
+            spent_j=self._spent_j,
+            left_j=sum(max(0.0, joules) for joules in self.left_j),
+            robot_j=self._robot_j,
+            driven_m=self._driven_m,
+        )

@@ -1,0 +1,93 @@
+"""Names in a file that its types do not have: unknown keys, and values that are none of an enumeration."""
+
+import difflib
+from collections.abc import Iterable, Iterator, Sequence
+from enum import Enum
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+Struct = type[msgspec.Struct]
+
+
+def unknown_name(document: dict[str, Any], struct: Struct) -> str:
+    """The first unknown key or value of a document, with its table, the nearest known name and all known ones.
+
+    Empty if there is none. Nothing else is checked: types, ranges and missing keys are the decoder's affair.
+
+    >>> from robrain.sim.motes.radio import RadioModel
+    >>> class Tables(msgspec.Struct):
+    ...     radio: RadioModel = RadioModel()
+    >>> unknown_name({"radoi": {}}, Tables)
+    'unknown table `radoi` (did you mean `radio`?); there is radio'
+    """
+    return next(_unknown(document, struct, ""), "")
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """` (did you mean X?)` for the known name that is spelled most alike; empty if none is like it."""
+    found = difflib.get_close_matches(word.lower(), list(known), n=1)
+    return f" (did you mean `{found[0]}`?)" if found else ""
+
+
+def _unknown(value: Any, hint: Any, path: str) -> Iterator[str]:
+    if isinstance(value, dict) and _is_struct(hint):
+        yield from _unknown_in_table(value, hint, path)
+    elif isinstance(value, dict) and get_origin(hint) is dict:
+        for key, item in value.items():
+            yield from _unknown(item, get_args(hint)[1], f"{path}.{key}")
+    elif isinstance(value, list) and get_origin(hint) in (list, tuple):
+        for index, item in enumerate(value):
+            yield from _unknown(item, get_args(hint)[0], f"{path}[{index}]")
+    elif get_origin(hint) in (Union, UnionType):
+        yield from _unknown_in_union(value, get_args(hint), path)
+    elif isinstance(value, str) and (names := _values(hint)) and value not in names:
+        yield f"{path}: unknown value '{value}'{nearest(value, names)}; it may be {listed(names, 'or')}"
+
+
+def _unknown_in_table(table: dict[str, Any], struct: Struct, path: str) -> Iterator[str]:
+    hints = get_type_hints(struct)
+    fields = {field.encode_name: hints[field.name] for field in msgspec.structs.fields(struct)}
+    is_strict = struct.__struct_config__.forbid_unknown_fields or not path
+    for key, value in table.items():
+        if key in fields:
+            yield from _unknown(value, fields[key], f"{path}.{key}" if path else key)
+        elif is_strict:
+            what = f"{path}: unknown key" if path else "unknown table"
+            verb = "are" if len(fields) > 1 else "is"
+            yield f"{what} `{key}`{nearest(key, fields)}; there {verb} {listed(fields)}"
+
+
+def _unknown_in_union(value: Any, members: Sequence[Any], path: str) -> Iterator[str]:
+    """A value of a union is unknown if no member knows it; what is told is that of the first."""
+    told = [next(_unknown(value, member, path), "") for member in members if _may_be(value, member)]
+    if told and all(told):
+        yield told[0]
+
+
+def _may_be(value: Any, hint: Any) -> bool:
+    if isinstance(value, dict):
+        return _is_struct(hint) or get_origin(hint) is dict
+    if isinstance(value, list):
+        return get_origin(hint) in (list, tuple)
+    return hint is str or bool(_values(hint))
+
+
+def _is_struct(hint: Any) -> bool:
+    return isinstance(hint, type) and issubclass(hint, msgspec.Struct)
+
+
+def _values(hint: Any) -> list[str]:
+    """The texts that a type with a fixed set of them has; none for any other type."""
+    if get_origin(hint) is Literal:
+        return [value for value in get_args(hint) if isinstance(value, str)]
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return [member.value for member in hint if isinstance(member.value, str)]
+    return []
+
+
+def listed(names: Iterable[str], last: str = "and") -> str:
+    """`a, b and c`, in order of the alphabet."""
+    *others, end = sorted(names)
+    return f"{', '.join(others)} {last} {end}" if others else end

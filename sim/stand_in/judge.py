@@ -1,0 +1,365 @@
+"""Judges a run of the stand-in while it runs: what must hold whatever fails.
+
+The judge sees what no component sees: bodies, books, processes and the wire at every tick. It allows what the design
+allows: a robot that is cut off works on until its lease has run out, and a coordinator gives its task away after that.
+"""
+
+from collections.abc import Iterator
+from enum import StrEnum
+
+import msgspec
+
+from robrain.coordinator.tasks.reconcile import LEASE_S
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.border import Border
+from robrain.protocol.wire.border.refusals import RefusalCode, Refused
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
+from robrain.sim.faults.fault_spec import COORDINATOR
+from robrain.sim.stand_in.operator import OPERATOR
+from robrain.sim.stand_in.stand_in_run import TICK_S, StandInRun
+
+OVERLAP_S = 1.0
+"""Two robots may be at one task for this long, beside what slow robots and late messages add."""
+STRAY_S = LEASE_S + 2.0
+"""A robot is off a task this long after its end, wherever it is."""
+HALT_S = 2.0
+"""A robot stands this long after it could have heard of a halt."""
+HEARD_S = 1.5
+"""Two components that have been linked and awake for this long have heard each other."""
+HEALTHY_S = 60.0
+"""A robot whose battery is empty must have been kept from charging within this time."""
+PATIENCE_S = 120.0
+TASK_S = 40.0
+"""Time for everything to settle after the last fault: so long, and so much for each task of a robot that is left."""
+QUIET_S = STRAY_S + 1.0
+
+
+class Invariant(StrEnum):
+    """What must hold."""
+
+    LOST = "lost"
+    """An acknowledged task ends as asked: done, or cancelled or too late if that was asked."""
+    CHANGED = "changed"
+    """A task is carried out as it was submitted: place, priority, deadline, dependencies."""
+    TWO_AT_ONCE = "two_at_once"
+    """No task is at two robots beyond the lease."""
+    DONE_TWICE = "done_twice"
+    """No task ends twice, is done twice by one agent, or is worked on after its end."""
+    NOT_DONE = "not_done"
+    """What counts as done was done."""
+    TOO_EARLY = "too_early"
+    """No task is begun before those that it waits for are done, or done before its earliest time."""
+    HALT = "halt"
+    """Robots that could have heard of a halt stand."""
+    STRANDED = "stranded"
+    """No robot runs out of energy while nothing keeps it from charging."""
+    UNSETTLED = "unsettled"
+    """Everything settles within a bound after the last fault."""
+    FAILED = "failed"
+    """No part of coordinator or host raises."""
+
+
+class Broken(msgspec.Struct, frozen=True):
+    """An invariant that does not hold."""
+
+    invariant: Invariant
+    at_s: float
+    what: str
+    """In one sentence."""
+
+
+class Judge:
+    """Judges one run.
+
+    Args:
+        run: the run; `step` is to be called after each of its ticks.
+
+    """
+
+    def __init__(self, run: StandInRun) -> None:
+        self.broken: list[Broken] = []
+        """What did not hold, each invariant once for each task or robot."""
+        script = run.script
+        self._run = run
+        self._asked = {order.task.id: order.task for order in script.tasks}
+        self._events = Inbox(capacity=65536, border=Border())
+        """By no clock: those of the components may differ from the run's."""
+        for topic in (TASK_EVENT, COORDINATOR_STATE, ROBOT_STATE):
+            run.wire.subscribe(self._events, topic)
+        self._ends: dict[str, tuple[TaskState, int, int]] = {}
+        self._done: dict[str, list[tuple[str, int]]] = {}
+        """Agents that have done a task: name and start of the process."""
+        self._said: set[tuple[str, int, int]] = set()
+        self._told: set[tuple[Invariant, str]] = set()
+        self._at: dict[str, str] = {}
+        self._overlap_s: dict[str, float] = {}
+        self._stray_s: dict[tuple[str, str], float] = {}
+        late_s = max((fault.late_s[1] for fault in script.faults if fault.late_s is not None), default=0.0)
+        slow_s = max((fault.period_s for fault in script.faults if fault.period_s is not None), default=0.0)
+        self._slack_s = 2.0 * (late_s + slow_s)
+        skews_s = [abs(fault.skew_s) for fault in script.faults if fault.skew_s is not None]
+        self._skew_ns = to_ns(sum(skews_s))
+        self._halts = _HaltWatch(run, self._slack_s)
+        self._unhealthy_ns = dict.fromkeys(run.bodies, 0)
+        work_s = TASK_S * len(self._asked) / max(1, len(script.robots) // 2)
+        self.settled_by_s = script.faults_end_s + PATIENCE_S + work_s
+        """When everything must have settled; later by what faults that wait for events add."""
+        self._quiet_ns: int | None = None
+
+    @property
+    def done_count(self) -> int:
+        """Tasks that were done."""
+        return sum(state is TaskState.DONE for state, _, _ in self._ends.values())
+
+    @property
+    def is_over(self) -> bool:
+        """Whether everything has settled and stayed so, or should have."""
+        now_ns = self._run.now_ns
+        if now_ns > to_ns(self.settled_by_s):
+            return True
+        if not self._is_settled:
+            self._quiet_ns = None
+            return False
+        if self._quiet_ns is None:
+            self._quiet_ns = now_ns
+        return now_ns - self._quiet_ns > to_ns(QUIET_S)
+
+    @property
+    def _is_settled(self) -> bool:
+        run = self._run
+        if run.coordinator is None or not run.times.is_over or not run.operator.is_content:
+            return False
+        if any(task not in self._ends for task in run.operator.acknowledged):
+            return False
+        return not any(body.work for body in run.bodies.values())
+
+    def step(self) -> None:
+        """Look at the run after a tick."""
+        now_ns = self._run.now_ns
+        for received in self._events.drain():
+            if received.topic is TASK_EVENT:
+                self._hear(received.message, now_ns)
+            else:
+                self._judge_refusals(received.message.refused)
+        self._look_at_work(now_ns)
+        self._look_at_ends(now_ns)
+        for robot in self._halts.disobedient(now_ns):
+            self._break(Invariant.HALT, robot, f"{robot} is not halted, although the team is and it could know")
+        self._look_at_energy(now_ns)
+
+    def finish(self) -> list[Broken]:
+        """Judge the end of the run; returns all that did not hold."""
+        run = self._run
+        if not self._is_settled:
+            left = sorted(set(run.operator.acknowledged) - set(self._ends))
+            what = f"after {to_seconds(run.now_ns):.0f} s there is left: {', '.join(left) or 'nothing of the tasks'}"
+            if not run.operator.is_content:
+                what += "; the operator still waits for answers"
+            self._break(Invariant.UNSETTLED, "", what)
+        for task_id in run.operator.acknowledged:
+            self._judge_end(task_id)
+        return self.broken
+
+    def raised(self, error: Exception) -> None:
+        """A step of a component has raised."""
+        what = f"a step raised {type(error).__name__}: {error}"
+        self._break(Invariant.FAILED, what, what)
+
+    # -- tasks ----------------------------------------------------------------------------------------------
+
+    def _hear(self, event: TaskEvent, now_ns: int) -> None:
+        task_id, asked = event.task.id, self._asked.get(event.task.id)
+        if asked is None:
+            return
+        if event.task != asked:
+            self._break(
+                Invariant.CHANGED, task_id, f"{task_id} is not as it was submitted: {_difference(asked, event.task)}"
+            )
+        if event.state.ended:
+            known = self._ends.get(task_id)
+            if known is None:
+                self._ends[task_id] = (event.state, event.change, now_ns)
+            elif known[1] != event.change:
+                self._break(
+                    Invariant.DONE_TWICE, task_id, f"{task_id} has ended as {known[0]}, and again as {event.state}"
+                )
+        elif task_id in self._ends and event.change > self._ends[task_id][1]:
+            self._break(Invariant.DONE_TWICE, task_id, f"{task_id} has ended and is {event.state} again")
+
+    def _look_at_work(self, now_ns: int) -> None:
+        run = self._run
+        robots: dict[str, list[str]] = {}
+        for name, body in run.bodies.items():
+            if body.work is None:
+                self._at.pop(name, None)
+                continue
+            task_id = body.work[0]
+            robots.setdefault(task_id, []).append(name)
+            if self._at.get(name) != task_id:
+                self._at[name] = task_id
+                self._judge_begin(task_id, name)
+            if task_id in self._ends and now_ns - self._ends[task_id][2] > to_ns(STRAY_S + self._slack_s):
+                what = f"{name} works on {task_id}, which ended {to_seconds(now_ns - self._ends[task_id][2]):.1f} s ago"
+                self._break(Invariant.DONE_TWICE, task_id, what)
+        for task_id in [task for task in self._overlap_s if len(robots.get(task, ())) < 2]:
+            del self._overlap_s[task_id]
+        for task_id, names in robots.items():
+            if len(names) > 1:
+                self._overlap_s[task_id] = self._overlap_s.get(task_id, 0.0) + TICK_S
+                if self._overlap_s[task_id] > OVERLAP_S + self._slack_s:
+                    what = f"{' and '.join(names)} are both at {task_id} for more than {OVERLAP_S + self._slack_s:g} s"
+                    self._break(Invariant.TWO_AT_ONCE, task_id, what)
+
+    def _look_at_ends(self, now_ns: int) -> None:
+        run = self._run
+        for name in run.bodies:
+            host = run.host(name)
+            facts = host.desk.facts if host is not None else None
+            for status in () if facts is None else (facts.before, facts.task):  # the next may begin in the same tick
+                if status is not None and status.state is TaskState.DONE and status.id in self._asked:
+                    self._note_done(name, status, now_ns)
+
+    def _note_done(self, robot: str, status: TaskStatus, now_ns: int) -> None:
+        since_ns = self._run.processes[robot].since_ns
+        if (robot, since_ns, status.epoch) in self._said:
+            return
+        self._said.add((robot, since_ns, status.epoch))
+        if (robot, since_ns) in self._done.get(status.id, ()):
+            self._break(Invariant.DONE_TWICE, status.id, f"{robot} has done {status.id} twice")
+        self._done.setdefault(status.id, []).append((robot, since_ns))
+        if now_ns + self._skew_ns < self._asked[status.id].earliest_ns:
+            self._break(Invariant.TOO_EARLY, status.id, f"{status.id} is done before its earliest time")
+
+    def _judge_begin(self, task_id: str, robot: str) -> None:
+        asked = self._asked.get(task_id)
+        for name in () if asked is None else asked.after:
+            if name not in self._ends or self._ends[name][0] is not TaskState.DONE:
+                self._break(Invariant.TOO_EARLY, task_id, f"{robot} begins {task_id}, but {name} is not done")
+
+    def _judge_end(self, task_id: str) -> None:
+        run = self._run
+        if run.coordinator is not None and run.coordinator.tasks.find(task_id) is None:
+            self._break(Invariant.LOST, task_id, f"{task_id} was acknowledged, and the coordinator does not know it")
+            return
+        if task_id not in self._ends:
+            return  # told already, as not settled
+        state, _, _ = self._ends[task_id]
+        if state is TaskState.DONE:
+            if task_id in run.operator.cancelled:
+                self._break(Invariant.LOST, task_id, f"{task_id} is done, although its cancellation was acknowledged")
+            if task_id not in self._done:
+                self._break(Invariant.NOT_DONE, task_id, f"{task_id} counts as done, and no robot has done it")
+        elif state is TaskState.CANCELLED:
+            if task_id not in run.operator.asked_to_cancel and not any(
+                self._may_fail(name) for name in self._asked[task_id].after
+            ):
+                self._break(Invariant.LOST, task_id, f"{task_id} is cancelled, and nobody asked for that")
+        elif not self._may_fail(task_id):
+            self._break(Invariant.LOST, task_id, f"{task_id} has failed without need: {self._why(task_id)}")
+
+    def _may_fail(self, task_id: str) -> bool:
+        """Whether a task, or one that it waits for, may end otherwise than done."""
+        task = self._asked[task_id]
+        if task.deadline_ns is not None or task_id in self._run.operator.asked_to_cancel:
+            return True
+        return any(self._may_fail(name) for name in task.after)
+
+    def _why(self, task_id: str) -> str:
+        coordinator = self._run.coordinator
+        record = None if coordinator is None else coordinator.tasks.find(task_id)
+        return "it is not known why" if record is None else record.why
+
+    # -- robots ---------------------------------------------------------------------------------------------
+
+    def _look_at_energy(self, now_ns: int) -> None:
+        run = self._run
+        is_halted = run.operator.halt is not None
+        for name, body in run.bodies.items():
+            host = run.host(name)
+            stands = is_halted or host is None or not run.processes[name].is_awake or host.manager.halted
+            if stands or name in run.drained:
+                self._unhealthy_ns[name] = now_ns
+            elif body.is_empty and now_ns - self._unhealthy_ns[name] > to_ns(HEALTHY_S):
+                self._break(
+                    Invariant.STRANDED, name, f"{name} has run out of energy {body.home_m:.1f} m from a charger"
+                )
+
+    def _judge_refusals(self, refused: Refused) -> None:
+        for one in () if refused is msgspec.UNSET else refused:
+            if one.code == RefusalCode.FAILED:
+                self._break(Invariant.FAILED, f"{one.topic} {one.key}", one.words)
+
+    def _break(self, invariant: Invariant, subject: str, what: str) -> None:
+        if (invariant, subject) not in self._told:
+            self._told.add((invariant, subject))
+            self.broken.append(Broken(invariant, round(to_seconds(self._run.now_ns), 1), what))
+
+
+class _HaltWatch:
+    """Who could know of the halt that is in force.
+
+    A component knows of a halt if it is linked with the operator while the operator says it, or with somebody who
+    knows: robots tell the coordinator, the coordinator tells robots. Who dies has forgotten.
+    """
+
+    def __init__(self, run: StandInRun, slack_s: float) -> None:
+        self._run = run
+        self._slack_ns = to_ns(HALT_S + slack_s)
+        self._halt: object = None
+        self._knows_ns: dict[str, int] = {}
+        self._linked_ns: dict[str, int] = {}
+        self._is_lossy = any(fault.share is not None for fault in run.script.faults)
+
+    def disobedient(self, now_ns: int) -> Iterator[str]:
+        """Robots that move although they could know."""
+        run, halt = self._run, self._run.operator.halt
+        if halt is None:
+            self._halt = None
+            self._knows_ns.clear()
+            self._linked_ns.clear()
+            return
+        if halt is not self._halt:
+            self._halt = halt
+            for name in run.processes:
+                if self._hears(name) and run.exchange.is_linked(OPERATOR, name) and not self._is_lossy:
+                    self._knows_ns[name] = now_ns
+        self._forget()
+        self._spread(now_ns)
+        for name, body in run.bodies.items():
+            since_ns = self._knows_ns.get(name)
+            host = run.host(name)
+            is_free = host is not None and (body.moved_m > 0 or not host.manager.halted)
+            if since_ns is not None and now_ns - since_ns > self._slack_ns and is_free and self._hears(name):
+                yield name
+
+    def _forget(self) -> None:
+        for name, process in self._run.processes.items():
+            if process.component is None:
+                self._knows_ns.pop(name, None)
+                self._linked_ns.pop(name, None)
+
+    def _spread(self, now_ns: int) -> None:
+        run = self._run
+        for name in run.bodies:
+            if not (self._hears(name) and self._hears(COORDINATOR) and run.exchange.is_linked(name, COORDINATOR)):
+                self._linked_ns.pop(name, None)
+                continue
+            since_ns = self._linked_ns.setdefault(name, now_ns)
+            if now_ns - since_ns <= to_ns(HEARD_S) + self._slack_ns or self._is_lossy:
+                continue
+            for one, other in ((name, COORDINATOR), (COORDINATOR, name)):
+                if one in self._knows_ns and now_ns - self._knows_ns[one] > to_ns(HEARD_S):
+                    self._knows_ns.setdefault(other, now_ns)
+
+    def _hears(self, name: str) -> bool:
+        return self._run.processes[name].is_awake
+
+
+def _difference(asked: Task, told: Task) -> str:
+    before, after = msgspec.to_builtins(asked), msgspec.to_builtins(told)
+    names = sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
+    return ", ".join(f"{name} {before.get(name)} is {after.get(name)}" for name in names)

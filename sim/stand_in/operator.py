@@ -1,0 +1,118 @@
+"""The operator of a fault script: submits, cancels and halts, and asks again until it has an answer."""
+
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_CANCEL, TASK_SUBMIT
+from robrain.sim.stand_in.fault_script import FaultScript, HaltOrder
+
+OPERATOR = "operator"
+AGAIN_NS = to_ns(1.0)
+NS_PER_S = 1_000_000_000
+
+
+class PointOperator:
+    """Follows the script.
+
+    Args:
+        wire: the operator's place on the wire.
+        script: what it is to ask.
+
+    """
+
+    def __init__(self, wire: Endpoint, script: FaultScript) -> None:
+        self.acknowledged: dict[str, int] = {}
+        """When the coordinator has acknowledged each task, ns."""
+        self.refused: dict[str, str] = {}
+        """Tasks that it has refused for good, with its words."""
+        self.cancelled: dict[str, int] = {}
+        """When each cancellation was acknowledged, ns."""
+        self.asked_to_cancel: set[str] = set()
+        """Tasks whose cancellation was asked for, answered or not."""
+        self.halt: HaltOrder | None = None
+        """The halt that is in force, by what it has said."""
+        self._wire = wire
+        self._submits = sorted(script.tasks, key=lambda order: order.at_s)
+        self._cancels = sorted(script.cancels, key=lambda order: order.at_s)
+        self._halts = sorted(script.halts, key=lambda order: order.at_s)
+        self._say_halt = wire.publisher(HALT)
+        self._inbox = Inbox()
+        self._halted: dict[str, bool] = {}
+        self._is_resuming = False
+        self._again_ns = 0
+        wire.subscribe(self._inbox, ROBOT_STATE)
+        wire.subscribe(self._inbox, COORDINATOR_STATE)
+
+    @property
+    def is_content(self) -> bool:
+        """Whether all was asked, and answered."""
+        return not (self._submits or self._cancels or self._halts or self.halt or self._is_resuming)
+
+    def step(self, now_ns: int) -> None:
+        """Ask what is due; what had no answer a second ago is asked again."""
+        for received in self._inbox.drain():
+            message = received.message
+            if received.topic is ROBOT_STATE:
+                self._halted[message.robot] = message.halted
+            else:
+                self._halted[""] = message.halt is not None and message.halt.halted
+        due_s = now_ns / NS_PER_S
+        self._follow_halts(now_ns, due_s)
+        if now_ns < self._again_ns:
+            return
+        self._again_ns = now_ns + AGAIN_NS
+        if self._is_resuming:
+            self._resume()
+        self._submits = [order for order in self._submits if order.at_s > due_s or not self._submit(order.task, now_ns)]
+        self._cancels = [order for order in self._cancels if order.at_s > due_s or not self._cancel(order.task, now_ns)]
+
+    def _submit(self, task: Task, now_ns: int) -> bool:
+        if any(name in self.refused for name in task.after):
+            self.refused[task.id] = "a task that it waits for was refused"
+            return True
+        if any(name not in self.acknowledged for name in task.after):
+            return False
+        try:
+            self._wire.ask(TASK_SUBMIT, TaskSubmission(task=task, by=OPERATOR))
+        except NobodyThere:
+            return False
+        except CallError as error:
+            if error.code is not ErrorCode.REFUSED or not self.asked_to_cancel.intersection(task.after):
+                return False
+            self.refused[task.id] = error.message
+            return True
+        self.acknowledged[task.id] = now_ns
+        return True
+
+    def _cancel(self, task_id: str, now_ns: int) -> bool:
+        if task_id in self.refused:
+            return True
+        if task_id not in self.acknowledged:
+            return False
+        self.asked_to_cancel.add(task_id)
+        try:
+            self._wire.ask(TASK_CANCEL, TaskRequest(id=task_id, by=OPERATOR, why="the script says so"))
+        except NobodyThere:
+            return False
+        except CallError as error:
+            return error.code is ErrorCode.REFUSED and error.detail in ("done", "failed")
+        self.cancelled[task_id] = now_ns
+        return True
+
+    def _follow_halts(self, now_ns: int, due_s: float) -> None:
+        if self.halt is None and self._halts and self._halts[0].at_s <= due_s:
+            self.halt = self._halts.pop(0)
+            self._is_resuming = False
+            self._say_halt.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
+        elif self.halt is not None and self.halt.until_s <= due_s:
+            self.halt = None
+            self._is_resuming = True
+            self._again_ns = now_ns
+
+    def _resume(self) -> None:
+        self._say_halt.put(Halt(halted=False, by=OPERATOR))
+        self._is_resuming = any(self._halted.values())

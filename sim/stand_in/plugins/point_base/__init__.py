@@ -1,0 +1,1 @@
+"""Point base: moves the point."""

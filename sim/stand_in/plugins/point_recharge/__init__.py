@@ -1,0 +1,1 @@
+"""Point recharge: goes to a charger, when told and when it must."""

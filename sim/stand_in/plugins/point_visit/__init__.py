@@ -1,0 +1,1 @@
+"""Point visit: goes to a place and stays there."""

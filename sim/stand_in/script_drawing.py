@@ -1,0 +1,186 @@
+"""Draws fault scripts from seeds."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from robrain.coordinator.allocation.allocator import AUCTION, OPTIMAL
+from robrain.coordinator.planning.policy import NEAREST
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.stock_kinds import VISIT
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.clock import to_ns
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
+from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskOrder
+
+SIDE_M = 20.0
+SPAN_S = 60.0
+"""Orders and faults begin within this time."""
+METHODS = {NEAREST: 0.6, AUCTION: 0.37, OPTIMAL: 0.03}
+"""Share of the scripts that each method gets; an optimal plan takes longer than all else."""
+_RNG_OF_SCRIPTS = 13
+
+Draw = Callable[[np.random.Generator, str, float], FaultSpec]
+
+
+def draw_script(seed: int) -> FaultScript:
+    """The script of a seed: two to five robots, eight to twenty tasks, up to eight faults."""
+    rng = np.random.default_rng([seed, _RNG_OF_SCRIPTS])
+    names = [f"r{number}" for number in range(1, int(rng.integers(2, 6)) + 1)]
+    robots = tuple(
+        PointRobot(name=name, place=_place(rng), soc=round(float(rng.uniform(0.3, 1.0)), 2)) for name in names
+    )
+    tasks = _tasks(rng)
+    children = {name for order in tasks for name in order.task.after}
+    cancels = tuple(
+        CancelOrder(at_s=_time(rng, order.at_s, SPAN_S + 10.0), task=order.task.id)
+        for order in tasks
+        if order.task.deadline_ns is None and rng.random() < (0.03 if order.task.id in children else 0.12)
+    )
+    halts: tuple[HaltOrder, ...] = ()
+    if rng.random() < 0.35:
+        at_s = _time(rng, 2.0, SPAN_S)
+        halts = (HaltOrder(at_s=at_s, until_s=round(at_s + float(rng.uniform(2.0, 25.0)), 1)),)
+    return FaultScript(
+        seed=seed,
+        robots=robots,
+        chargers=(Point2D(0.0, 0.0), Point2D(SIDE_M, SIDE_M)),
+        method=str(rng.choice(list(METHODS), p=list(METHODS.values()))),
+        tasks=tasks,
+        cancels=cancels,
+        halts=halts,
+        faults=(*_faults(rng, names), *_around_halts(rng, names, halts)),
+    )
+
+
+def _tasks(rng: np.random.Generator) -> tuple[TaskOrder, ...]:
+    orders: list[TaskOrder] = []
+    for number in range(1, int(rng.integers(8, 21))):
+        at_s = 0.5 if rng.random() < 0.4 else _time(rng, 0.5, SPAN_S)
+        earlier = [order.task.id for order in orders if order.at_s <= at_s and order.task.deadline_ns is None]
+        after = tuple(rng.choice(earlier, size=1).tolist()) if earlier and rng.random() < 0.2 else ()
+        deadline_s = at_s + float(rng.uniform(60.0, 200.0)) if rng.random() < 0.1 else None
+        earliest_s = at_s + float(rng.uniform(0.0, 30.0)) if rng.random() < 0.1 else 0.0
+        task = Task(
+            id=f"t{number}",
+            kind=VISIT,
+            place=_place(rng),
+            priority=float(rng.choice([1.0, 1.0, 2.0, 5.0])),
+            service_s=round(float(rng.uniform(0.0, 6.0)), 1),
+            earliest_ns=to_ns(round(earliest_s, 1)),
+            deadline_ns=None if deadline_s is None else to_ns(round(deadline_s, 1)),
+            after=after,
+        )
+        orders.append(TaskOrder(at_s=at_s, task=task))
+    return tuple(orders)
+
+
+def _faults(rng: np.random.Generator, names: list[str]) -> tuple[FaultSpec, ...]:
+    faults = []
+    killed_for_good = 0
+    for _ in range(int(rng.integers(1, 9))):
+        kind = str(rng.choice(list(_KINDS), p=_SHARES))
+        target = COORDINATOR if rng.random() < 0.35 else str(rng.choice(names))
+        at_s = _time(rng, 0.0, SPAN_S)
+        fault = _KINDS[kind](rng, target, at_s)
+        is_agent = fault.kind is FaultKind.KILL and fault.robot != COORDINATOR
+        is_one_left = killed_for_good < len(names) - 1 and target == names[killed_for_good]
+        if is_agent and is_one_left and rng.random() < 0.3:
+            killed_for_good += 1
+            fault = FaultSpec(robot=target, kind=FaultKind.KILL, at_s=at_s)
+        faults.append(fault)
+    return tuple(faults)
+
+
+def _around_halts(rng: np.random.Generator, names: list[str], halts: tuple[HaltOrder, ...]) -> Iterator[FaultSpec]:
+    """What keeps a component from hearing of a halt when it is said."""
+    for halt in halts:
+        if rng.random() < 0.6:
+            target = COORDINATOR if rng.random() < 0.25 else str(rng.choice(names))
+            kind = FaultKind.KILL if rng.random() < 0.5 else FaultKind.PARTITION
+            at_s = max(0.0, round(halt.at_s - float(rng.uniform(0.1, 1.5)), 1))
+            yield FaultSpec(
+                robot=target, kind=kind, at_s=at_s, until_s=round(halt.at_s + float(rng.uniform(0.2, 3.0)), 1)
+            )
+
+
+def _kill(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    on = None
+    if rng.random() < 0.4:
+        moments = (FaultMoment.TASK_ASSIGNED, FaultMoment.TASK_DONE, FaultMoment.TASK_ACCEPTED)
+        on, at_s = (
+            FaultMoment(str(rng.choice(moments))),
+            round(float(rng.uniform(0.0, 60.0 if rng.random() < 0.7 else 0.3)), 1),
+        )
+    until_s = at_s + float(rng.choice([0.1, 1.0, 3.0, 10.0]))
+    return FaultSpec(robot=target, kind=FaultKind.KILL, at_s=at_s, until_s=round(until_s, 1), on=on)
+
+
+def _hang(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    return FaultSpec(robot=target, kind=FaultKind.HANG, at_s=at_s, until_s=_until(rng, at_s, 12.0))
+
+
+def _slow(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    period_s = round(float(rng.uniform(0.2, 0.9)), 1)
+    return FaultSpec(robot=target, kind=FaultKind.SLOW, at_s=at_s, until_s=_until(rng, at_s, 20.0), period_s=period_s)
+
+
+def _skew(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    skew_s = round(float(rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 20.0)), 1)
+    return FaultSpec(robot=target, kind=FaultKind.CLOCK_SKEW, at_s=at_s, until_s=_until(rng, at_s, 20.0), skew_s=skew_s)
+
+
+def _disk(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    return FaultSpec(robot=COORDINATOR, kind=FaultKind.DISK_FULL, at_s=at_s, until_s=_until(rng, at_s, 15.0))
+
+
+def _drain(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    robot = "r1" if target == COORDINATOR else target
+    return FaultSpec(robot=robot, kind=FaultKind.DRAIN, at_s=at_s, soc=round(float(rng.uniform(0.12, 0.3)), 2))
+
+
+def _lose(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    share = round(float(rng.uniform(0.05, 0.7)), 2)
+    return FaultSpec(robot=target, kind=FaultKind.LOSE, at_s=at_s, until_s=_until(rng, at_s, 20.0), share=share)
+
+
+def _delay(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    late_s = (0.0, round(float(rng.uniform(0.1, 0.8)), 1))
+    return FaultSpec(robot=target, kind=FaultKind.DELAY, at_s=at_s, until_s=_until(rng, at_s, 20.0), late_s=late_s)
+
+
+def _reorder(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    late_s = (0.0, round(float(rng.uniform(0.2, 0.8)), 1))
+    return FaultSpec(robot=target, kind=FaultKind.REORDER, at_s=at_s, until_s=_until(rng, at_s, 20.0), late_s=late_s)
+
+
+def _partition(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+    return FaultSpec(robot=target, kind=FaultKind.PARTITION, at_s=at_s, until_s=_until(rng, at_s, 15.0))
+
+
+_KINDS: dict[str, Draw] = {
+    "kill": _kill,
+    "hang": _hang,
+    "slow": _slow,
+    "skew": _skew,
+    "disk": _disk,
+    "drain": _drain,
+    "lose": _lose,
+    "delay": _delay,
+    "reorder": _reorder,
+    "partition": _partition,
+}
+_SHARES = [0.28, 0.12, 0.06, 0.05, 0.05, 0.05, 0.12, 0.08, 0.05, 0.14]
+
+
+def _place(rng: np.random.Generator) -> Point2D:
+    x_m, y_m = rng.uniform(0.0, SIDE_M, 2).tolist()
+    return Point2D(round(x_m, 1), round(y_m, 1))
+
+
+def _time(rng: np.random.Generator, least_s: float, most_s: float) -> float:
+    return round(float(rng.uniform(least_s, most_s)), 1)
+
+
+def _until(rng: np.random.Generator, at_s: float, most_s: float) -> float:
+    return round(at_s + float(rng.uniform(0.3, most_s)), 1)

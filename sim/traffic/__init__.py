@@ -1,0 +1,1 @@
+"""Doors, moving obstacles and people of a simulated floor."""

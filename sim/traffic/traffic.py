@@ -1,0 +1,326 @@
+"""Doors, movers and people of an arena: bodies in its space, walls and circles for its sensors."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.wire.messages.arena_messages import BodyKind, BodyTruth
+from robrain.sim.maps.errors import MapError
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.robot.robot_body import FRICTION, MOVER_COLLISION, WALL_COLLISION
+from robrain.sim.traffic.door import Door
+from robrain.sim.traffic.specs import MoverSpec, PeopleSpec, TrafficSpec
+from robrain.sim.traffic.walker import Disc, Errands, Rounds, Walker
+from robrain.sim.traffic.walkways import Walkways
+from robrain.sim.traffic.wall_stamps import Box, WallStamps, box_cells
+
+STAMP_TICKS = 5
+"""Ticks from one update of moving boxes in the sensors' walls to the next."""
+DRAWN_PLACES = 8
+WALL_ROOM_M = 0.05
+"""Room that people leave beside walls."""
+START_ROOM_M = 0.3
+"""Room between people and robots at the start."""
+_RNG_OF_TRAFFIC = 4
+SeenWalls = tuple[NDArray[np.bool_] | NDArray[np.uint8], int]
+"""What sensors cast rays through, (H, W), and the mark of a wall in it."""
+_NOWHERE = pymunk.ShapeFilter(mask=0)
+_ANYWHERE = pymunk.ShapeFilter()
+
+
+class TrafficPlan(NamedTuple):
+    """The traffic of one floor and seed, before its first tick."""
+
+    spec: TrafficSpec
+    seed: int
+    rounds: tuple[tuple[Point2D, ...], ...]
+    """Points of each mover."""
+    ways: tuple[dict[tuple[int, int], list[Point2D]], ...]
+    """For each table of people: way from a place to another, by their numbers."""
+    places: tuple[tuple[Point2D, ...], ...]
+    """For each table of people."""
+
+
+def plan_traffic(spec: TrafficSpec, plan: FloorPlan, starts: Sequence[Disc], seed: int) -> TrafficPlan:
+    """Draw places and find ways.
+
+    Args:
+        spec: the traffic.
+        plan: the floor.
+        starts: hulls of the robots at the start.
+        seed: of the run.
+
+    Raises:
+        MapError: a door, a mover or a place is not on free floor; the text names it.
+
+    """
+    rounds = []
+    for index, door in enumerate(spec.doors):
+        for key, (x_m, y_m) in (("from_m", door.from_m), ("to_m", door.to_m)):
+            if not plan.holds_cell(*plan.cell_of(x_m, y_m)):
+                raise MapError(
+                    f"{plan.name}: expected doors[{index}].{key} on the floor, got {x_m:g}, {y_m:g}", key=key
+                )
+    for index, mover in enumerate(spec.movers):
+        rounds.append(_rounds(mover, f"movers[{index}]", plan, starts))
+    ways, places = [], []
+    for index, people in enumerate(spec.people):
+        found = _places(
+            people, f"people[{index}]", plan, starts, np.random.default_rng([seed, _RNG_OF_TRAFFIC, 1, index])
+        )
+        places.append(found[0])
+        ways.append(found[1])
+    return TrafficPlan(spec, seed, tuple(rounds), tuple(ways), tuple(places))
+
+
+def _rounds(spec: MoverSpec, key: str, plan: FloorPlan, starts: Sequence[Disc]) -> tuple[Point2D, ...]:
+    via = tuple(Point2D(*point) for point in spec.via_m)
+    width_m = spec.radius_m if spec.size_m is None else spec.size_m[1] / 2
+    floor = Walkways(plan, width_m)
+    legs = [*pairwise(via), *([(via[-1], via[0])] if spec.circles else [])]
+    for one, other in legs:
+        if not floor.is_clear(one, other):
+            raise MapError(
+                f"{plan.name}: expected {key}.via_m clear of walls by {width_m:g} m, got {one.x_m:g}, {one.y_m:g} to "
+                f"{other.x_m:g}, {other.y_m:g}",
+                key="via_m",
+            )
+    if not _is_apart(via[0], _reach_m(spec), starts):
+        raise MapError(f"{plan.name}: expected {key} to begin clear of the robots' starts", key="via_m")
+    return via
+
+
+def _reach_m(spec: MoverSpec) -> float:
+    """Radius of the disc about its middle that holds it."""
+    if spec.size_m is None:
+        return spec.radius_m
+    length_m, width_m = spec.size_m
+    return math.sqrt(length_m * length_m + width_m * width_m) / 2
+
+
+def _is_apart(place: Point2D, radius_m: float, starts: Sequence[Disc]) -> bool:
+    return all(place.distance_m(Point2D(x_m, y_m)) > radius_m + robot_m + START_ROOM_M for x_m, y_m, robot_m in starts)
+
+
+def _places(
+    spec: PeopleSpec, key: str, plan: FloorPlan, starts: Sequence[Disc], rng: np.random.Generator
+) -> tuple[tuple[Point2D, ...], dict[tuple[int, int], list[Point2D]]]:
+    """Places of people, those apart from the robots' starts first, and the ways between them."""
+    walkways = Walkways(plan, spec.radius_m + WALL_ROOM_M)
+    if spec.places_m:
+        places = [Point2D(*place) for place in spec.places_m]
+    else:
+        robots = [Point2D(x_m, y_m) for x_m, y_m, _ in starts]
+        reached = plan.reachable(robots, spec.radius_m + WALL_ROOM_M)
+        rows, columns = np.nonzero(reached & (plan.clearance_m >= spec.radius_m + 2 * WALL_ROOM_M))
+        if not len(rows):
+            raise MapError(f"{plan.name}: expected room for {key} where robots can go, got none", key="people")
+        drawn = rng.integers(len(rows), size=DRAWN_PLACES)
+        places = [plan.centre_of(int(rows[one]), int(columns[one])) for one in drawn]
+    for place in places:
+        if not walkways.has_room(place):
+            raise MapError(
+                f"{plan.name}: expected room for {key} at {place.x_m:g}, {place.y_m:g}: {spec.radius_m:g} m and "
+                f"{WALL_ROOM_M:g} m to walls",
+                key="places_m",
+            )
+    ways: dict[tuple[int, int], list[Point2D]] = {}
+    for one in range(len(places)):
+        for other in range(one):
+            way = walkways.way(places[one], places[other])
+            if way is None:
+                here, there = places[one], places[other]
+                raise MapError(
+                    f"{plan.name}: expected a way for {key} from {here.x_m:g}, {here.y_m:g} to "
+                    f"{there.x_m:g}, {there.y_m:g}, there is none",
+                    key="places_m",
+                )
+            ways[one, other], ways[other, one] = way, way[::-1]
+    if not any(_is_apart(place, spec.radius_m, starts) for place in places):
+        raise MapError(
+            f"{plan.name}: expected a place for {key} clear of the robots' starts, there is none", key="people"
+        )
+    return tuple(places), ways
+
+
+class Traffic:
+    """Moves everything that is no robot; stepped by the arena before its space.
+
+    Args:
+        planned: the traffic.
+        plan: the floor.
+        space: where the bodies are added, after those of the robots.
+        walls: of all sensors; closed doors and boxes are marked in them.
+        starts: hulls of the robots at the start.
+        tick_s: duration of a tick.
+
+    """
+
+    def __init__(
+        self,
+        planned: TrafficPlan,
+        plan: FloorPlan,
+        space: pymunk.Space,
+        walls: Sequence[SeenWalls],
+        starts: Sequence[Disc],
+        tick_s: float,
+    ) -> None:
+        spec, seed = planned.spec, planned.seed
+        self._tick_s = tick_s
+        self._plan = plan
+        self._ticks = 0
+        doors_rng = np.random.default_rng([seed, _RNG_OF_TRAFFIC, 0])
+        self._doors = [Door(f"door{number}", door, doors_rng) for number, door in enumerate(spec.doors, 1)]
+        self._door_shapes = [_door_shape(space, door.box) for door in self._doors]
+        self._door_cells = [box_cells(door.box, plan) for door in self._doors]
+        self._movers = [
+            Walker(
+                f"mover{number}",
+                Rounds(via, mover.pause_s, mover.at_s, circles=mover.circles),
+                _reach_m(mover),
+                mover.speed_m_s,
+                mover.stop_m,
+            )
+            for number, (mover, via) in enumerate(zip(spec.movers, planned.rounds, strict=True), 1)
+        ]
+        self._sizes = [mover.size_m for mover in spec.movers]
+        self._people = _people(planned, starts)
+        self._walkers = [*self._movers, *self._people]
+        sizes = [*self._sizes, *(None for _ in self._people)]
+        self._circles = [walker for walker, size_m in zip(self._walkers, sizes, strict=True) if size_m is None]
+        self.bodies: list[pymunk.Body] = []
+        """In the space, in the order of their rows in `velocities`."""
+        self.shapes: list[pymunk.Shape] = []
+        """Partners of collisions, in the same order."""
+        self._boxes: list[tuple[Walker, tuple[float, float], pymunk.Body]] = []
+        for walker, size_m in zip(self._walkers, sizes, strict=True):
+            body, shape = _walker_body(space, walker, size_m)
+            self.bodies.append(body)
+            self.shapes.append(shape)
+            if size_m is not None:
+                self._boxes.append((walker, size_m, body))
+        self._stamps = WallStamps([array for array, _ in walls], [mark for _, mark in walls])
+        self._move_doors(0.0, starts)
+        self._stamp()
+
+    @property
+    def circles(self) -> NDArray[np.float64]:
+        """(K, 3), x, y, radius of all that is round, arena frame."""
+        found = [(walker.x_m, walker.y_m, walker.radius_m) for walker in self._circles]
+        return np.array(found, np.float64).reshape(-1, 3)
+
+    def step(
+        self,
+        now_s: float,
+        robots: Sequence[Disc],
+        velocities: NDArray[np.float64],
+        circles: NDArray[np.float64],
+    ) -> None:
+        """One tick.
+
+        Args:
+            now_s: simulated time at its end.
+            robots: hulls of the robots.
+            velocities: (K, 3) of `bodies`, filled in: rates of x, y and yaw in the coming step of the space.
+            circles: (K, 3) as in `circles`, filled in: where they are after it.
+
+        """
+        self._ticks += 1
+        tick_s = self._tick_s
+        for row, walker in enumerate(self._walkers):
+            x_m, y_m = walker.x_m, walker.y_m
+            walker.step(tick_s, robots, self._blocks)
+            velocities[row, 0] = (walker.x_m - x_m) / tick_s
+            velocities[row, 1] = (walker.y_m - y_m) / tick_s
+        for row, walker in enumerate(self._circles):
+            circles[row, 0], circles[row, 1] = walker.x_m, walker.y_m
+        for walker, _, body in self._boxes:
+            body.angle = math.atan2(walker.along[1], walker.along[0])
+        changed = bool(self._doors) and self._move_doors(now_s, robots)
+        if changed or (self._boxes and self._ticks % STAMP_TICKS == 0):
+            self._stamp()
+
+    def truth(self) -> list[BodyTruth]:
+        """Where everything is; an open door is left out."""
+        found = []
+        for door in self._doors:
+            if not door.is_open:
+                found.append(_truth(door.name, BodyKind.DOOR, door.box))
+        for walker, size_m in zip(self._movers, self._sizes, strict=True):
+            found.append(_truth(walker.name, BodyKind.MOVER, _box(walker, size_m), is_round=size_m is None))
+        for walker in self._people:
+            found.append(_truth(walker.name, BodyKind.PERSON, _box(walker, None), is_round=True))
+        return found
+
+    def _move_doors(self, now_s: float, robots: Sequence[Disc]) -> bool:
+        walkers = [(walker.x_m, walker.y_m, walker.radius_m) for walker in self._walkers]
+        changed = False
+        for door, shape in zip(self._doors, self._door_shapes, strict=True):
+            if door.step(now_s, [*robots, *walkers]):
+                shape.filter = _NOWHERE if door.is_open else _ANYWHERE
+                changed = True
+        return changed
+
+    def _blocks(self, x_m: float, y_m: float, radius_m: float) -> bool:
+        return any(not door.is_open and door.box.distance_m(x_m, y_m) < radius_m for door in self._doors)
+
+    def _stamp(self) -> None:
+        cells = [cells for door, cells in zip(self._doors, self._door_cells, strict=True) if not door.is_open]
+        self._stamps.mark([*cells, *(box_cells(_box(walker, size_m), self._plan) for walker, size_m, _ in self._boxes)])
+
+
+def _people(planned: TrafficPlan, starts: Sequence[Disc]) -> list[Walker]:
+    people: list[Walker] = []
+    for index, spec in enumerate(planned.spec.people):
+        places, ways = planned.places[index], planned.ways[index]
+        apart = [number for number, place in enumerate(places) if _is_apart(place, spec.radius_m, starts)]
+        rng = np.random.default_rng([planned.seed, _RNG_OF_TRAFFIC, 2, index])
+        order = rng.permutation(apart).tolist()
+        for number, own_rng in enumerate(rng.spawn(spec.count)):
+            errands = Errands(places, ways, order[number % len(order)], spec.pause_s, own_rng)
+            name = f"person{len(people) + 1}"
+            people.append(Walker(name, errands, spec.radius_m, spec.speed_m_s, spec.stop_m))
+    return people
+
+
+def _box(walker: Walker, size_m: tuple[float, float] | None) -> Box:
+    length_m, width_m = size_m if size_m is not None else (2 * walker.radius_m, 2 * walker.radius_m)
+    return Box(walker.x_m, walker.y_m, walker.along, length_m, width_m)
+
+
+def _truth(name: str, kind: BodyKind, box: Box, *, is_round: bool = False) -> BodyTruth:
+    pose = Pose2D(box.x_m, box.y_m, math.atan2(box.along[1], box.along[0]))
+    return BodyTruth(body=name, kind=kind, pose=pose, length_m=box.length_m, width_m=box.width_m, is_round=is_round)
+
+
+def _door_shape(space: pymunk.Space, box: Box) -> pymunk.Poly:
+    cos, sin = box.along
+    half_length_m, half_width_m = box.length_m / 2, box.width_m / 2
+    corners = [
+        (box.x_m + ahead * cos - left * sin, box.y_m + ahead * sin + left * cos)
+        for ahead in (-half_length_m, half_length_m)
+        for left in (-half_width_m, half_width_m)
+    ]
+    shape = pymunk.Poly(space.static_body, corners)
+    shape.collision_type, shape.friction, shape.filter = WALL_COLLISION, FRICTION, _NOWHERE
+    space.add(shape)
+    return shape
+
+
+def _walker_body(
+    space: pymunk.Space, walker: Walker, size_m: tuple[float, float] | None
+) -> tuple[pymunk.Body, pymunk.Shape]:
+    body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    body.position = walker.x_m, walker.y_m
+    body.angle = math.atan2(walker.along[1], walker.along[0])
+    shape: pymunk.Shape
+    shape = pymunk.Circle(body, walker.radius_m) if size_m is None else pymunk.Poly.create_box(body, size_m)
+    shape.collision_type, shape.friction = MOVER_COLLISION, FRICTION
+    space.add(body, shape)
+    return body, shape

@@ -1,0 +1,394 @@
+"""Rules: what is sensed makes tasks, once, whatever order readings come in and whoever restarts."""
+
+import msgspec
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.reasons.tasks import RuleReading
+from robrain.protocol.wire.topics import TASK_CANCEL, TASK_WHY
+from tests.coordinator.rules.sensed_team import PLACE, SensedTeam, rule
+
+HELD = {"above": 26.0, "for_s": 8.0, "clear_at": 24.0}
+
+
+@pytest.fixture
+def begin(team):
+    return lambda *rules: SensedTeam(team, *rules)
+
+
+def test_one_reading_above_the_threshold_makes_a_task_at_its_place(begin):
+    sensed = begin(rule(task={"priority": 3.0, "deadline_s": 90.0}))
+    sensed.senses(25.9)
+    assert sensed.made() == []
+    at_s = sensed.now_s
+    sensed.senses(26.1)
+    (record,) = sensed.made()
+    assert (record.by, record.task.kind, record.task.place, record.task.priority) == ("rule:heat", "visit", PLACE, 3.0)
+    assert record.task.deadline_ns == pytest.approx(to_ns(at_s + 90.0), abs=to_ns(0.1))
+    assert record.task.id.startswith("heat-")
+    assert record.state is TaskState.RUNNING  # it is planned and offered like any other
+
+
+def test_a_threshold_held_long_enough_makes_one_task_and_only_one(begin):
+    sensed = begin(rule(reading=HELD, cooldown_s=0.0, max_open=10))
+    sensed.senses(27.0, 27.0, 27.0, 27.0)
+    assert sensed.made() == []  # from the first to the last there are 6 s
+    sensed.senses(27.0)
+    assert len(sensed.made()) == 1
+    sensed.senses(*[28.0] * 30)
+    assert len(sensed.made()) == 1
+
+
+def test_a_reading_below_the_threshold_begins_the_time_anew(begin):
+    sensed = begin(rule(reading=HELD))
+    sensed.senses(27.0, 27.0, 27.0, 25.0, 27.0, 27.0, 27.0, 27.0)
+    assert sensed.made() == []
+    sensed.senses(27.0)
+    assert len(sensed.made()) == 1
+
+
+def test_a_mote_that_was_silent_meanwhile_has_not_held_the_threshold(begin):
+    sensed = begin(rule(reading=HELD))
+    sensed.senses(27.0)
+    sensed.team.run(20.0)
+    sensed.senses(27.0)
+    assert sensed.made() == []
+
+
+def test_the_rule_is_armed_again_at_the_level_for_that_and_not_before(begin):
+    sensed = begin(rule(reading={"above": 26.0, "clear_at": 24.0}, cooldown_s=0.0, max_open=10))
+    sensed.senses(27.0, 25.0, 27.0)  # 25 is below the threshold and above the level
+    assert len(sensed.made()) == 1
+    sensed.senses(24.0, 27.0)
+    assert len(sensed.made()) == 2
+
+
+def test_below_is_the_mirror_image_of_above(begin):
+    sensed = begin(rule(reading={"below": 5.0, "clear_at": 7.0}, cooldown_s=0.0, max_open=10))
+    sensed.senses(5.0)
+    assert sensed.made() == []
+    sensed.senses(4.0, 6.0, 4.0)
+    assert len(sensed.made()) == 1
+    sensed.senses(7.0, 4.0)
+    assert len(sensed.made()) == 2
+
+
+def test_cooldown_keeps_a_plume_from_making_a_task_at_each_mote(begin):
+    sensed = begin(rule(cooldown_s=60.0, max_open=100))
+    for number in range(1, 21):
+        sensed.senses(27.0, mote=f"m{number}", every_s=0.5)
+    assert len(sensed.made()) == 1
+    sensed.team.run(60.0)
+    sensed.senses(27.0, 27.0, mote="m7", every_s=0.5)  # still so, and not told yet
+    assert len(sensed.made()) == 2
+
+
+def test_no_more_tasks_are_open_than_allowed(begin):
+    sensed = begin(rule(cooldown_s=0.0, max_open=2))
+    for number in range(1, 6):
+        sensed.senses(27.0, mote=f"m{number}")
+    assert len(sensed.made()) == 2
+    sensed.team.ask(TASK_CANCEL, TaskRequest(id=sensed.made()[0].task.id))
+    sensed.senses(27.0, mote="m5")
+    assert len(sensed.made()) == 3
+
+
+def test_one_rule_for_the_team_waits_until_all_motes_are_clear(begin):
+    sensed = begin(rule(per="team", cooldown_s=0.0, max_open=10))
+    sensed.senses(27.0, mote="m1")
+    sensed.senses(27.0, mote="m2")
+    sensed.senses(20.0, mote="m1")
+    sensed.senses(27.0, mote="m1")
+    assert len(sensed.made()) == 1
+    sensed.senses(20.0, mote="m1")
+    sensed.senses(20.0, mote="m2")
+    sensed.senses(27.0, mote="m2")
+    assert len(sensed.made()) == 2
+
+
+def test_a_mote_that_died_in_alarm_does_not_keep_the_team_in_alarm(begin):
+    sensed = begin(rule(per="team", cooldown_s=0.0, max_open=10))
+    sensed.senses(27.0, mote="m1")
+    sensed.senses(27.0, mote="m2")
+    sensed.senses(20.0, mote="m1")
+    sensed.team.run(65.0)  # m2 is silent
+    sensed.senses(20.0, 27.0, mote="m1")
+    assert len(sensed.made()) == 2
+
+
+def test_rate_of_rise_makes_a_task_and_slow_warming_does_not(begin):
+    sensed = begin(rule(reading={"rising_per_min": 6.0, "over_s": 20.0}))
+    sensed.senses(*[20.0 + 0.1 * step for step in range(30)])  # 3 K a minute
+    assert sensed.made() == []
+    sensed.senses(*[23.0 + 0.4 * step for step in range(10)])  # 12 K a minute
+    (record,) = sensed.made()
+    reason = first_reason(sensed, record)
+    assert 6.0 < reason.rate_per_min < 12.5
+    assert reason.comparison == "rising_per_min"
+
+
+def test_rate_of_fall_is_measured_with_its_sign(begin):
+    sensed = begin(rule(reading={"falling_per_min": 6.0, "over_s": 20.0}))
+    sensed.senses(*[20.0 + 0.4 * step for step in range(20)])
+    assert sensed.made() == []
+    sensed.senses(*[28.0 - 0.4 * step for step in range(20)])
+    assert len(sensed.made()) == 1
+
+
+def test_two_readings_are_not_enough_for_a_rate(begin):
+    sensed = begin(rule(reading={"rising_per_min": 6.0, "over_s": 20.0}))
+    sensed.senses(20.0, 40.0, every_s=18.0, period_s=18.0)
+    assert sensed.made() == []
+
+
+def test_repeated_readings_count_once(begin):
+    sensed = begin(rule(cooldown_s=0.0, max_open=10))
+    reading = sensed.sense(27.0)
+    sensed.again(reading, via="r2")
+    sensed.team.run(1.0)
+    sensed.senses(20.0)  # armed again
+    sensed.again(reading)  # the robot has fetched it from the log once more
+    sensed.team.run(1.0)
+    assert len(sensed.made()) == 1
+
+
+def test_a_repetition_by_another_clock_does_not_extend_the_time(begin):
+    sensed = begin(rule(reading={"above": 26.0, "for_s": 4.0}))
+    reading = sensed.sense(27.0)
+    sensed.team.run(5.0)
+    sensed.again(reading, via="r2", taken_ns=reading.taken_ns + to_ns(4.5))
+    sensed.team.run(1.0)
+    assert sensed.made() == []
+
+
+def test_a_reading_told_again_after_a_restart_makes_no_second_task(begin):
+    one = rule(cooldown_s=0.0, max_open=10)
+    sensed = begin(one)
+    reading = sensed.sense(27.0)
+    sensed.team.run(1.0)
+    sensed.senses(20.0)
+    sensed.restart(one)
+    sensed.again(reading)
+    sensed.team.run(1.0)
+    assert len(sensed.made()) == 1
+
+
+def test_readings_without_a_number_count_once_too(begin):
+    sensed = begin(rule(cooldown_s=0.0, max_open=10))
+    reading = sensed.sense(27.0, sequence=None)
+    sensed.team.run(1.0)
+    sensed.sense(20.0, sequence=None)
+    sensed.team.run(1.0)
+    sensed.again(reading)
+    sensed.team.run(1.0)
+    assert len(sensed.made()) == 1
+
+
+def test_stored_readings_of_long_ago_make_no_task(begin):
+    sensed = begin(rule(reading={"above": 26.0, "max_age_s": 30.0}))
+    sensed.team.run(100.0)
+    for age_s in (90.0, 80.0, 70.0, 31.0):
+        sensed.senses(30.0, age_s=age_s, every_s=0.1)
+    assert sensed.made() == []
+    sensed.senses(30.0, age_s=29.0)
+    assert len(sensed.made()) == 1
+
+
+def test_a_late_reading_does_not_arm_the_rule_again(begin):
+    sensed = begin(rule(cooldown_s=0.0, max_open=10))
+    sensed.senses(27.0)
+    sensed.senses(20.0, age_s=10.0)  # from before the alarm
+    sensed.senses(27.0)
+    assert len(sensed.made()) == 1
+
+
+def test_late_readings_fill_the_time_in_which_the_mote_was_not_heard(begin):
+    sensed = begin(rule(reading=HELD))
+    sensed.team.run(40.0)
+    sensed.senses(27.0, age_s=20.0, every_s=0.1)
+    sensed.senses(27.0, every_s=0.1)
+    assert sensed.made() == []
+    for age_s in (5.0, 15.0, 10.0):  # out of order
+        sensed.senses(27.0, age_s=age_s, every_s=0.0)
+    sensed.team.run(0.2)
+    assert len(sensed.made()) == 1
+
+
+def test_a_late_reading_shows_that_the_threshold_was_not_held(begin):
+    sensed = begin(rule(reading=HELD))
+    sensed.senses(27.0, 27.0, 27.0, 27.0)
+    sensed.senses(20.0, age_s=3.0, every_s=0.1)
+    sensed.senses(27.0)
+    assert sensed.made() == []
+
+
+def test_only_the_named_motes_robots_and_area_count(begin):
+    area = {"x_min_m": 6.0, "y_min_m": 3.0, "x_max_m": 7.0, "y_max_m": 5.0}
+    sensed = begin(rule(reading={"above": 26.0, "motes": ["m1"], "robots": ["r1"], "area": area}, cooldown_s=0.0))
+    sensed.senses(27.0, mote="m2")
+    sensed.senses(27.0, via="r2")
+    sensed.senses(27.0, place=Point2D(5.0, 4.0))
+    sensed.senses(27.0, place=None)
+    sensed.senses(27.0, quantity="humidity_pct")
+    assert sensed.made() == []
+    sensed.senses(27.0)
+    assert len(sensed.made()) == 1
+
+
+def test_parameters_are_filled_from_the_reading(begin):
+    parameters = {"quantity": "{quantity}", "duration_s": 30.0}
+    sensed = begin(rule(task={"kind": "monitor", "parameters": parameters, "place_m": [5.0, 3.0]}))
+    sensed.robot.plugins.append("monitor")
+    sensed.restart(rule(task={"kind": "monitor", "parameters": parameters, "place_m": [5.0, 3.0]}))
+    sensed.team.run(1.0)
+    sensed.senses(27.0)
+    (record,) = sensed.made()
+    assert record.task.parameters == {"quantity": "temperature_c", "duration_s": 30.0}
+    assert record.task.place == Point2D(5.0, 3.0)
+
+
+def test_an_event_of_a_plugin_makes_a_task_where_its_robot_is(begin):
+    event = {"plugin": "monitor", "event": "changed", "field": "share", "above": 0.1}
+    sensed = begin(rule(event=event, cooldown_s=0.0, max_open=10))
+    sensed.notify({"share": 0.05})
+    sensed.notify({"share": "much"})
+    sensed.notify({})
+    sensed.notify({"share": 0.5}, event="other")
+    sensed.team.run(1.0)
+    assert sensed.made() == []
+    sensed.notify({"share": 0.5})
+    sensed.team.run(1.0)
+    (record,) = sensed.made()
+    assert record.task.place == Point2D(4.5, 3.0)
+    sensed.notify({"share": 0.5})
+    sensed.team.run(1.0)
+    assert len(sensed.made()) == 2  # each notification counts by itself
+
+
+def test_why_names_the_rule_and_the_reading(begin):
+    sensed = begin(rule())
+    sensed.senses(27.5, mote="m3")
+    (record,) = sensed.made()
+    found = sensed.team.ask(TASK_WHY, TaskRequest(id=record.task.id), TaskWhy)
+    first = found.changes[0]
+    assert first.why == "rule heat: m3 sensed temperature_c 27.5, above 26, 0.0 s before"
+    reason = first.reason
+    assert isinstance(reason, RuleReading)
+    assert (reason.rule, reason.mote, reason.value, reason.via) == ("heat", "m3", 27.5, "r1")
+    assert reason.taken_ns > 0
+
+
+def test_a_task_that_cannot_be_is_refused_in_words_and_not_tried_at_each_reading(begin):
+    sensed = begin(rule(task={"place_m": [0.1, 70.0]}, cooldown_s=0.0))
+    sensed.senses(27.0, 27.0, 27.0)
+    assert sensed.made() == []
+    status = sensed.status()
+    assert status.refused == 1
+    assert "outside of the map" in status.why
+    assert [(one.topic, one.key) for one in sensed.team.coordinator._wire.refusals.counts()] == [("rule", "heat")]
+
+
+def test_a_kind_that_no_robot_does_is_refused_like_any_submission(begin):
+    sensed = begin(rule(task={"kind": "juggle"}))
+    sensed.senses(27.0)
+    assert sensed.made() == []
+    assert "juggle" in sensed.status().why
+
+
+def test_a_reading_without_a_place_makes_no_task_that_needs_one(begin):
+    sensed = begin(rule(), rule("fixed", task={"place_m": [5.0, 3.0]}))
+    sensed.senses(27.0, place=None)
+    assert sensed.made() == []
+    assert "does not know where it is" in sensed.status().why
+    assert len(sensed.made("fixed")) == 1
+
+
+def test_status_of_rules_is_published_and_absent_without_rules(begin, team):
+    sensed = begin(rule(cooldown_s=0.0, max_open=10))
+    for mote in ("m1", "m2"):
+        sensed.senses(27.0, mote=mote)
+    status = sensed.status()
+    assert (status.made, status.open, status.alarms, status.refused) == (2, 2, 2, 0)
+    sensed.restart()
+    sensed.team.run(1.0)
+    assert b'"rules"' not in msgspec.json.encode(sensed.team.summary)
+
+
+@pytest.mark.parametrize("per", ["mote", "team"])
+def test_after_a_restart_no_task_is_made_twice(begin, per):
+    one = rule(cooldown_s=0.0, max_open=10, per=per)
+    sensed = begin(one)
+    sensed.senses(27.0, 27.0)
+    sensed.restart(one)
+    sensed.senses(27.0, 27.0)
+    assert len(sensed.made()) == 1
+    sensed.team.ask(TASK_CANCEL, TaskRequest(id=sensed.made()[0].task.id))
+    sensed.restart(one)
+    sensed.senses(27.0, 27.0)
+    assert len(sensed.made()) == 1  # the plume is still there, though the task has ended
+    sensed.team.run(61.0)
+    sensed.senses(20.0)
+    sensed.restart(one)
+    sensed.senses(27.0)
+    assert len(sensed.made()) == 2  # it was armed again before the restart
+
+
+def test_cooldown_and_open_tasks_outlast_a_restart(begin):
+    one = rule(cooldown_s=30.0, max_open=1)
+    sensed = begin(one)
+    sensed.senses(27.0)
+    sensed.restart(one)
+    sensed.senses(27.0, mote="m2")
+    sensed.team.run(30.0)
+    sensed.senses(27.0, mote="m2")
+    assert len(sensed.made()) == 1  # the first one is still open
+    sensed.team.ask(TASK_CANCEL, TaskRequest(id=sensed.made()[0].task.id))
+    sensed.senses(27.0, mote="m2")
+    assert len(sensed.made()) == 2
+    sensed.team.ask(TASK_CANCEL, TaskRequest(id=sensed.made()[1].task.id))
+    sensed.restart(one)
+    sensed.senses(27.0, mote="m3")
+    assert len(sensed.made()) == 2  # 30 s have not passed
+
+
+def test_an_event_told_again_after_a_restart_makes_no_second_task(begin):
+    one = rule(event={"plugin": "monitor", "event": "changed"}, cooldown_s=0.0, max_open=10)
+    sensed = begin(one)
+    stamp_ns = sensed.team.clock.now_ns()
+    sensed.notify({}, stamp_ns=stamp_ns)
+    sensed.team.run(1.0)
+    sensed.restart(one)
+    sensed.team.run(1.0)
+    sensed.notify({}, stamp_ns=stamp_ns)
+    sensed.team.run(1.0)
+    assert len(sensed.made()) == 1
+
+
+def test_alarms_of_rules_that_are_gone_leave_the_journal(begin):
+    sensed = begin(rule(), rule("other"))
+    sensed.senses(27.0)
+    assert {alarm.rule for alarm in sensed.journal.alarms()} == {"heat", "other"}
+    sensed.restart(rule("other"))
+    assert {alarm.rule for alarm in sensed.journal.alarms()} == {"other"}
+
+
+def test_a_flood_of_readings_costs_bounded_work_and_memory(begin):
+    sensed = begin(rule(cooldown_s=0.0))
+    desk = sensed.team.coordinator.rules
+    desk.tracks._capacity = 100
+    for number in range(5000):
+        sensed.sense(20.0, mote=f"m{number}", sequence=1)
+    assert len(desk._inbox) <= 2048
+    sensed.team.run(0.1)
+    assert len(desk.tracks) == 100
+    assert desk.tracks.turned_away > 0
+    sensed.team.run(61.0)
+    sensed.senses(27.0, mote="fresh")  # a mote that has fallen silent makes room
+    assert len(sensed.made()) == 1
+
+
+def first_reason(sensed, record):
+    return sensed.journal.history(record.task.id)[0].reason

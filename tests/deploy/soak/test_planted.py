@@ -1,0 +1,52 @@
+"""Each planted bug is found, and what finds it finds nothing in the product as it is."""
+
+import pytest
+
+from robrain.deploy.soak.planted import BUGS, planted
+from robrain.deploy.soak.soaking import SoakTask, soak_one
+from robrain.sim.stand_in.script_drawing import draw_script
+from robrain.sim.stand_in.trial import run_trial
+
+FOUND_BY = {
+    "epoch_not_raised": 1,
+    "lease_not_kept": 24,
+    "journal_late": 1,
+    "requeued_without_order": 1,
+    "any_report_counts": 1,
+    "halt_forgotten": 31,
+    "offer_never_free": 2,
+    "strays_stay": 19,
+    "backoff_without_end": 17,
+    "cancelled_forgotten": 42,
+}
+"""The first seed that finds each; docs/how-to/soak.md has the same."""
+
+
+@pytest.mark.parametrize("bug", BUGS)
+def test_a_planted_bug_is_found_by_the_seed_in_the_docs(bug):
+    record = soak_one(SoakTask(seed=FOUND_BY[bug], trials_max=0, bug=bug))
+    assert record.verdict.broken
+
+
+def test_the_seeds_that_find_planted_bugs_find_nothing_in_the_product():
+    assert {seed: run_trial(draw_script(seed)).broken for seed in set(FOUND_BY.values())} == dict.fromkeys(
+        FOUND_BY.values(), ()
+    )
+
+
+def test_a_planted_bug_is_gone_after_its_block():
+    before = [getattr(owner, name) for bug in BUGS.values() for owner, name, _ in bug.patches()]
+    for name in BUGS:
+        with planted(name):
+            pass
+    assert before == [getattr(owner, name) for bug in BUGS.values() for owner, name, _ in bug.patches()]
+
+
+def test_a_failing_script_is_shrunk_and_fails_by_itself():
+    record = soak_one(SoakTask(seed=FOUND_BY["strays_stay"], bug="strays_stay"))
+    script = draw_script(FOUND_BY["strays_stay"])
+    assert len(record.script.faults) < len(script.faults)
+    assert len(record.script.tasks) < len(script.tasks)
+    with planted("strays_stay"):
+        assert run_trial(record.script).broken[0].invariant is record.verdict.broken[0].invariant
+    assert run_trial(record.script).broken == ()

@@ -1,0 +1,65 @@
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from robrain.cli import app
+from robrain.deploy.soak.planted import planted
+from robrain.deploy.soak.soaking import SoakOptions, SoakTask, soak, soak_one
+from robrain.deploy.sweep.run_outcome import RunState
+from robrain.sim.stand_in.fault_script import script_json
+from robrain.sim.stand_in.script_drawing import draw_script
+
+SEED = 19
+"""Finds `strays_stay`."""
+
+
+def robrain(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_a_soak_of_the_product_breaks_nothing_and_says_what_it_ran(tmp_path):
+    result = soak(SoakOptions(seeds=range(1, 4), jobs=1, output=tmp_path / "out"))
+    assert (result.runs, result.failures, result.errors) == (3, [], [])
+    assert result.tasks_done > 20
+    assert sum(result.faults.values()) == sum(len(draw_script(seed).faults) for seed in range(1, 4))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_script_runs_again_from_its_file(tmp_path):
+    file = tmp_path / "s.json"
+    file.write_bytes(script_json(draw_script(SEED)))
+    ended = robrain("soak", "--repeat", file)
+    assert ended.exit_code == 0
+    assert "no invariant broken" in ended.output
+
+
+def test_a_script_that_fails_again_says_what_is_broken_and_exits_with_1(tmp_path):
+    file = tmp_path / "s.json"
+    file.write_bytes(script_json(draw_script(SEED)))
+    with planted("strays_stay"):
+        ended = robrain("soak", "--repeat", file, "--json")
+    assert ended.exit_code == 1
+    assert json.loads(ended.output)["broken"][0]["invariant"] == "not_done"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--runs", 0), "--runs 0: expected at least 1"),
+        (("--jobs", 0), "--jobs 0: expected at least 1"),
+        (("--minutes", -1), "--minutes"),
+        (("--repeat", "nowhere.json"), "nowhere.json: cannot be read"),
+    ],
+)
+def test_bad_options_are_refused(words, told):
+    ended = robrain("soak", *words)
+    assert ended.exit_code != 0
+    assert told in f"{ended.output} {ended.exception}"
+
+
+def test_the_record_of_a_seed_tells_its_cost():
+    record = soak_one(SoakTask(seed=SEED))
+    assert record.state is RunState.DONE
+    assert record.verdict.broken == ()
+    assert record.cpu_s > 0

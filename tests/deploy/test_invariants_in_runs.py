@@ -1,0 +1,279 @@
+"""The invariants of real lockstep runs: all are kept, and a bug that is planted in the product is found.
+
+Each planted bug replaces a function of the product for one run; the same run without it keeps every invariant.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import msgspec
+import pytest
+
+from robrain.agent.host.halt_desk import HaltDesk
+from robrain.agent.task_desk import TaskDesk
+from robrain.client.team import Team
+from robrain.coordinator.recording.invariants.findings import (
+    ChargedAway,
+    DeliveredFell,
+    DoneAgain,
+    Finding,
+    HaltIgnored,
+    Invariant,
+    InWall,
+    MovedHalted,
+    OutOfEnergy,
+    Ruling,
+    Standing,
+    TaskAbandoned,
+    TaskAtTwo,
+    TasksForgotten,
+)
+from robrain.coordinator.recording.invariants.judging import Judging
+from robrain.coordinator.tasks import task_lifecycle
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.roster import Roster
+from robrain.deploy.recordings.scenario_surroundings import surroundings_of
+from robrain.plugins.behavior.recharge.recharge import RechargeBehavior
+from robrain.plugins.device.mocdevice.mocdevice import MocDevice
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.sim.firmware import motor_controller
+from robrain.sim.firmware.battery import Battery, BatterySpec
+from robrain.sim.robot.robot_body import RobotBodies
+from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world import arena
+from robrain.sim.world.chargers import Chargers, ChargerSpec
+
+SMALL = Scenario.builtin("arena_small").replace(motes=0)
+WITH_CHARGER = SMALL.replace(chargers=(ChargerSpec(place_m=(0.6, 5.4)),))
+
+
+def judged(script: Callable[[Team], object], scenario: Scenario = SMALL) -> dict[Invariant, Ruling]:
+    """How the invariants of a run stand that a script has run."""
+    judging = Judging(surroundings_of(scenario))
+    with scenario.team(seed=3) as team:
+        team.transport.run.follow(judging.hear)  # type: ignore[attr-defined]
+        script(team)
+    return {ruling.invariant: ruling for ruling in judging.finish()}
+
+
+def found(rulings: dict[Invariant, Ruling]) -> list[Finding]:
+    """What was found; fails if nothing is judged any more."""
+    assert not [ruling for ruling in rulings.values() if ruling.standing is Standing.NOT_JUDGED]
+    return [breach.finding for ruling in rulings.values() for breach in ruling.breaches]
+
+
+def only(rulings: dict[Invariant, Ruling], kind: type[Finding]) -> list[Any]:
+    """The findings, which are all of one kind."""
+    all_found = found(rulings)
+    assert {type(one) for one in all_found} == {kind}, [b.text for r in rulings.values() for b in r.breaches]
+    return all_found
+
+
+# -- what the runs do -------------------------------------------------------------------------------------------
+
+
+def visits(team: Team) -> None:
+    """Tasks that are done."""
+    team.run_for(1.0)
+    team.submit("visit", id="door", place=(4.2, 3.0))
+    team.submit("visit", id="corner", place=(1.0, 1.0))
+    team.wait_all(["door", "corner"])
+    team.run_for(3.0)
+
+
+def halts(team: Team) -> None:
+    """A task that a halt interrupts, and that is done in the end."""
+    team.run_for(1.0)
+    team.submit("visit", id="door", place=(6.0, 3.0), service_s=3.0)
+    team.run_for(3.0)
+    team.halt()
+    team.run_for(4.0)
+    team.resume()
+    team.run_for(6.0)
+
+
+def cut_off(team: Team, *, hears: bool = False) -> None:
+    """The coordinator hears nothing of the robot with the task, and the robot nothing of it unless it `hears`."""
+    team.run_for(1.0)
+    team.submit("visit", id="long", place=(2.0, 2.0), service_s=30.0)
+    team.run_for(5.0)
+    name = team.get("long").robot
+    run = team.transport.run  # type: ignore[attr-defined]
+    host = next(host for host in run.hosts if host.name == name)
+    roster: Roster = run.coordinator.roster
+    note = roster.note_state
+
+    def note_others(state: RobotState, now_ns: int) -> None:
+        if state.robot != name:
+            note(state, now_ns)
+
+    roster.note_state = note_others  # type: ignore[method-assign]
+    if not hears:
+        host._inbox.drain = list
+    team.run_for(10.0)
+    assert team.get("long").robot not in ("", name)
+
+
+def forgetful(team: Team) -> None:
+    """A robot loses its task, as in a restart."""
+    team.run_for(1.0)
+    team.submit("visit", id="long", place=(2.0, 2.0), service_s=30.0)
+    team.run_for(5.0)
+    name = team.get("long").robot
+    host = next(host for host in team.transport.run.hosts if host.name == name)  # type: ignore[attr-defined]
+    host.desk._status = host.desk._current = None
+    team.run_for(13.0)
+
+
+def standing(team: Team) -> None:
+    """Nothing but time."""
+    team.run_for(8.0)
+
+
+def long_day(team: Team) -> None:
+    """Long enough for the small batteries of `weak`."""
+    team.run_for(60.0)
+
+
+def weak(scenario: Scenario) -> Scenario:
+    """With batteries for some 45 s."""
+    battery = BatterySpec(capacity_wh=0.4, soc_at_start=0.4)
+    return scenario.replace(robots=1, hardware=msgspec.structs.replace(scenario.hardware, battery=battery))
+
+
+RUNS = {
+    "visits": (visits, SMALL),
+    "halts": (halts, SMALL),
+    "cut_off": (cut_off, SMALL),
+    "not_heard": (partial(cut_off, hears=True), SMALL),
+    "forgetful": (forgetful, SMALL),
+    "standing": (standing, WITH_CHARGER),
+    "long_day": (long_day, weak(WITH_CHARGER)),
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_run_keeps_every_invariant(name: str) -> None:
+    script, scenario = RUNS[name]
+    rulings = judged(script, scenario)
+    assert found(rulings) == []
+    assert rulings[Invariant.WALLS].cases > 10
+    assert rulings[Invariant.HALTS].cases == (name == "halts")
+
+
+# -- planted bugs -----------------------------------------------------------------------------------------------
+
+
+def test_a_coordinator_that_forgets_what_it_queues_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    give_back = TaskBook.give_back
+
+    def forgets(book: TaskBook, task_id: str, *given: Any, **named: Any) -> TaskRecord:
+        record = give_back(book, task_id, *given, **named)
+        book._open.pop(task_id, None)
+        return record
+
+    monkeypatch.setattr(TaskBook, "give_back", forgets)
+    [one] = only(judged(halts), TasksForgotten)
+    assert (one.missing, one.tasks) == (1, ("door",))
+
+
+def test_a_coordinator_that_never_compares_book_and_robots_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(task_lifecycle, "reconcile", lambda *_: None)
+    [one] = only(judged(forgetful), TaskAbandoned)
+    assert (one.task, one.state) == ("long", TaskState.RUNNING)
+
+
+def test_a_robot_that_keeps_its_task_after_the_lease_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TaskDesk, "check_lease", lambda *_: None)
+    [one] = only(judged(cut_off), TaskAtTwo)
+    assert (one.task, one.robots) == ("long", ("r1", "r2"))
+
+
+def test_a_robot_that_counts_its_lease_from_what_it_hears_alone_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def renew(desk: TaskDesk, _summary: TeamState, _robot: str, now_ns: int) -> None:
+        desk.coordinator_heard_ns = now_ns
+
+    monkeypatch.setattr(TaskDesk, "hear_coordinator", renew)
+    [one] = only(judged(partial(cut_off, hears=True)), TaskAtTwo)
+    assert one.task == "long"
+
+
+def test_an_end_that_is_told_twice_as_two_changes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    take = TaskBook._take
+
+    def tells_twice(book: TaskBook, record: TaskRecord) -> TaskRecord:
+        taken = take(book, record)
+        if taken.state is TaskState.DONE:
+            book._tell(msgspec.structs.replace(taken, change=taken.change + 1).event)
+        return taken
+
+    monkeypatch.setattr(TaskBook, "_take", tells_twice)
+    told = only(judged(visits), DoneAgain)
+    assert {"door", "corner"} <= {one.task for one in told}
+
+
+def test_a_robot_that_does_not_hear_halts_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    hear = HaltDesk.hear
+    monkeypatch.setattr(HaltDesk, "hear", lambda desk: None if desk._robot == "r1" else hear(desk))
+    [one] = only(judged(halts), HaltIgnored)
+    assert (one.robot, one.by) == ("r1", "script")
+
+
+def test_a_robot_that_says_to_be_halted_and_rolls_on_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MocDevice, "emergency_halt", lambda _: None)
+    monkeypatch.setattr(motor_controller, "WATCHDOG_S", 1000.0)
+    told = only(judged(halts), MovedHalted)
+    assert all(one.is_true and one.moved_m > 0.05 for one in told)
+
+
+def pushed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Something pushes every robot to the east."""
+    drive = RobotBodies.drive
+
+    def push(bodies: RobotBodies) -> None:
+        drive(bodies)
+        for body in bodies.bodies:
+            body.body.velocity = (0.4, 0.0)
+
+    monkeypatch.setattr(RobotBodies, "drive", push)
+
+
+def test_robots_that_are_pushed_against_a_wall_do_not_cross_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    pushed(monkeypatch)
+    assert found(judged(standing, WITH_CHARGER)) == []
+
+
+def test_robots_that_go_through_walls_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    pushed(monkeypatch)
+    monkeypatch.setattr(arena, "add_walls", lambda *_, **__: None)
+    told = only(judged(standing, WITH_CHARGER), InWall)
+    assert {one.robot for one in told} == {"r1", "r2"}
+
+
+def test_a_meter_of_energy_that_falls_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    step = Battery.step
+
+    def leaks(battery: Battery, *given: float) -> None:
+        step(battery, *given)
+        if battery.delivered_j > 50.0:
+            battery.delivered_j -= 20.0
+
+    monkeypatch.setattr(Battery, "step", leaks)
+    assert all(one.now_j < one.before_j for one in only(judged(standing, WITH_CHARGER), DeliveredFell))
+
+
+def test_a_charger_that_charges_from_afar_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Chargers, "_touches", lambda *_: True)
+    monkeypatch.setattr(Chargers, "_first_at", lambda chargers, *_: 0)
+    [one] = only(judged(standing, weak(WITH_CHARGER)), ChargedAway)
+    assert one.charger_m > 0.4
+
+
+def test_a_robot_that_does_not_go_home_to_charge_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RechargeBehavior, "step", lambda _: None)
+    [one] = only(judged(long_day, weak(WITH_CHARGER)), OutOfEnergy)
+    assert one.robot == "r1"

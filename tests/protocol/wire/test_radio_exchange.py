@@ -1,0 +1,328 @@
+"""What is put, asked and declared between parties of which some do not hear each other."""
+
+import threading
+
+import pytest
+
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links import radio_exchange
+from robrain.protocol.wire.links.radio_exchange import RadioExchange
+from robrain.protocol.wire.messages.arena_messages import LinkCounters
+from robrain.protocol.wire.messages.plugin_messages import Event
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
+
+CACHE = ROBOT_EVENT.cache
+
+
+class Air:
+    """A network whose ways a test opens and closes, and which loses what a test says."""
+
+    def __init__(self):
+        self.counters = LinkCounters()
+        self.parties = ("coordinator", "r1", "r2")
+        self.apart = set()
+        self.delay_ns = 0
+        self.lose = 0
+        """How many of the next samples get lost."""
+        self.on = ()
+
+    def look(self, now_ns, on):
+        self.on = on
+        return True
+
+    def reaches(self, speaker, hearer):
+        return not self.apart & {speaker, hearer}
+
+    def spread(self, speaker, hearers, size, now_ns):
+        reached = [hearer for hearer in hearers if self.reaches(speaker, hearer)]
+        if reached and self.lose:
+            self.lose -= 1
+            return {}
+        return dict.fromkeys(reached, self.delay_ns)
+
+    def carry(self, speaker, hearer, size, now_ns, limit_ns):
+        return self.delay_ns if self.reaches(speaker, hearer) and self.delay_ns <= limit_ns else None
+
+
+class Team:
+    """r1, r2, the coordinator, and a recorder that hears everything."""
+
+    def __init__(self):
+        self.air, self.clock, self.session = Air(), VirtualClock(), open_lockstep_session()
+        self.exchange = RadioExchange.open(self.session, self.air, self.clock, lost_after_s=2.0)
+        self.ends = {}
+        for party in ("r1", "r2", "coordinator", ""):
+            self.ends[party] = self.open(party)
+
+    def open(self, party):
+        return Endpoint(self.session, "t", self.clock, Drive.LOCKSTEP, party=party)
+
+    def hear(self, party, topic):
+        inbox = Inbox(every=True)
+        self.ends[party].subscribe(inbox, topic)
+        return inbox
+
+    def go(self, until_s):
+        while self.clock.now_ns() < to_ns(until_s):
+            self.clock.advance_to(self.clock.now_ns() + to_ns(0.02))
+            self.exchange.step()
+
+
+@pytest.fixture
+def team():
+    team = Team()
+    yield team
+    for end in team.ends.values():
+        end.close()
+    team.session.close()
+
+
+def texts(inbox):
+    return [received.message.value for received in inbox.drain()]
+
+
+def events(team, party="r1"):
+    publisher = team.ends[party].publisher(ROBOT_EVENT, robot=party, plugin="p", event="e")
+    return lambda number: publisher.put(Event(robot=party, plugin="p", event="e", value=number))
+
+
+def test_party_is_heard_by_itself_and_by_the_infrastructure_always_by_others_if_there_is_a_way(team):
+    inboxes = {party: team.hear(party, ROBOT_STATE) for party in team.ends}
+    publisher = team.ends["r1"].publisher(ROBOT_STATE, robot="r1")
+    publisher.put(RobotState(robot="r1"))
+    assert [len(inbox.drain()) for inbox in inboxes.values()] == [1, 1, 1, 1]
+    team.air.apart = {"r1"}
+    publisher.put(RobotState(robot="r1"))
+    assert [len(inbox.drain()) for inbox in inboxes.values()] == [1, 0, 0, 1]
+
+
+def test_infrastructure_is_heard_by_all(team):
+    inboxes = {party: team.hear(party, ROBOT_STATE) for party in team.ends}
+    team.air.apart, team.air.delay_ns = {"r1", "r2", "coordinator"}, to_ns(1.0)
+    team.ends[""].publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"))
+    assert [len(inbox.drain()) for inbox in inboxes.values()] == [1, 1, 1, 1]
+
+
+def test_later_subscription_hears_what_follows_and_a_closed_one_nothing(team):
+    publisher = team.ends["r1"].publisher(ROBOT_STATE, robot="r1")
+    publisher.put(RobotState(robot="r1"))
+    inbox = team.hear("r2", ROBOT_STATE)
+    publisher.put(RobotState(robot="r1"))
+    assert len(inbox.drain()) == 1
+    team.ends["r2"].close()
+    publisher.put(RobotState(robot="r1"))
+    assert not inbox.drain()
+
+
+def test_sample_arrives_after_its_delay_and_never_before_an_earlier_one(team):
+    inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
+    team.air.delay_ns = to_ns(0.1)
+    put(1)
+    team.go(0.06)
+    team.air.delay_ns = 0
+    put(2)
+    assert not texts(inbox)
+    team.go(0.08)
+    assert not texts(inbox)
+    team.go(0.1)
+    assert texts(inbox) == [1, 2]
+
+
+def test_what_is_on_its_way_is_bounded_and_the_rest_is_counted(team, monkeypatch):
+    monkeypatch.setattr(radio_exchange, "IN_FLIGHT_MAX", 3)
+    inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
+    team.air.delay_ns = to_ns(0.1)
+    for number in range(5):
+        put(number)
+    team.go(0.2)
+    assert texts(inbox) == [0, 1, 2]
+    assert (team.air.counters.delivered, team.air.counters.overflowed) == (3, 2)
+
+
+def test_lost_sample_of_a_lossless_topic_is_sent_again_before_later_ones(team):
+    inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
+    put(1)
+    team.air.lose = 1
+    put(2)
+    put(3)
+    assert texts(inbox) == [1]
+    team.go(0.48)
+    assert not texts(inbox)
+    team.go(0.52)
+    assert texts(inbox) == [2, 3]
+    put(4)
+    assert texts(inbox) == [4]
+
+
+def test_lost_sample_of_other_topics_is_gone(team):
+    inbox = team.hear("r2", ROBOT_STATE)
+    team.air.lose = 1
+    team.ends["r1"].publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"))
+    team.go(3.0)
+    assert not inbox.drain()
+
+
+def test_after_a_cut_the_last_samples_that_the_sender_keeps_arrive_in_order(team):
+    inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
+    team.air.apart = {"r2"}
+    for number in range(CACHE + 7):
+        put(number)
+    team.go(5.0)
+    assert not texts(inbox)
+    team.air.apart = set()
+    team.go(5.6)
+    assert texts(inbox) == list(range(7, CACHE + 7))
+    assert team.air.counters.outdated == 7
+
+
+def test_with_its_sender_what_it_kept_has_gone(team):
+    inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
+    team.air.apart = {"r2"}
+    put(1)
+    team.ends["r1"].close()
+    team.go(1.0)
+    team.air.apart = set()
+    team.ends["r1"] = team.open("r1")
+    team.go(2.0)
+    assert not texts(inbox)
+
+
+def test_token_is_seen_until_its_owner_was_away_for_a_while(team):
+    watching, everywhere = team.ends["r2"].watch(ROBOT_ALIVE), team.ends[""].watch(ROBOT_ALIVE)
+    team.ends["r1"].token(ROBOT_ALIVE, robot="r1")
+    assert [change.present for change in watching.changes()] == [True]
+    team.air.apart = {"r1"}
+    team.go(1.9)
+    assert not watching.changes()
+    team.go(2.2)
+    assert [change.present for change in watching.changes()] == [False]
+    assert not team.ends["r2"].present(ROBOT_ALIVE)
+    assert team.ends["r1"].present(ROBOT_ALIVE)
+    assert [change.present for change in everywhere.changes()] == [True]
+    team.air.apart = set()
+    team.go(2.3)
+    assert [change.present for change in watching.changes()] == [True]
+
+
+def test_token_of_a_robot_out_of_reach_is_not_seen_and_one_that_ends_goes_at_once(team):
+    team.air.apart = {"r1"}
+    team.go(3.0)
+    team.ends["r1"].token(ROBOT_ALIVE, robot="r1")
+    watching = team.ends["r2"].watch(ROBOT_ALIVE)
+    assert not watching.changes()
+    team.air.apart = set()
+    team.go(3.1)
+    assert watching.changes()[0].present
+    team.ends["r1"].close()
+    assert not watching.changes()[0].present
+
+
+def test_late_joiner_sees_the_tokens_that_are_in_reach(team):
+    team.ends["r1"].token(ROBOT_ALIVE, robot="r1")
+    team.ends["r2"].close()
+    team.air.apart = {"r2"}
+    team.go(3.0)
+    again = team.ends["r2"] = team.open("r2")
+    assert not again.present(ROBOT_ALIVE)
+    team.air.apart = set()
+    team.go(3.1)
+    assert again.present(ROBOT_ALIVE)
+
+
+def call(end):
+    return end.ask(ROBOT_CALL, b"[]", robot="r1", plugin="p", function="f")
+
+
+def test_query_gets_its_reply_if_both_ways_are_short_enough(team):
+    asked = []
+    team.ends["r1"].answer(ROBOT_CALL, lambda request: asked.append(request) or 7, robot="r1")
+    assert call(team.ends["r2"]) == b"7"
+    team.air.delay_ns = to_ns(0.9)
+    assert call(team.ends["coordinator"]) == b"7"
+    assert len(asked) == 2
+    team.air.delay_ns = to_ns(1.1)
+    with pytest.raises(CallError) as late:
+        call(team.ends["r2"])
+    assert late.value.code is ErrorCode.TIMEOUT
+    assert len(asked) == 3  # it was done; only the reply came too late
+    team.air.delay_ns = to_ns(2.1)
+    with pytest.raises(CallError):
+        call(team.ends["r2"])
+    assert len(asked) == 3
+    assert (team.air.counters.asked, team.air.counters.timed_out) == (4, 2)
+
+
+def test_query_of_the_infrastructure_and_of_the_robot_itself_needs_no_way(team):
+    team.ends["r1"].answer(ROBOT_CALL, lambda _: 7, robot="r1")
+    team.air.apart = {"r1"}
+    assert call(team.ends[""]) == call(team.ends["r1"]) == b"7"
+    team.ends[""].answer(ROBOT_CALL, lambda _: 8, robot="r1")
+
+
+def test_query_to_a_robot_out_of_reach_times_out_while_its_token_is_seen_and_then_reaches_nobody(team):
+    team.ends["r1"].answer(ROBOT_CALL, lambda _: 7, robot="r1")
+    team.air.apart = {"r1"}
+    team.go(1.0)
+    with pytest.raises(CallError) as late:
+        call(team.ends["r2"])
+    assert late.value.code is ErrorCode.TIMEOUT
+    team.go(2.5)
+    with pytest.raises(NobodyThere):
+        call(team.ends["r2"])
+
+
+def test_errors_come_back_as_errors(team):
+    def refuse(_):
+        raise CallError(ErrorCode.REFUSED, "no")
+
+    team.ends["r1"].answer(ROBOT_CALL, refuse, robot="r1")
+    with pytest.raises(CallError, match="no") as error:
+        call(team.ends["r2"])
+    assert error.value.code is ErrorCode.REFUSED
+
+
+def test_reply_for_an_inbox_arrives_after_request_and_reply(team):
+    team.ends["r1"].answer(ROBOT_CALL, lambda _: 7, robot="r1")
+    inbox, names = Inbox(), {"robot": "r1", "plugin": "p", "function": "f"}
+    team.air.delay_ns = to_ns(0.2)
+    team.ends["r2"].ask_into(inbox, ROBOT_CALL, ROBOT_CALL, b"[]", **names)
+    team.go(0.38)
+    assert not len(inbox)
+    team.go(0.42)
+    assert [payload for _, _, payload in inbox.drain_raw()] == [b"7"]
+    team.air.apart = {"r1"}
+    team.ends["r2"].ask_into(inbox, ROBOT_CALL, ROBOT_CALL, b"[]", **names)
+    team.go(1.0)
+    assert not len(inbox)
+
+
+def test_radio_of_a_robot_whose_endpoints_are_all_closed_is_off(team):
+    second = team.open("r1")
+    team.ends["r1"].close()
+    team.exchange.step()
+    assert "r1" in team.air.on
+    second.close()
+    second.close()
+    team.exchange.step()
+    assert sorted(team.air.on) == ["coordinator", "r2"]
+
+
+def test_party_without_a_radio_is_refused(team):
+    with pytest.raises(ValueError, match="expected a party with a radio, got 'r9': coordinator, r1, r2"):
+        team.open("r9")
+
+
+def test_put_of_another_thread_goes_where_there_is_a_way(team):
+    near, far = team.hear("coordinator", ROBOT_EVENT), team.hear("r2", ROBOT_EVENT)
+    team.air.apart = {"r2"}
+    thread = threading.Thread(target=events(team), args=(1,))
+    thread.start()
+    thread.join()
+    assert texts(near) == [1]
+    assert not texts(far)
+    assert near.outside == 1

@@ -1,0 +1,138 @@
+"""The table `[links]`: what is read, what is written, and what is refused in words."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from robrain.sim.errors import ScenarioError
+from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
+from robrain.sim.scenarios.scenario import Scenario
+from tests.sim.links.radio_team import corridor
+
+FULL = """
+range_m = 12.5
+wall_db = 4.0
+loss = 0.02
+delay_s = 0.01
+bandwidth_bytes_s = 250000.0
+queue_s = 0.5
+relays = ["r1", "coordinator"]
+lost_after_s = 3.0
+return_after_s = 20.0
+coordinator_m = [1.0, 2.0]
+
+[[links.partitions]]
+from_s = 30.0
+until_s = 60.0
+groups = [["r1"], ["r2", "coordinator"]]
+
+[[links.partitions]]
+groups = [["r2"]]
+"""
+
+
+def test_scenario_file_has_it_all_and_is_written_again():
+    scenario = corridor(FULL, robots=2)
+    assert scenario.links == LinkSpec(
+        range_m=12.5,
+        wall_db=4.0,
+        loss=0.02,
+        delay_s=0.01,
+        bandwidth_bytes_s=250_000.0,
+        queue_s=0.5,
+        relays=("r1", "coordinator"),
+        lost_after_s=3.0,
+        return_after_s=20.0,
+        coordinator_m=(1.0, 2.0),
+        partitions=(
+            PartitionSpec(from_s=30.0, until_s=60.0, groups=(("r1",), ("r2", "coordinator"))),
+            PartitionSpec(groups=(("r2",),)),
+        ),
+    )
+    assert Scenario.from_toml(scenario.to_toml()).links == scenario.links
+
+
+def test_robots_are_told_to_wait_at_their_start_if_they_know_it_and_are_to_return():
+    def idle(lines, **changes):
+        world = corridor(lines, robots=2).replace(**changes).world()
+        return world.robots[1].start, world.robot_file(world.robots[1]).parameters.get("idle")
+
+    start, parameters = idle("return_after_s = 5.0")
+    assert parameters == {"home": [start.x_m, start.y_m], "return_after_s": 5.0}
+    assert idle("return_after_s = inf")[1] is None
+    assert idle("", starts_known=False)[1] is None
+    assert idle("", links=None)[1] is None
+
+
+def test_an_empty_table_limits_nothing_and_no_table_is_none():
+    assert corridor("", robots=1).links == LinkSpec()
+    assert LinkSpec().range_m == math.inf
+    assert Scenario.builtin("depot").links is None
+    assert Scenario.from_toml(corridor("", robots=1).to_toml()).links == LinkSpec()
+
+
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        ("range_m = 0", "links: expected range_m > 0, got 0.0"),
+        ("range_m = nan", "links: expected range_m > 0, got nan"),
+        ("loss = 1.0", "links: expected loss from 0 to 0.95, got 1.0"),
+        ("delay_s = -1", "links: expected delay_s from 0 to 10.0, got -1.0"),
+        ("bandwidth_bytes_s = 0", "links: expected bandwidth_bytes_s > 0, got 0.0"),
+        ("queue_s = inf", "links: expected queue_s > 0, got inf"),
+        ("wall_db = -3", "links: expected wall_db from 0 to 200.0, got -3.0"),
+        ("return_after_s = -1", "links: expected return_after_s >= 0, got -1.0"),
+        ("lost_after_s = inf", "links: expected lost_after_s >= 0, got inf"),
+        ("coordinator_m = [nan, 1.0]", "links: expected finite coordinates for coordinator_m, got [nan, 1.0]"),
+        ("relays = 3", "links.relays: Expected `bool | array`, got `int`"),
+        ("reach = 3", "links: Object contains unknown field `reach`"),
+        ("[[links.partitions]]\nfrom_s = 1", "links.partitions[0]: Object missing required field `groups`"),
+        ("[[links.partitions]]\ngroups = []", "links.partitions[0]: expected groups with at least one name each"),
+        ('[[links.partitions]]\ngroups = [["r1"], []]', "expected groups with at least one name each"),
+        (
+            '[[links.partitions]]\ngroups = [["r1"], ["r2", "r1"]]',
+            "links.partitions[0]: expected each name in one of the groups, got 'r1' twice",
+        ),
+        (
+            '[[links.partitions]]\nfrom_s = 5\nuntil_s = 5\ngroups = [["r1"]]',
+            "links.partitions[0]: expected until_s above from_s, 5, got 5",
+        ),
+    ],
+)
+def test_links_without_sense_are_refused_with_file_and_key(lines, sentence):
+    with pytest.raises(ScenarioError) as error:
+        corridor(lines, robots=2)
+    assert str(error.value).startswith("corridor.toml: ")
+    assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        ('relays = ["r9"]', "corridor: links: relays: no party 'r9'; there are coordinator and r1 to r2"),
+        (
+            '[[links.partitions]]\ngroups = [["base"]]',
+            "corridor: links: partitions: no party 'base'; there are coordinator and r1 to r2",
+        ),
+    ],
+)
+def test_robots_that_are_not_there_are_refused(lines, sentence):
+    with pytest.raises(ScenarioError) as error:
+        corridor(lines, robots=2).world()
+    assert str(error.value) == sentence
+
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_scenario_of_the_documentation_runs(tmp_path):
+    page = (ROOT / "docs" / "how-to" / "simulated-radio.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "radio.toml").write_text(
+        text.replace("office_ring.yaml", str(ROOT / "examples" / "maps" / "office_ring.yaml"))
+    )
+    result = Scenario.from_file(tmp_path / "radio.toml").run(time_limit_s=1.0)
+    assert result.links is not None
+    assert result.links.delivered > 0

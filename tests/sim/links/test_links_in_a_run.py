@@ -1,0 +1,313 @@
+"""Robots and coordinator that hear each other by radio: range, relays, partitions, and what the team makes of it."""
+
+import math
+
+import msgspec
+import pytest
+
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.topics import (
+    ARENA_LINKS,
+    COORDINATOR_STATE,
+    HALT,
+    ROBOT_ALIVE,
+    ROBOT_CALL,
+    ROBOT_PLUGINS,
+    ROBOT_STATE,
+)
+from robrain.sim.errors import ScenarioError
+from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
+from robrain.sim.scenarios.scenario import Scenario
+from tests.sim.links.radio_team import RadioTeam, corridor, counted, robots_in
+
+RANGE = "range_m = 10.0"
+CUT_R2 = '[[links.partitions]]\nfrom_s = {from_s}\nuntil_s = {until_s}\ngroups = [["r2"]]'
+
+
+def up(state):
+    return {robot.name for robot in state.robots if robot.up}
+
+
+def last_state(inbox):
+    return inbox.drain()[-1].message
+
+
+def test_robot_beyond_range_is_not_heard_and_neither_are_those_behind_it():
+    with RadioTeam(f"{RANGE}\nrelays = false", [2.0, 10.0, 18.0]) as team:
+        heard, everywhere = team.hear(ROBOT_STATE, "coordinator"), team.hear(ROBOT_STATE)
+        team.go(2.0)
+        assert robots_in(heard) == {"r1", "r2"}
+        assert robots_in(everywhere) == {"r1", "r2", "r3"}
+        assert [names["robot"] for names in team.wire("coordinator").present(ROBOT_ALIVE)] == ["r1", "r2"]
+        assert [names["robot"] for names in team.wire("r3").present(ROBOT_ALIVE)] == ["r2", "r3"]
+        assert counted(team.run)["out_of_reach"] > 0
+
+
+def test_through_relays_the_last_robot_of_a_chain_is_heard():
+    with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0]) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(2.0)
+        assert robots_in(heard) == {"r1", "r2", "r3", "r4"}
+        assert counted(team.run)["relayed"] > 0
+
+
+def test_only_named_robots_relay():
+    with RadioTeam(f'{RANGE}\nrelays = ["r2"]', [2.0, 10.0, 18.0, 26.0]) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(2.0)
+        assert robots_in(heard) == {"r1", "r2", "r3"}
+
+
+def test_robot_that_is_switched_off_relays_nothing():
+    with RadioTeam(RANGE, [2.0, 10.0, 18.0]) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(2.0)
+        assert robots_in(heard) == {"r1", "r2", "r3"}
+        team.run.switch_off("r2")
+        team.go(2.5)
+        heard.drain()
+        team.go(4.0)
+        assert robots_in(heard) == {"r1"}
+
+
+@pytest.mark.parametrize(("walls", "names"), [(0, {"r1", "r2"}), (1, {"r1"})])
+def test_walls_stop_a_radio_that_they_block(walls, names):
+    wall = "walls = [{ from_m = [6.0, 0.0], to_m = [6.0, 3.0] }]" if walls else ""
+    with RadioTeam(f"{RANGE}\nwalls_block = true", [2.0, 10.0], walls=wall) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(1.0)
+        assert robots_in(heard) == names
+
+
+@pytest.mark.parametrize("xs_m", [[2.0, 10.0, 18.0], [2.0, 10.0, 18.0, 26.0]], ids=["one relay", "two relays"])
+def test_robot_is_called_and_driven_through_relays(xs_m):
+    far = f"r{len(xs_m)}"
+    with RadioTeam(RANGE, xs_m, party="coordinator") as team:
+        team.go(2.0)
+        team.team.unload(far, "explore")
+        team.go(4.0)
+        before = team.pose_of(far)
+        team.team.call(far, "driver", "drive", -0.5)
+        team.go(7.0)
+        assert before.distance_m(team.pose_of(far)) == pytest.approx(0.5, abs=0.1)
+
+
+def test_without_the_relay_the_same_call_reaches_nobody():
+    with RadioTeam(RANGE, [2.0, 18.0], party="coordinator") as team:
+        team.go(2.0)
+        with pytest.raises(NobodyThere):
+            team.team.call("r2", "driver", "drive", -1.0)
+
+
+def test_task_at_the_end_of_a_chain_is_done_by_the_robot_there():
+    with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0]) as team:
+        team.go(2.0)
+        task = team.team.submit("visit", id="far", place=(28.0, 2.0))
+        record = team.team.wait(task, timeout_s=40.0)
+        assert (record.state, record.robot) == (TaskState.DONE, "r4")
+
+
+def test_token_vanishes_after_a_while_without_a_way_and_comes_back_with_it():
+    cut = CUT_R2.format(from_s=4.0, until_s=10.0)
+    with RadioTeam(f"lost_after_s = 2.0\n{cut}", [2.0, 4.0]) as team:
+        presence = team.wire("coordinator").watch(ROBOT_ALIVE)
+        seen = []
+        for _ in range(600):
+            team.run.tick()
+            seen += [(change.names["robot"], change.present, team.run.sim_time_s) for change in presence.changes()]
+        assert [(name, there) for name, there, _ in seen] == [
+            ("r1", True), ("r2", True), ("r2", False), ("r2", True),
+        ]  # fmt: skip
+        assert seen[2][2] == pytest.approx(6.0, abs=0.15)
+        assert seen[3][2] == pytest.approx(10.0, abs=0.15)
+
+
+def test_partition_cuts_at_its_times_and_the_coordinator_gets_the_robot_back():
+    cut = CUT_R2.format(from_s=4.0, until_s=10.0)
+    with RadioTeam(cut, [2.0, 4.0]) as team:
+        summaries = team.hear(COORDINATOR_STATE)
+        team.go(3.9)
+        assert up(last_state(summaries)) == {"r1", "r2"}
+        team.go(7.5)
+        assert up(last_state(summaries)) == {"r1"}
+        team.go(9.9)
+        assert up(last_state(summaries)) == {"r1"}
+        team.go(11.0)
+        assert up(last_state(summaries)) == {"r1", "r2"}
+
+
+def test_those_of_one_group_still_hear_each_other():
+    cut = '[[links.partitions]]\ngroups = [["r1", "r2"], ["r3", "coordinator"]]'
+    with RadioTeam(cut, [2.0, 4.0, 6.0]) as team:
+        by_r1, by_coordinator = team.hear(ROBOT_STATE, "r1"), team.hear(ROBOT_STATE, "coordinator")
+        team.go(1.0)
+        assert robots_in(by_r1) == {"r1", "r2"}
+        assert robots_in(by_coordinator) == {"r3"}
+
+
+def test_query_without_a_way_times_out_and_later_nobody_is_there():
+    cut = CUT_R2.format(from_s=4.0, until_s=20.0)
+    with RadioTeam(cut, [2.0, 4.0]) as team:
+        wire = team.wire("coordinator")
+        team.go(3.9)
+        assert wire.ask(ROBOT_PLUGINS, robot="r2")
+        team.go(4.5)
+        with pytest.raises(CallError) as error:
+            wire.ask(ROBOT_PLUGINS, robot="r2")
+        assert error.value.code is ErrorCode.TIMEOUT
+        team.go(7.0)
+        with pytest.raises(NobodyThere):
+            wire.ask(ROBOT_PLUGINS, robot="r2")
+        assert team.wire().ask(ROBOT_PLUGINS, robot="r2")
+        assert team.run.outside == 0
+
+
+def test_task_of_a_robot_that_is_cut_off_is_done_by_another():
+    cut = CUT_R2.format(from_s=6.0, until_s=60.0)
+    with RadioTeam(cut, [2.0, 14.0]) as team:
+        team.go(2.0)
+        task = team.team.submit("visit", id="far", place=(28.0, 2.0))
+        team.go(5.9)
+        assert team.team.get(task).robot == "r2"
+        record = team.team.wait(task, timeout_s=100.0)
+        assert (record.state, record.robot) == (TaskState.DONE, "r1")
+
+
+def test_no_task_is_lost_in_a_team_that_is_cut_again_and_again():
+    cuts = "\n".join(
+        f'[[links.partitions]]\nfrom_s = {at_s}\nuntil_s = {at_s + 5}\ngroups = [["r{1 + at_s // 10 % 3}"]]'
+        for at_s in range(5, 95, 10)
+    )
+    with RadioTeam(f"loss = 0.1\ndelay_s = 0.05\n{cuts}", [2.0, 14.0, 26.0]) as team:
+        team.go(2.0)
+        tasks = [team.team.submit("visit", id=f"t{n}", place=(2.0 + 3.0 * n, 2.0)) for n in range(9)]
+        ended = [team.team.wait(task, timeout_s=200.0) for task in tasks]
+        assert [record.state for record in ended] == [TaskState.DONE] * len(tasks)
+        assert len(team.team.list()) == len(tasks)
+
+
+@pytest.mark.parametrize(("return_after_s", "is_back"), [(1.0, True), (math.inf, False)])
+def test_robot_that_drives_out_of_reach_returns_to_its_start_and_is_heard(return_after_s, is_back):
+    links = f"{RANGE}\nrelays = false\nreturn_after_s = {return_after_s}"
+    with RadioTeam(links, [2.0, 10.0]) as team:
+        team.go(3.0)
+        team.team.unload("r1", "visit")
+        team.team.submit("visit", id="far", place=(20.0, 2.0))
+        up_at = []
+        for now_s in range(4, 26):
+            team.go(now_s)
+            up_at.append(next(robot.up for robot in team.team.state().robots if robot.name == "r2"))
+        away = up_at.index(False)
+        assert any(up_at[away:]) is is_back
+
+
+def test_halt_that_a_robot_misses_stops_it_when_it_is_back():
+    with RadioTeam(CUT_R2.format(from_s=1.0, until_s=5.0), [2.0, 4.0]) as team:
+        team.go(2.0)
+        team.wire("coordinator").publisher(HALT).put(Halt(halted=True, by="operator", reason="a test"))
+        team.go(4.9)
+        assert [team.team.state(name).halted for name in ("r1", "r2")] == [True, False]
+        team.go(6.5)
+        assert [team.team.state(name).halted for name in ("r1", "r2")] == [True, True]
+
+
+def test_equal_seeds_give_equal_runs_and_others_other_ones():
+    def run(seed):
+        links = f"{RANGE}\nloss = 0.2\ndelay_s = 0.03\nbandwidth_bytes_s = 100000.0\n"
+        with RadioTeam(links, [2.0, 10.0, 18.0], seed=seed) as team:
+            team.go(1.0)
+            team.team.submit("visit", id="far", place=(28.0, 2.0))
+            team.go(8.0)
+            return team.run.digest, counted(team.run)
+
+    first, again, other = run(1), run(1), run(2)
+    assert first == again
+    assert first[0] != other[0]
+    assert first[1]["lost"] != other[1]["lost"]
+
+
+def test_radio_that_loses_nothing_changes_nothing_but_its_own_messages():
+    def recorded(links):
+        scenario = Scenario.builtin("depot").replace(robots=3, seed=2, links=links)
+        run = scenario.open(scenario.world())
+        kept = []
+        run.follow(lambda heard, _: kept.extend((key, payload) for _, key, payload, _, _ in heard))
+        for _ in range(200):
+            run.tick()
+        run.close()
+        return kept
+
+    free = corridor("", robots=1).links
+    key = ARENA_LINKS.key("default")
+    assert [one for one in recorded(free) if one[0] != key] == recorded(None)
+
+
+def test_who_hears_whom_is_published_for_viewers():
+    with RadioTeam(f"{RANGE}\ncoordinator_m = [1.0, 2.0]", [2.0, 10.0, 18.0, 29.0]) as team:
+        heard, by_robot = team.hear(ARENA_LINKS), team.hear(ARENA_LINKS, "r1")
+        team.go(2.0)
+        message = last_state(heard)
+        assert {one.party: one.hears for one in message.radios} == {
+            "coordinator": ["r1", "r2"],
+            "r1": ["coordinator", "r2"],
+            "r2": ["coordinator", "r1", "r3"],
+            "r3": ["r2"],
+            "r4": [],
+        }
+        assert [one.hops for one in message.radios] == [0, 1, 1, 2, None]
+        assert message.radios[0].place.x_m == 1.0
+        assert message.counters.out_of_reach > 0
+        assert len(by_robot.drain()) == 4
+
+
+def test_result_of_a_run_counts_what_became_of_the_messages():
+    result = corridor(RANGE, robots=2).run(time_limit_s=1.0)
+    assert result.links is not None
+    assert result.links.delivered > 0
+    assert corridor(RANGE, robots=2).replace(links=None).run(time_limit_s=1.0).links is None
+
+
+@pytest.mark.parametrize("run", [lambda one: one.run(listen="tcp/127.0.0.1:0"),
+                                 lambda one: one.open(one.world(), listen="tcp/127.0.0.1:0")])  # fmt: skip
+def test_run_that_others_may_join_has_no_links(run):
+    with pytest.raises(ScenarioError, match="corridor: links: expected a run that no other process can join"):
+        run(corridor(RANGE, robots=1))
+
+
+def test_robots_that_were_apart_have_one_map_again_and_refuse_nothing_of_each_other():
+    cut = PartitionSpec(from_s=3.0, until_s=8.0, groups=(("r2",),))
+    scenario = Scenario.builtin("depot").replace(robots=2, seed=4, links=LinkSpec(partitions=(cut,)))
+    run = scenario.open(scenario.world())
+    wire = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
+    states = Inbox()
+    wire.subscribe(states, ROBOT_STATE)
+
+    def known_m2():
+        by_robots = [
+            float(wire.ask(ROBOT_CALL, b"[]", robot=name, plugin="mapper", function="known_area_m2"))
+            for name in ("r1", "r2")
+        ]
+        return [*by_robots, run.coordinator.team_map.known_area_m2]
+
+    while run.sim_time_s < 7.9:
+        run.tick()
+    apart = known_m2()
+    assert max(apart) > 1.05 * min(apart)
+    while run.sim_time_s < 10.0:
+        run.tick()
+    assert max(known_m2()) <= 1.02 * min(known_m2())
+    assert [state.message.refused for state in states.drain()] == [msgspec.UNSET] * 2
+    wire.close()
+    run.close()
+
+
+def test_exploration_within_ten_metres_ends_in_less_than_twice_the_time():
+    scenario = Scenario.builtin("depot").replace(robots=4, seed=13)
+    free, limited = (scenario.replace(links=links).run() for links in (None, LinkSpec(range_m=10.0)))
+    assert free.ended == limited.ended == "explored"
+    assert limited.sim_time_s <= 2.0 * free.sim_time_s
+    assert limited.links.out_of_reach > 0

@@ -1,0 +1,38 @@
+"""Simulated robots whose coordinator is killed: they do the open tasks, each once; one that returns takes that in."""
+
+from robrain.protocol.model.tasks.task import TaskState
+from tests.agent.consensus.leaderless import pass_time, team_of
+
+PLACES = ((2.0, 2.6), (1.5, 1.0), (1.0, 1.6), (2.2, 2.0), (1.0, 2.5), (1.8, 2.2))
+
+
+def test_simulated_robots_do_orphaned_tasks_once_each_and_the_journal_takes_them_in() -> None:
+    with team_of(3) as (team, run, watch):
+        pass_time(team, watch, 10.0)
+        names = [team.submit("visit", place=place, service_s=4.0).task.id for place in PLACES]
+        pass_time(team, watch, 0.5)
+        assert not watch.done
+        run.end_coordinator()
+        pass_time(team, watch, 2.0)
+        assert not any(run.coordinator.tasks.find(name).state.ended for name in names)
+        pass_time(team, watch, 88.0, until=lambda: len(watch.done) == len(names))
+        assert watch.done == dict.fromkeys(names, 1)
+        assert 0 < watch.largest_ballot < 4096
+        run.begin_coordinator()
+        pass_time(team, watch, 2.0)
+        assert {name: team.get(name).state for name in names} == dict.fromkeys(names, TaskState.DONE)
+        pass_time(team, watch, 5.0)
+        assert watch.done == dict.fromkeys(names, 1)
+
+
+def test_without_consensus_simulated_robots_drop_what_they_do() -> None:
+    with team_of(1, consensus=False) as (team, run, watch):
+        pass_time(team, watch, 10.0)
+        team.submit("visit", place=PLACES[0], service_s=30.0)
+        pass_time(team, watch, 2.0)
+        run.end_coordinator()
+        pass_time(team, watch, 3.0)
+        status = run.hosts[0].desk.status
+        assert status is not None
+        assert status.state is TaskState.CANCELLED
+        assert watch.ballots == 0

@@ -1,0 +1,147 @@
+"""A mote field over its whole life: energy and readings are accounted for, and plans do what they are for."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robrain.deploy.bench.lifetime_bound import lifetime_bound_days
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.motes.mote_energy import DAY_S, mica2
+from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, RobotFigures, Routing
+from robrain.sim.mote_days.mote_days import FieldLife, FieldRun
+from tests.protocol.motes.fields import ORIGIN, scattered
+
+ENERGY = mica2()
+
+
+def site(seed: int, motes: int = 25, **fields: object) -> MoteSite:
+    graph = scattered(seed, motes=motes, size_m=60.0 if motes > 20 else 40.0)
+    return MoteSite(places=tuple(graph.places[:-1]), sink=ORIGIN, size_m=60.0, **fields)
+
+
+def live(where: MoteSite, **plan: object) -> FieldLife:
+    return FieldRun(where, FieldPlan(**plan)).run()
+
+
+PLANS = st.sampled_from(
+    [
+        {"routing": Routing.TREE},
+        {"routing": Routing.LIFETIME},
+        {"routing": Routing.NONE, "tours_per_day": 0.5},
+        {"tours_per_day": 1.0, "goal_days": 400.0},
+        {"tours_per_day": 1.0, "goal_days": 400.0, "takes_turns": True},
+    ]
+)
+
+
+@given(seed=st.integers(0, 1000), plan=PLANS, memory=st.sampled_from([50, 30_000]))
+@settings(max_examples=15, deadline=None)
+def test_all_energy_and_every_reading_is_accounted_for(seed: int, plan: dict[str, object], memory: int) -> None:
+    life = live(site(seed, 12, log_readings=memory), **plan)
+    assert life.spent_j + life.left_j == pytest.approx(12 * ENERGY.capacity_j)
+    assert life.left_j == pytest.approx(0.0, abs=1e-3)
+    assert life.taken == pytest.approx(life.delivered + life.stored + life.lost)
+    assert len(life.deaths_days) == 12
+    assert life.deaths_days == sorted(life.deaths_days)
+    assert life.first_days <= life.half_days <= life.last_days
+    assert 0.0 <= life.delivery_ratio <= 1.0 + 1e-9
+    assert 0.0 <= life.coverage <= 1.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_field_without_robots_outlives_the_bound_and_routes_in_turn_come_near_it(seed: int) -> None:
+    where = site(seed)
+    run = FieldRun(where, FieldPlan())
+    bound_days = lifetime_bound_days(run.graph, list(run.left_j), where.energy, 1.0 / where.period_s)
+    first_days = run.run().first_days
+    assert 0.9 * bound_days <= first_days <= bound_days
+    beacons = 0.001
+    assert live(where, routing=Routing.TREE).first_days <= (1.0 + beacons) * first_days
+
+
+def test_mote_alone_lives_as_long_as_its_cells() -> None:
+    where = MoteSite(places=(Point2D(5.0, 0.0),), sink=ORIGIN, size_m=10.0)
+    life = live(where, routing=Routing.TREE)
+    power_w = ENERGY.awake_w + (ENERGY.reading_j + ENERGY.send_j) / 60.0
+    assert life.deaths_days == pytest.approx([ENERGY.capacity_j / power_w / DAY_S], rel=1e-4)
+    assert life.delivered == pytest.approx(life.taken)
+    assert life.age_h == pytest.approx(1.0 / 3600.0)
+
+
+def test_cut_off_mote_s_readings_arrive_by_robot_alone() -> None:
+    where = MoteSite(places=(Point2D(50.0, 0.0),), sink=ORIGIN, size_m=60.0)
+    assert live(where).delivered == 0.0
+    life = live(where, tours_per_day=2.0, goal_days=300.0)
+    assert life.delivery_ratio > 0.99
+    assert life.age_h == pytest.approx(6.0, abs=0.1)
+    assert life.driven_m == pytest.approx(100.0 * 2 * 365, rel=0.01)
+
+
+def test_robots_that_relay_connect_a_cut_off_part_for_what_standing_takes() -> None:
+    places = (Point2D(15.0, 0.0), Point2D(55.0, 0.0), Point2D(58.0, 0.0))
+    where = MoteSite(places=places, sink=ORIGIN, size_m=60.0)
+    alone, relayed = live(where), live(where, relays=1)
+    assert FieldRun(where, FieldPlan(relays=1)).relays == [Point2D(35.0, 0.0)]
+    assert alone.delivery_ratio < 0.34
+    assert relayed.delivery_ratio > 0.99
+    assert relayed.age_h < 4.0 / 3600.0
+    assert relayed.robot_j == pytest.approx(8.0 * 365 * DAY_S, rel=0.01)
+    assert relayed.spent_j + relayed.left_j == pytest.approx(3 * ENERGY.capacity_j)
+
+
+def test_part_that_needs_more_relays_than_there_are_stays_cut_off() -> None:
+    where = MoteSite(places=(Point2D(15.0, 0.0), Point2D(95.0, 0.0)), sink=ORIGIN, size_m=100.0)
+    assert FieldRun(where, FieldPlan(relays=2)).relays == []
+    assert len(FieldRun(where, FieldPlan(relays=3)).relays) == 3
+
+
+def test_robot_on_tour_takes_what_standing_and_driving_take() -> None:
+    where = MoteSite(places=(Point2D(50.0, 0.0),), sink=ORIGIN, size_m=60.0)
+    robot = RobotFigures(speed_m_s=1.0, standing_w=5.0, driving_j_per_m=7.0, readings_per_s=1440.0)
+    life = live(where, routing=Routing.NONE, tours_per_day=1.0, robot=robot)
+    assert life.robot_j / (life.driven_m / 100.0) == pytest.approx(100.0 * 7.0 + 101.0 * 5.0)
+
+
+def test_goal_is_reached_and_what_the_goal_allows_travels_at_once() -> None:
+    where = site(3)
+    alone, relieved = live(where), live(where, tours_per_day=1.0, goal_days=400.0)
+    collected = live(where, routing=Routing.NONE, tours_per_day=1.0)
+    assert alone.first_days < 350.0
+    assert 380.0 < relieved.first_days <= collected.first_days
+    assert relieved.news_age_h < 0.5 * collected.news_age_h
+    assert relieved.robot_j < collected.robot_j
+
+
+def test_motes_in_turn_live_longer_and_cover_as_much() -> None:
+    where = site(5, motes=60)
+    all_on = live(where, tours_per_day=1.0, goal_days=500.0)
+    in_turn = live(where, tours_per_day=1.0, goal_days=500.0, takes_turns=True)
+    assert in_turn.half_days > 1.5 * all_on.half_days
+    assert in_turn.coverage > all_on.coverage - 0.01
+
+
+def test_full_memory_loses_readings() -> None:
+    where = site(1, log_readings=720)
+    life = live(where, routing=Routing.NONE, tours_per_day=1.0)
+    assert life.delivery_ratio == pytest.approx(0.5, abs=0.01)
+
+
+def test_equal_fields_have_equal_lives() -> None:
+    plan = {"tours_per_day": 1.0, "goal_days": 400.0, "takes_turns": True}
+    assert live(site(7), **plan) == live(site(7), **plan)
+
+
+@pytest.mark.parametrize(
+    ("fields", "named"),
+    [
+        ({"routing": Routing.NONE}, "tours_per_day"),
+        ({"tours_per_day": -1.0}, "tours_per_day"),
+        ({"replan_days": 0.0}, "replan_days"),
+        ({"goal_days": math.inf}, "goal_days"),
+    ],
+)
+def test_plan_without_sense_is_refused(fields: dict[str, object], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        FieldPlan(**fields)

@@ -1,0 +1,82 @@
+"""A field of simulated motes with a coordinator that keeps it alive by itself, and without: the whole stack."""
+
+import msgspec
+
+from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.sim.scenarios.scenario import Scenario
+
+ONLY_WATCH = MoteFieldPolicy(turns_s=1e6, rest_factor=1.0)
+"""Tells how the field is doing, and does nothing for it."""
+
+
+def field(policy: MoteFieldPolicy, motes: int, *, sensitivity_dbm: float = -90.0, **spec: float) -> Scenario:
+    scenario = Scenario.builtin("arena_small").replace(robots=2, motes=motes)
+    radio = msgspec.structs.replace(scenario.network.radio, sensitivity_dbm=sensitivity_dbm)
+    kind = msgspec.structs.replace(scenario.network.motes, **spec)
+    network = msgspec.structs.replace(scenario.network, motes=kind, radio=radio)
+    return scenario.replace(network=network, planning=PlanningPolicy(mote_field=policy))
+
+
+def told(team):
+    return team.state().mote_field
+
+
+def flat(team) -> int:
+    return sum(mote.battery.is_flat for mote in team.transport.run.arena._motes.motes)
+
+
+def test_data_of_motes_out_of_reach_stay_young_if_robots_are_sent_to_collect() -> None:
+    oldest_s, arrived = {}, {}
+    for policy in (ONLY_WATCH, MoteFieldPolicy(collect_age_s=40.0)):
+        with field(policy, 8, sensitivity_dbm=-72.0).team(seed=4) as team:
+            ages_s = []
+            for _ in range(16):
+                team.run_for(10.0)
+                ages_s.append(told(team).oldest_s)
+            records = [record for record in team.list() if record.by == "mote field"]
+            oldest_s[policy], arrived[policy] = max(ages_s), told(team).delivery_ratio
+            if policy is not ONLY_WATCH:
+                done = [record for record in records if record.state is TaskState.DONE]
+                assert {record.task.kind for record in done} == {"collect"}
+                assert {record.robot for record in done} <= {"r1", "r2"}
+                assert "newest reading of" in team.why(done[0].task.id).changes[0].why
+            else:
+                assert records == []
+    watched, kept = oldest_s
+    assert oldest_s[kept] < 0.8 * oldest_s[watched]
+    assert arrived[kept] > 0.93 > arrived[watched] + 0.05
+
+
+def test_motes_on_duty_in_turn_tell_of_the_floor_when_all_would_be_dead() -> None:
+    covered, dead = {}, {}
+    for policy in (ONLY_WATCH, MoteFieldPolicy(turns_s=20.0, rest_factor=10.0)):
+        with field(policy, 10, capacity_mah=0.03, used_at_start_max=0.2).team(seed=4) as team:
+            team.run_for(170.0)
+            covered[policy], dead[policy] = told(team).coverage, flat(team)
+            assert told(team).dead == dead[policy]
+            assert (told(team).last_dead_ns is None) == (dead[policy] < 10)
+    watched, kept = covered
+    assert (dead[watched], covered[watched]) == (10, 0.0)
+    assert dead[kept] <= 2
+    assert covered[kept] > 0.9
+
+
+def test_robot_stands_in_before_the_first_mote_is_dead_and_the_floor_stays_covered() -> None:
+    policy = MoteFieldPolicy(stand_ins=1, stand_in_s=60.0, replace_before_s=40.0)
+    with field(policy, 2, capacity_mah=0.03, used_at_start_max=0.0).team(seed=4) as team:
+        team.run_for(100.0, until=lambda: any(one.state is TaskState.RUNNING for one in team.list() if one.by))
+        (record,) = [record for record in team.list() if record.by == "mote field"]
+        assert record.task.kind == "replace"
+        assert flat(team) == 0
+        team.run_for(60.0)
+        readings = list(team.readings(10.0, mote=record.task.parameters["mote"]))
+    assert any(reading.via == record.robot and reading.sequence is None for reading in readings)
+
+
+def test_equal_seeds_have_equal_digests_with_all_that_is_done_for_motes() -> None:
+    policy = MoteFieldPolicy(collect_age_s=30.0, stand_ins=1, relays=1, relay_s=20.0, turns_s=15.0)
+    scenario = field(policy, 6, sensitivity_dbm=-72.0, capacity_mah=0.02).replace(time_limit_s=50.0)
+    one, other = (scenario.run(until_explored=1.0) for _ in range(2))
+    assert one.digest == other.digest

@@ -1,0 +1,82 @@
+"""Each scenario that comes with robrain can be run to its end, and is shown in the documentation."""
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from robrain import Scenario
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.sim.scenarios.listing import listed_scenarios
+from robrain.sim.scenarios.scenario_file import builtin_names
+
+pytestmark = pytest.mark.timeout(1800)
+
+PICTURES = Path(__file__).parents[3] / "docs" / "images" / "scenarios"
+PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "scenarios.md"
+OF_THE_ISSUE = {"cave", "hospital", "islands", "no_centre", "office", "relay_chain", "warehouse"}
+
+
+@pytest.mark.parametrize("name", sorted(OF_THE_ISSUE))
+def test_its_team_explores_it_without_a_collision_and_does_its_tasks(name):
+    result = Scenario.builtin(name).run()
+    assert result.ended == "explored"
+    assert [robot.collisions for robot in result.per_robot] == [0] * result.robots
+    assert {task.state for task in result.tasks} <= {TaskState.DONE}
+
+
+@pytest.mark.parametrize("name", sorted(OF_THE_ISSUE))
+def test_equal_seeds_give_equal_digests(name):
+    scenario = Scenario.builtin(name)
+    one, other = (scenario.run(time_limit_s=5.0).digest for _ in range(2))
+    assert one == other
+    assert one != scenario.replace(seed=scenario.seed + 1).run(time_limit_s=5.0).digest
+
+
+def test_the_scenarios_are_those_that_the_issue_names():
+    assert set(builtin_names()) >= OF_THE_ISSUE | {"arena_small", "depot"}
+
+
+def test_each_says_what_it_is_in_a_sentence():
+    for one in listed_scenarios():
+        assert one.about.endswith(".")
+        assert len(one.about) <= 140
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_each_has_a_small_picture_on_the_page_with_the_shape_of_its_floor(name):
+    assert f"(../images/scenarios/{name}.png)" in PAGE.read_text(encoding="utf-8")
+    path = PICTURES / f"{name}.png"
+    assert path.stat().st_size < 40_000
+    width_m, height_m = Scenario.builtin(name).plan().size_m
+    with Image.open(path) as picture:
+        assert picture.width / picture.height == pytest.approx(width_m / height_m, rel=0.01)
+
+
+def test_the_page_lists_size_robots_and_motes_as_they_are():
+    page = PAGE.read_text(encoding="utf-8")
+    for one in listed_scenarios():
+        size = f"{one.width_m:g} × {one.height_m:g} m"
+        assert f"| [`{one.name}`](#{one.name}) | {size} | {one.robots} | {one.motes} |" in page
+
+
+def test_the_motes_of_islands_are_out_of_each_others_radio_range():
+    scenario = Scenario.builtin("islands")
+    places = [mote.place for mote in scenario.world().motes]
+    islands = [places[start : start + 8] for start in (0, 8, 16)]
+    radio = scenario.network.radio
+    for index, island in enumerate(islands):
+        for other in islands[:index]:
+            nearest_m = min(one.distance_m(another) for one in island for another in other)
+            assert radio.mean_rssi_dbm(nearest_m) < radio.sensitivity_dbm - radio.shadowing_db
+
+
+def test_places_of_motes_are_kept_and_more_are_drawn(tmp_path):
+    toml = '[scenario]\nname = "m"\n[floor]\nsize_m = [6.0, 4.0]\n[motes]\nplaces_m = [[1.0, 1.0], [5.0, 3.0]]\n'
+    scenario = Scenario.from_toml(toml)
+    places = [(mote.place.x_m, mote.place.y_m) for mote in scenario.world().motes]
+    assert places == [(1.0, 1.0), (5.0, 3.0)]
+    more = [(mote.place.x_m, mote.place.y_m) for mote in scenario.replace(motes=4).world().motes]
+    assert more[:2] == places
+    assert len(set(more)) == 4
+    assert Scenario.from_toml(scenario.replace(motes=1).to_toml()).world().motes == scenario.world().motes[:1]

@@ -1,0 +1,198 @@
+from itertools import pairwise
+
+import msgspec
+import pytest
+
+from robrain.coordinator.allocation.allocator import AUCTION
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.border import Border
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from robrain.sim.stand_in.errors import ScriptError
+from robrain.sim.stand_in.fault_script import FaultScript, HaltOrder, PointRobot, TaskOrder, read_script, script_json
+from robrain.sim.stand_in.judge import Invariant, Judge
+from robrain.sim.stand_in.script_drawing import draw_script
+from robrain.sim.stand_in.stand_in_run import StandInRun
+from robrain.sim.stand_in.trial import run_trial
+
+
+def visit(name, x_m, y_m, at_s=0.0, **fields):
+    return TaskOrder(at_s=at_s, task=Task(id=name, kind="visit", place=Point2D(x_m, y_m), service_s=2.0, **fields))
+
+
+TEAM = FaultScript(
+    seed=1,
+    robots=(PointRobot(name="r1", place=Point2D(0.0, 0.0)), PointRobot(name="r2", place=Point2D(10.0, 0.0))),
+    chargers=(Point2D(0.0, 0.0),),
+    tasks=(visit("t1", 5.0, 5.0), visit("t2", 9.0, 9.0), visit("t3", 1.0, 8.0), visit("t4", 3.0, 3.0, after=("t1",))),
+)
+
+
+def with_faults(*faults, **changes):
+    return msgspec.structs.replace(TEAM, faults=faults, **changes)
+
+
+def said(script, *topics):
+    """Times, s, and messages of a run, to its end."""
+    run = StandInRun(script)
+    judge, inbox, found = Judge(run), Inbox(every=True, border=Border()), []
+    for topic in topics:
+        run.wire.subscribe(inbox, topic)
+    while not judge.is_over:
+        run.tick()
+        judge.step()
+        found += [(to_seconds(run.now_ns), received.message) for received in inbox.drain()]
+    run.close()
+    return found
+
+
+@pytest.mark.parametrize("method", ["nearest", AUCTION])
+def test_a_team_without_faults_does_all_its_tasks(method):
+    verdict = run_trial(msgspec.structs.replace(TEAM, method=method))
+    assert verdict.broken == ()
+    assert verdict.done == 4
+
+
+FAULTS = {
+    "coordinator killed": FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=3.0, until_s=4.0),
+    "coordinator hangs": FaultSpec(robot=COORDINATOR, kind=FaultKind.HANG, at_s=3.0, until_s=9.0),
+    "robot killed for good": FaultSpec(robot="r1", kind=FaultKind.KILL, at_s=3.0),
+    "robot restarted": FaultSpec(robot="r1", kind=FaultKind.KILL, at_s=3.0, until_s=3.1),
+    "robot cut off": FaultSpec(robot="r1", kind=FaultKind.PARTITION, at_s=3.0, until_s=12.0),
+    "robot slow": FaultSpec(robot="r1", kind=FaultKind.SLOW, at_s=1.0, until_s=20.0, period_s=0.5),
+    "half is lost": FaultSpec(robot="r1", kind=FaultKind.LOSE, at_s=1.0, until_s=20.0, share=0.5),
+    "disk full": FaultSpec(robot=COORDINATOR, kind=FaultKind.DISK_FULL, at_s=1.0, until_s=12.0),
+    "battery drained": FaultSpec(robot="r1", kind=FaultKind.DRAIN, at_s=2.0, soc=0.03),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
+def test_the_team_does_its_tasks_in_spite_of_a_fault_that_changes_the_run(fault):
+    verdict = run_trial(with_faults(fault))
+    assert verdict.broken == ()
+    assert verdict.done == 4
+    assert said(with_faults(fault), COORDINATOR_STATE, ROBOT_STATE) != said(TEAM, COORDINATOR_STATE, ROBOT_STATE)
+
+
+def test_equal_scripts_give_equal_runs():
+    first, second = (said(draw_script(2), TASK_EVENT, ROBOT_STATE) for _ in range(2))
+    assert len(first) > 500
+    assert first == second
+
+
+def test_a_robot_that_could_not_know_of_a_halt_is_told_by_the_coordinator():
+    halt = HaltOrder(at_s=5.0, until_s=15.0)
+    cut = FaultSpec(robot="r1", kind=FaultKind.PARTITION, at_s=4.0, until_s=6.0)
+    states = said(with_faults(cut, halts=(halt,)), ROBOT_STATE)
+    halted_s = {name: [at_s for at_s, state in states if state.robot == name and state.halted] for name in ("r1", "r2")}
+    assert halted_s["r2"][0] == pytest.approx(5.1, abs=0.15)
+    assert 6.0 <= halted_s["r1"][0] <= 7.0
+
+
+@pytest.mark.parametrize(
+    ("component", "topic", "period_s"), [(COORDINATOR, COORDINATOR_STATE, 0.5), ("r1", ROBOT_STATE, 0.1)]
+)
+def test_a_clock_that_is_set_back_silences_nobody(component, topic, period_s):
+    fault = FaultSpec(robot=component, kind=FaultKind.CLOCK_SKEW, at_s=3.0, until_s=8.0, skew_s=4.0)
+    times_s = [
+        at_s for at_s, message in said(with_faults(fault), topic) if getattr(message, "robot", component) == component
+    ]
+    gaps_s = [after_s - before_s for before_s, after_s in pairwise(times_s)]
+    assert max(gaps_s) <= period_s + 0.11
+
+
+def test_a_robot_that_the_coordinator_does_not_hear_drops_its_task_before_another_has_it():
+    # Its states are refused, as from the future, while it hears the coordinator well.
+    skew = FaultSpec(robot="r2", kind=FaultKind.CLOCK_SKEW, at_s=0.9, until_s=30.0, skew_s=18.0)
+    run = StandInRun(with_faults(skew, tasks=(visit("t1", 10.0, 19.0, at_s=1.0),)))
+    judge, both = Judge(run), 0
+    begun = dict.fromkeys(run.bodies, False)
+    while not judge.is_over:
+        run.tick()
+        judge.step()
+        at = [name for name, body in run.bodies.items() if body.work is not None]
+        both += len(at) > 1
+        begun |= dict.fromkeys(at, True)
+    broken = judge.finish()
+    run.close()
+    assert begun == {"r1": True, "r2": True}
+    assert both == 0
+    assert broken == []
+
+
+def test_a_script_is_the_same_after_its_file(tmp_path):
+    script = draw_script(5)
+    (tmp_path / "s.json").write_bytes(script_json(script))
+    assert read_script(tmp_path / "s.json") == script
+
+
+BAD = {
+    "no file": (None, "cannot be read"),
+    "no JSON": (b"{", "file: Input data was truncated"),
+    "a team without robots": (b'{"seed": 1, "robots": []}', r"robots: Expected `array` of length >= 1"),
+    "an unknown key": (b'{"seed": 1, "wind": 3}', "unknown field `wind`"),
+    "a fault of nobody": (
+        script_json(TEAM).replace(b'"faults": []', b'"faults": [{"robot": "r7", "kind": "hang", "at_s": 1}]'),
+        "expected one of r1, r2 or coordinator, got robot = 'r7'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "told"), BAD.values(), ids=BAD)
+def test_a_file_that_is_no_script_is_refused_in_one_sentence(tmp_path, text, told):
+    path = tmp_path / "s.json"
+    if text is not None:
+        path.write_bytes(text)
+    with pytest.raises(ScriptError, match=told) as caught:
+        read_script(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_drawn_scripts_differ_by_seed_and_are_equal_for_equal_seeds():
+    scripts = [draw_script(seed) for seed in range(40)]
+    assert scripts == [draw_script(seed) for seed in range(40)]
+    assert {fault.kind for script in scripts for fault in script.faults} == {
+        kind for kind in FaultKind if kind in {fault.kind for fault in FAULTS.values()}
+    } | {FaultKind.CLOCK_SKEW, FaultKind.DELAY, FaultKind.REORDER}
+
+
+def test_the_judge_sees_a_task_that_is_at_two_robots():
+    run = StandInRun(TEAM)
+    judge = Judge(run)
+    for _ in range(30):
+        run.tick()
+        for body in run.bodies.values():
+            body.work = ("t1", 1)
+        judge.step()
+    run.close()
+    assert [broken.invariant for broken in judge.broken] == [Invariant.TWO_AT_ONCE]
+
+
+def test_the_judge_sees_a_task_that_the_book_has_lost():
+    run = StandInRun(TEAM)
+    judge = Judge(run)
+    for _ in range(10):
+        run.tick()
+        judge.step()
+    del run.coordinator.tasks._open["t2"]
+    run.coordinator.tasks.journal._db.execute("DELETE FROM task WHERE id = 't2'")
+    broken = judge.finish()
+    run.close()
+    assert (Invariant.LOST, "t2 was acknowledged, and the coordinator does not know it") in [
+        (one.invariant, one.what) for one in broken
+    ]
+
+
+def test_records_end_in_the_journal_as_the_run_has_seen_them():
+    run = StandInRun(with_faults(FAULTS["coordinator killed"]))
+    judge = Judge(run)
+    while not judge.is_over:
+        run.tick()
+        judge.step()
+    assert {record.task.id: record.state for record in run.coordinator.tasks.journal.last_changed(99)} == dict.fromkeys(
+        ("t1", "t2", "t3", "t4"), TaskState.DONE
+    )
+    run.close()

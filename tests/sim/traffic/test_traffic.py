@@ -1,0 +1,254 @@
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from robrain import Scenario
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.messages.arena_messages import BodyKind
+from robrain.sim.errors import ScenarioError
+from robrain.sim.traffic.door import Door
+from robrain.sim.traffic.specs import DoorSpec
+from robrain.sim.traffic.walkways import Walkways
+
+ROOMS = """
+[scenario]
+name = "rooms"
+time_limit_s = 90.0
+[floor]
+size_m = [8.0, 4.0]
+walls = [
+    { from_m = [4.0, 0.0], to_m = [4.0, 1.4] },
+    { from_m = [4.0, 2.6], to_m = [4.0, 4.0] },
+]
+[team]
+robots = 1
+near_m = [1.0, 3.0]
+"""
+DOOR = "[[doors]]\nfrom_m = [4.0, 1.4]\nto_m = [4.0, 2.6]\n"
+MOVER = "[[movers]]\nvia_m = [[2.0, 0.8], [3.0, 0.8]]\nspeed_m_s = 0.5\npause_s = 1.0\n"
+PEOPLE = "[[people]]\nplaces_m = [[3.0, 0.8], [7.0, 0.8], [7.0, 3.3]]\ncount = 2\npause_s = [0.0, 1.0]\n"
+
+
+def opened(toml: str, **changes: object):
+    scenario = Scenario.from_toml(ROOMS + toml).replace(**changes)
+    return scenario.open(scenario.world())
+
+
+def bodies(run) -> dict[str, tuple[float, float]]:
+    return {body.body: (body.pose.x_m, body.pose.y_m) for body in run.truth.bodies}
+
+
+def ranges_ahead(run) -> float:
+    """What the lidar of a robot in the west measures towards the middle of the door."""
+    robot = run.arena._robots[0]
+    hulls = run.arena._team._hulls
+    turn = robot.lidar.scan(robot.body.pose.__class__(3.0, 2.0, math.pi), hulls)
+    return turn.ranges_mm[0] / 1000
+
+
+def door(toml: str = "", **fields: object) -> Door:
+    spec = DoorSpec(from_m=(4.0, 1.4), to_m=(4.0, 2.6), **fields)
+    return Door("door1", spec, np.random.default_rng(1))
+
+
+def test_a_closed_door_is_a_wall_for_lidars_until_it_opens():
+    run = opened(DOOR + "open_s = [[0.5, 1.0]]\n")
+    try:
+        assert ranges_ahead(run) == pytest.approx(0.95, abs=0.08)
+        assert [body.kind for body in run.truth.bodies] == [BodyKind.DOOR]
+        while run.sim_time_s < 0.5:
+            run.tick()
+        assert ranges_ahead(run) > 4.0
+        assert run.truth.bodies == []
+        while run.sim_time_s < 1.0:
+            run.tick()
+        assert ranges_ahead(run) == pytest.approx(0.95, abs=0.08)
+    finally:
+        run.close()
+
+
+def test_a_robot_goes_through_a_door_while_it_is_open():
+    scenario = Scenario.from_toml(ROOMS + DOOR + "period_s = 10.0\nopen_share = 0.3\nphase_s = 0.0\n")
+    result = scenario.run(until_explored=0.95)
+    assert (result.ended, result.collisions) == ("explored", 0)
+    assert result.per_robot[0].distance_m > 1.5
+
+
+def test_a_door_that_never_opens_hides_floor_that_counts_as_reachable():
+    result = Scenario.from_toml(ROOMS + DOOR + "open_s = []\n").run(until_explored=0.95)
+    assert result.ended == "nothing_left"
+    assert 0.3 < result.explored_fraction < 0.6
+
+
+def test_a_door_stays_open_while_somebody_stands_in_it():
+    mine = door(period_s=10.0, open_share=0.5, phase_s=0.0)
+    in_it, beside = (4.2, 2.0, 0.2), (4.8, 2.0, 0.2)
+    assert not mine.step(1.0, [in_it])  # open already
+    assert not mine.step(6.0, [in_it])
+    assert mine.is_open
+    assert mine.step(6.1, [beside])
+    assert not mine.is_open
+    assert mine.step(10.0, [beside])
+    assert mine.is_open
+
+
+def test_the_phase_of_a_door_is_drawn_from_the_seed():
+    times = np.arange(0.0, 60.0, 0.5)
+    one, same, other = (
+        [
+            Door("d", DoorSpec(from_m=(0, 0), to_m=(1, 0), period_s=30.0), np.random.default_rng(seed)).is_due_open(t)
+            for t in times
+        ]
+        for seed in (1, 1, 2)
+    )
+    assert one == same != other
+    assert sum(one) == sum(other) == 60
+
+
+def test_a_mover_goes_back_and_forth_at_its_speed_and_pauses():
+    run = opened(MOVER, robots=1)
+    try:
+        seen = []
+        for _ in range(300):
+            run.tick()
+            seen.append(bodies(run)["mover1"])
+    finally:
+        run.close()
+    assert seen[49] == pytest.approx((2.5, 0.8), abs=0.011)
+    assert seen[120] == pytest.approx((3.0, 0.8))  # stands from 2 to 3 s
+    assert seen[199] == pytest.approx((2.5, 0.8), abs=0.011)
+    assert max(math.dist(one, other) for one, other in pairwise(seen)) < 0.0101
+
+
+def test_a_box_is_seen_where_it_is_and_no_longer_where_it_was():
+    run = opened("[[movers]]\nvia_m = [[2.0, 2.0], [2.0, 0.8]]\nsize_m = [0.6, 0.4]\nspeed_m_s = 1.0\npause_s = 99.0\n")
+    try:
+        walls, plain = run.arena._robots[0].lidar._walls, run.world.plan.occupied
+        begins = np.argwhere(walls & ~plain).mean(axis=0)
+        for _ in range(100):
+            run.tick()
+        ends = np.argwhere(walls & ~plain)
+    finally:
+        run.close()
+    assert begins == pytest.approx([39.5, 39.5], abs=0.6)
+    assert ends.mean(axis=0) == pytest.approx([15.5, 39.5], abs=0.6)
+    assert len(ends) == pytest.approx(0.6 * 0.4 / 0.05**2, rel=0.1)
+
+
+def test_people_walk_through_doorways_clear_of_walls_and_draw_their_way_from_the_seed():
+    ways = []
+    for seed in (1, 1, 2):
+        run = opened(PEOPLE, seed=seed)
+        try:
+            way = []
+            for _ in range(1500):
+                run.tick()
+                way.append(bodies(run))
+        finally:
+            run.close()
+        ways.append(way)
+    assert ways[0] == ways[1] != ways[2]
+    plan = Scenario.from_toml(ROOMS).plan()
+    places = [place for step in ways[0] for place in step.values()]
+    rows, columns = zip(*(plan.cell_of(*place) for place in places), strict=True)
+    assert plan.clearance_m[list(rows), list(columns)].min() >= 0.2
+    assert any(x_m < 3.5 for x_m, _ in places)
+    assert any(x_m > 4.5 for x_m, _ in places)
+
+
+@pytest.mark.parametrize(("stop_m", "collisions"), [(0.6, 0), (0.0, 1)])
+def test_a_mover_stops_for_a_robot_if_it_is_to_and_else_hits_it(stop_m, collisions):
+    run = opened(f"[[movers]]\nvia_m = [[3.0, 0.5], [0.5, 0.5]]\nstop_m = {stop_m}\n")
+    try:
+        robot = run.arena._robots[0].body
+        robot.carry_to(robot.pose.__class__(1.5, 0.5, 0.0))
+        run.switch_off("r1")
+        for _ in range(200):
+            run.tick()
+        assert run.arena.collisions == collisions
+        gap_m = bodies(run)["mover1"][0] - robot.x_m - 0.5
+        assert gap_m == pytest.approx(0.6, abs=0.02) if stop_m else gap_m < 0.02
+    finally:
+        run.close()
+
+
+def test_a_person_that_a_robot_blocks_turns_back():
+    run = opened("[[people]]\nplaces_m = [[7.0, 0.8], [0.6, 0.8]]\npause_s = [0.0, 0.0]\n", seed=2)
+    try:
+        robot = run.arena._robots[0].body
+        robot.carry_to(robot.pose.__class__(4.0, 2.0, 0.0))  # in the doorway
+        run.switch_off("r1")
+        sides = set()
+        for _ in range(2000):
+            run.tick()
+            x_m, _ = bodies(run)["person1"]
+            sides.add(x_m > 4.0)
+        assert len(sides) == 1
+        assert run.arena.collisions == 0
+    finally:
+        run.close()
+
+
+def test_a_run_with_all_of_it_repeats_and_one_without_has_no_bodies():
+    scenario = Scenario.from_toml(ROOMS + DOOR + "period_s = 6.0\n" + MOVER + PEOPLE)
+    one, other = (scenario.run(time_limit_s=12.0, until_explored=1.0) for _ in range(2))
+    assert one.digest == other.digest
+    assert one.digest != scenario.replace(seed=5).run(time_limit_s=12.0, until_explored=1.0).digest
+    assert Scenario.from_toml(scenario.to_toml()).traffic == scenario.traffic
+    run = opened("")
+    try:
+        run.tick()
+        assert not isinstance(run.truth.bodies, list)
+    finally:
+        run.close()
+
+
+def test_ways_go_around_walls_and_are_short():
+    plan = Scenario.from_toml(ROOMS).plan()
+    walkways = Walkways(plan, 0.25)
+    way = walkways.way(Point2D(3.0, 0.8), Point2D(5.0, 0.8))
+    assert way is not None
+    length_m = sum(one.distance_m(other) for one, other in pairwise(way))
+    assert 2.0 * math.hypot(1.0, 0.85) <= length_m < 3.1
+    assert len(way) <= 5
+    assert Walkways(plan, 0.65).way(Point2D(3.0, 0.8), Point2D(5.0, 0.8)) is None
+
+
+WRONG = {
+    "doors without timetable": (DOOR, "doors[0]: expected either open_s or period_s"),
+    "doors with two": (DOOR + "open_s = []\nperiod_s = 3\n", "doors[0]: expected either open_s or period_s"),
+    "no order": (DOOR + "open_s = [[3, 5], [4, 6]]\n", "doors[0]: expected open_s as intervals in order"),
+    "no period": (DOOR + "period_s = 0\n", "doors[0]: expected period_s > 0, got 0"),
+    "one point": ("[[movers]]\nvia_m = [[1, 1]]\n", "movers[0]: expected at least two points in via_m, got 1"),
+    "no speed": (MOVER.replace("0.5", "0.0"), "movers[0]: expected speed_m_s > 0, got 0"),
+    "nowhere": ("[[movers]]\nvia_m = [[1, 1], [nan, 1]]\n", "movers[0]: expected finite coordinates in via_m"),
+    "one place": ("[[people]]\nplaces_m = [[1, 1]]\n", "people[0]: expected at least two places_m, got 1"),
+    "nobody": ("[[people]]\ncount = 0\n", "people[0]: expected count from 1 to 200, got 0"),
+    "a slip": ("[[people]]\nplaces = [[1, 1], [2, 2]]\n", "people[0]: unknown key `places` (did you mean `places_m`?)"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("toml", "told"), WRONG.values(), ids=WRONG)
+def test_traffic_without_sense_is_refused_with_file_and_key(toml, told):
+    with pytest.raises(ScenarioError) as error:
+        Scenario.from_toml(ROOMS + toml, "mine.toml")
+    assert str(error.value).startswith(f"mine.toml: {told}")
+
+
+@pytest.mark.parametrize(
+    ("toml", "told"),
+    [
+        (DOOR.replace("4.0, 1.4", "14.0, 1.4") + "open_s = []\n", "expected doors[0].from_m on the floor, got 14, 1.4"),
+        (
+            MOVER.replace("3.0, 0.8", "5.0, 0.8"),
+            "expected movers[0].via_m clear of walls by 0.3 m, got 2, 0.8 to 5, 0.8",
+        ),
+        (PEOPLE.replace("7.0, 3.3", "4.0, 3.3"), "expected room for people[0] at 4, 3.3"),
+    ],
+)
+def test_traffic_that_the_floor_has_no_room_for_is_told(toml, told):
+    with pytest.raises(ScenarioError) as error:
+        Scenario.from_toml(ROOMS + toml).world()
+    assert told in str(error.value)

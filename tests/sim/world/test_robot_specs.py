@@ -1,0 +1,143 @@
+import pytest
+
+from robrain import Scenario
+from robrain.protocol.model.geometry import Pose2D
+from robrain.sim.errors import ScenarioError
+from robrain.sim.world.robot_specs import with_all
+
+HALL = """
+[scenario]
+name = "mixed"
+[floor]
+size_m = [10.0, 6.0]
+[robot]
+radius_m = 0.2
+[robot.lidar]
+noise_m = 0.02
+"""
+TEAM = """
+[[robots]]
+type = "scout"
+place_m = [1.0, 1.0]
+yaw_rad = 1.5
+[[robots]]
+type = "carrier"
+near_m = [8.0, 4.5]
+[[robots]]
+without = ["camera"]
+hardware = { radius_m = 0.17, lidar = { rays = 120 } }
+[robots.plugins.driver]
+speed_m_s = 0.3
+"""
+
+
+def test_each_robot_has_its_type_place_hardware_and_parameters():
+    world = Scenario.from_toml(HALL + TEAM).world()
+    scout, carrier, own = world.robots
+    assert scout.start == Pose2D(1.0, 1.0, 1.5)
+    assert (scout.radius_m, scout.lidar.range_max_m, scout.lidar.noise_m) == (0.15, 4.0, 0.02)
+    assert (carrier.radius_m, carrier.battery.capacity_wh) == (0.28, 90.0)
+    assert abs(carrier.start.x_m - 8.0) < 0.5
+    assert abs(carrier.start.y_m - 4.5) < 0.5
+    assert (own.radius_m, own.lidar.rays, own.lidar.noise_m, own.lidar.range_max_m) == (0.17, 120, 0.02, 6.0)
+    files = [world.robot_file(robot) for robot in world.robots]
+    assert [file.parameters.get("driver", {}).get("speed_m_s") for file in files] == [None, 0.4, 0.3]
+    assert [file.parameters["mocdevice"]["radius_m"] for file in files] == [0.15, 0.28, 0.17]
+    assert [file.robot.load is None for file in files] == [True, True, False]
+
+
+def test_a_robot_without_a_camera_lacks_what_needs_one_and_says_so():
+    with Scenario.from_toml(HALL + TEAM).team() as team:
+        team.run_for(0.5)
+        known = {kind.kind: kind.robots for kind in team.kinds()}
+    assert known["inspect"] == known["monitor"] == ["r1", "r2"]
+    assert known["visit"] == ["r1", "r2", "r3"]
+
+
+def test_without_leaves_out_all_that_require_it_at_whatever_distance():
+    left = with_all(["mocdevice"])
+    assert "mocdevice" not in left
+    assert not {"driver", "planner", "explore", "visit"} & set(left)
+    assert {"scan", "battery"} & set(left)
+
+
+def test_a_robot_without_a_lidar_sends_no_scans():
+    scenario = Scenario.from_toml(HALL + '[[robots]]\nwithout = ["scan"]\n[[robots]]\n')
+    run = scenario.open(scenario.world())
+    try:
+        seen = []
+        for robot in run.arena._robots:
+            robot.scan = lambda hulls, name=robot.name: seen.append(name)
+        for _ in range(20):
+            run.tick()
+    finally:
+        run.close()
+    assert set(seen) == {"r2"}
+
+
+def test_a_slow_robot_drives_slower_than_a_stock_one():
+    toml = (
+        HALL
+        + "[[robots]]\nplace_m = [1, 1]\n[[robots]]\nplace_m = [1, 5]\nplugins = { driver = { speed_m_s = 0.2 } }\n"
+    )
+    tasks = "".join(f'[[tasks]]\nkind = "visit"\nplace_m = [8, {y}]\nparameters = {{}}\n' for y in (1, 5))
+    run = Scenario.from_toml(toml + tasks).run(time_limit_s=10.0, until_explored=1.0)
+    fast, slow = run.per_robot
+    assert fast.distance_m > 4.0
+    assert slow.distance_m < 2.1
+    assert run.collisions == 0
+
+
+def test_a_mixed_team_repeats_and_is_written_as_it_was_read():
+    scenario = Scenario.from_toml(HALL + TEAM)
+    one, other = (scenario.run(time_limit_s=4.0, until_explored=1.0) for _ in range(2))
+    assert one.digest == other.digest
+    again = Scenario.from_toml(scenario.to_toml())
+    assert (again.roster, again.robots) == (scenario.roster, 3)
+    assert again.run(time_limit_s=4.0, until_explored=1.0).digest == one.digest
+
+
+def test_robots_beyond_the_listed_ones_are_as_the_team_and_fewer_take_the_first():
+    scenario = Scenario.from_toml(HALL + TEAM)
+    assert [robot.radius_m for robot in scenario.replace(robots=5).world().robots] == [0.15, 0.28, 0.17, 0.2, 0.2]
+    assert [robot.radius_m for robot in scenario.replace(robots=1).world().robots] == [0.15]
+    assert Scenario.from_toml(HALL).robots == 4
+
+
+def robot(*lines: str) -> str:
+    return "\n".join(("[[robots]]", *lines)) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("robots", "told"),
+    [
+        (
+            robot('type = "skout"'),
+            "robots[0].type: unknown value 'skout' (did you mean `scout`?); it may be carrier, omni",
+        ),
+        (robot("pose_m = [1, 1]"), "robots[0]: unknown key `pose_m` (did you mean `place_m`?)"),
+        (robot("place_m = [1, 1]", "near_m = [1, 1]"), "robots[0]: expected either place_m or near_m, got both"),
+        (robot("yaw_rad = 1.0"), "robots[0]: expected a finite yaw_rad, and only with place_m"),
+        (robot('without = ["lidar"]'), "robots[0]: no plugin lidar; there are "),
+        (robot("[robots.plugins.drive]"), "robots[0]: no plugin drive; there are "),
+        (robot("hardware = { radius_m = 0 }"), "robots[0]: hardware: expected radius_m > 0, got 0"),
+        (robot("hardware = { lidar = { rys = 3 } }"), "robots[0]: hardware.lidar: "),
+    ],
+)
+def test_a_robot_without_sense_is_refused_with_file_and_key(robots, told):
+    with pytest.raises(ScenarioError) as error:
+        Scenario.from_toml(HALL + robots, "mine.toml")
+    assert str(error.value).startswith(f"mine.toml: {told}")
+
+
+@pytest.mark.parametrize(
+    ("robots", "told"),
+    [
+        (robot("place_m = [0.1, 1]"), "expected room for r1, of radius 0.2 m, at x 0.1, y 1 on mixed"),
+        (2 * robot("place_m = [1, 1]"), "expected room for r2, of radius 0.2 m, at x 1, y 1 on mixed, got r1 there"),
+    ],
+)
+def test_a_place_without_room_is_told(robots, told):
+    with pytest.raises(ScenarioError) as error:
+        Scenario.from_toml(HALL + robots).world()
+    assert told in str(error.value)

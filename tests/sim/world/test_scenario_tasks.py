@@ -1,0 +1,133 @@
+from pathlib import Path
+
+import pytest
+
+from robrain import Scenario
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.sim.errors import ScenarioError
+
+HALL = """
+[scenario]
+name = "hall"
+until_explored = 0.5
+time_limit_s = 60.0
+[floor]
+size_m = [6.0, 4.0]
+[team]
+robots = 2
+"""
+VISITS = """
+[[tasks]]
+kind = "visit"
+place_m = [5.0, 1.0]
+name = "second"
+after = ["first"]
+[[tasks]]
+kind = "visit"
+place_m = [5.0, 3.0]
+name = "first"
+at_s = 3.0
+priority = 2.0
+service_s = 1.0
+deadline_s = 50.0
+[[tasks]]
+kind = "inspect"
+place_m = [1.0, 1.0]
+parameters = { look_at = [2.0, 2.0] }
+"""
+
+
+def task(*lines: str) -> str:
+    return "\n".join(("[[tasks]]", *lines)) + "\n"
+
+
+def test_tasks_of_a_scenario_are_done_before_its_run_ends():
+    result = Scenario.from_toml(HALL + VISITS).run()
+    assert result.ended == "explored"
+    assert [(one.task, one.kind, one.state) for one in result.tasks] == [
+        ("second", "visit", TaskState.DONE),
+        ("first", "visit", TaskState.DONE),
+        ("inspect-1", "inspect", TaskState.DONE),
+    ]
+    assert all(one.robot in ("r1", "r2") for one in result.tasks)
+    assert Scenario.from_toml(HALL).run().sim_time_s < 3.0 < result.sim_time_s
+
+
+def test_a_task_is_submitted_at_its_time_by_the_scenario_and_recorded():
+    with Scenario.from_toml(HALL + VISITS).team() as team:
+        team.run_for(2.9)
+        assert [record.task.id for record in team.list()] == ["inspect-1"]
+        team.run_for(0.2)
+        records = {record.task.id: record for record in team.list()}
+    assert records.keys() == {"first", "second", "inspect-1"}
+    first = records["first"]
+    assert (first.by, first.submitted_ns) == ("scenario", 3_000_000_000)
+    assert (first.task.priority, first.task.service_s, first.task.deadline_ns) == (2.0, 1.0, 53_000_000_000)
+    assert records["second"].task.after == ("first",)
+    assert records["inspect-1"].task.parameters == {"look_at": {"x_m": 2.0, "y_m": 2.0}}
+
+
+def test_a_run_with_tasks_is_recorded_and_repeats(tmp_path: Path):
+    scenario = Scenario.from_toml(HALL + VISITS)
+    one, other = (scenario.run(record=tmp_path / f"{name}.mcap") for name in ("one", "other"))
+    assert one.digest == other.digest
+    assert one.outside_messages == 0
+    assert one.digest != scenario.replace(tasks=()).run().digest
+
+
+def test_what_becomes_of_a_task_is_told_in_words():
+    toml = HALL.replace("until_explored = 0.5", "until_explored = 0.5\nseed = 2")
+    wrong = task('kind = "visit"', "place_m = [50.0, 1.0]") + task(
+        'kind = "visit"', "place_m = [5.0, 1.0]", "at_s = 99.0"
+    )
+    late = task('kind = "wash"', "place_m = [5.0, 1.0]", "at_s = 1.0")
+    result = Scenario.from_toml(toml + wrong + late).run()
+    beyond, not_yet, unknown = result.tasks
+    assert result.ended == "time_limit"  # one task was still to come
+    assert (beyond.state, not_yet.state, unknown.state) == (TaskState.QUEUED, None, None)
+    assert beyond.words.startswith("task visit-1: queued: ")
+    assert not_yet.words == "task visit-2: not submitted before the end"
+    assert unknown.words.startswith("task wash-1: task wash-1 is refused: ")
+
+
+@pytest.mark.parametrize(
+    ("tasks", "told"),
+    [
+        (task("place_m = [1, 1]"), "tasks[0]: Object missing required field `kind`"),
+        (
+            task('kind = "visit"', "place = [1, 1]"),
+            "tasks[0]: unknown key `place` (did you mean `place_m`?); there are",
+        ),
+        (task('kind = "visit"', "place_m = [1, 1]", "at_s = -1"), "tasks[0]: expected at_s >= 0, got -1"),
+        (task('kind = "visit"', "place_m = [1, nan]"), "tasks[0]: expected a finite place_m, got [1.0, nan]"),
+        (task('kind = "visit"', "place_m = [1, 1]", "robots = 0"), "tasks[0]: robots: "),
+        (task('kind = "visit"', "place_m = [1, 1]", 'name = "a b"'), "tasks[0]: name: "),
+        (task('kind = "relay"', "place_m = [1, 1]"), "tasks[0]: a task to relay needs duration_s"),
+        (
+            task('kind = "visit"', "place_m = [1, 1]", "parameters = {mote = 1}"),
+            "tasks[0]: a task to visit has no mote",
+        ),
+        (task('kind = "visit"', "place_m = [1, 1]", 'after = ["x"]'), "tasks[0].after: no task x; there are visit-1"),
+        (
+            2 * task('kind = "visit"', "place_m = [1, 1]", 'name = "x"'),
+            "tasks[1]: expected each name once, got x twice",
+        ),
+        (
+            task('kind = "visit"', "place_m = [1, 1]", 'after = ["visit-2"]')
+            + task('kind = "visit"', "place_m = [1, 1]", 'after = ["visit-1"]'),
+            "tasks: visit-1 and visit-2 wait for each other",
+        ),
+    ],
+)
+def test_a_task_without_sense_is_refused_with_file_and_key(tasks, told):
+    with pytest.raises(ScenarioError) as error:
+        Scenario.from_toml(HALL + tasks, "mine.toml")
+    assert str(error.value).startswith(f"mine.toml: {told}")
+    assert "\n" not in str(error.value)
+
+
+def test_tasks_of_a_script_are_checked_as_well():
+    scenario = Scenario.from_toml(HALL + VISITS)
+    with pytest.raises(ScenarioError, match="no task first"):
+        scenario.replace(tasks=scenario.tasks[:1])
+    assert Scenario.from_toml(scenario.to_toml()).tasks == scenario.tasks
