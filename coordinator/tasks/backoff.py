@@ -8,8 +8,8 @@ once be followed by the next task.
 from typing import NamedTuple
 
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.reasons.offers import OfferRefusal
-from robrain.protocol.wire.reasons.robots import RefusedOften, RobotReason, Unreachable
+from robrain.protocol.wire.reasons.offers import Occupied, OfferRefusal, PositionLost, RobotHalted
+from robrain.protocol.wire.reasons.robots import Refused, RefusedOften, RobotReason, Unreachable
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0
@@ -17,6 +17,8 @@ LONGEST_PAUSE_S = 60.0
 impossible must not be offered all the time."""
 REFUSALS_MAX = 6
 """Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
+PASSING = (Occupied, PositionLost, RobotHalted)
+"""Refusals for what a robot is at just now, which say nothing of the task: it charges, is lost, or is halted."""
 KEPT = 4096
 
 FIRST_ROBOT_PAUSE_S = 0.5
@@ -42,10 +44,14 @@ class Backoff:
         """Robots that are offered nothing for a while, or none of the coordinator's own tasks."""
 
     def note(self, task_id: str, robot: str, reason: RobotReason, now_ns: int) -> None:
-        """Record that a robot refused a task or failed at it."""
+        """Record that a robot refused a task or failed at it.
+
+        What a robot refuses for what it is at just now makes a pause, and does not count towards its last word.
+        """
         before = self._avoided.pop((task_id, robot), None)
         pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
-        times = 1 if before is None else before.times + 1
+        is_passing = isinstance(reason, Refused) and isinstance(reason.because, PASSING)
+        times = (0 if before is None else before.times) + (not is_passing)
         self._avoided[task_id, robot] = _Avoided(now_ns + to_ns(pause_s), pause_s, times, reason)
         if len(self._avoided) > KEPT:
             del self._avoided[next(iter(self._avoided))]

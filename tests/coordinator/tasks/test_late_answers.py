@@ -20,6 +20,7 @@ from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskWithdr
 from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.offers import Occupied, OfferRefusal, PositionLost, RobotHalted
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import Failed, Refused
 from robrain.protocol.wire.reasons.tasks import LeaseRanOut, NeverTaken, NobodyDoes, RobotOut
@@ -201,6 +202,22 @@ def test_task_that_every_robot_has_refused_for_good_has_failed(desk: Desk) -> No
     assert desk.stands()[0] is TaskState.FAILED
     out = Refused(Said("no way there"))
     assert desk.book.find("t1").reason == NobodyDoes((RobotOut("r1", out), RobotOut("r2", out)))
+
+
+@pytest.mark.parametrize(
+    "passing", [Occupied("recharge", "it goes home to charge"), PositionLost("r1", "no walls"), RobotHalted()]
+)
+def test_what_a_robot_is_at_just_now_is_not_its_last_word(desk: Desk, passing: OfferRefusal) -> None:
+    desk.add()
+    for round_number in range(REFUSALS_MAX + 2):
+        now_ns = NOW_NS + to_ns(100.0 * round_number)
+        desk.clock.advance_to(now_ns)
+        desk.say("r1")
+        desk.tasks.offer("t1", "r1", now_ns)
+        desk.mail.answer(-1, TaskAnswer.refused(passing))
+        desk.tasks.hear_answers(now_ns)
+        assert desk.stands()[0] is TaskState.QUEUED
+    assert desk.tasks.backoff.why("t1", "r1", now_ns) == Refused(passing)
 
 
 def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> None:
