@@ -104,7 +104,7 @@ def test_responses_of_a_live_robot_are_measured(commands) -> None:
     done = commands.run("bench", "responses", "--rounds", "3", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
-    assert len(told["figures"]) == 10
+    assert len(told["figures"]) == 14
     assert all(figure["value"] > 0 for figure in told["figures"] if "turn of a wheel" in figure["name"])
     assert {figure["kind"] for figure in told["figures"]} == {"timing"}
 
