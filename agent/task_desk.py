@@ -152,11 +152,14 @@ class TaskDesk:
         A coordinator gives a silent robot's task to another, also when that robot hears it. One that has not heard the
         robot yet counts from its own start, which its first summaries tell.
         """
-        mine = next((each for each in summary.robots if each.name == robot), None)
-        if mine is not None and not isinstance(mine.out, NotHeard):
-            self.coordinator_heard_ns = now_ns - to_ns(mine.age_s)
-        elif mine is None or summary.seq < FIRST_SUMMARIES:
-            self.coordinator_heard_ns = now_ns
+        for mine in summary.robots:
+            if mine.name == robot:
+                if not isinstance(mine.out, NotHeard):
+                    self.coordinator_heard_ns = now_ns - to_ns(mine.age_s)
+                elif summary.seq < FIRST_SUMMARIES:
+                    self.coordinator_heard_ns = now_ns
+                return
+        self.coordinator_heard_ns = now_ns
 
     def foresee(self, task_id: str, end_ns: int | None) -> None:
         """A behavior says when its task will end, as well as it knows, if it does; on any thread."""
@@ -399,7 +402,8 @@ class TaskDesk:
         recalled, self._recalled = self._recalled, ""
         if self.coordinator_heard_ns is not None and self.coordinator_heard_ns > now_ns:  # the clock was set back
             self.coordinator_heard_ns = now_ns
-        held, heard_ns = self.held, self._vouched_ns
+        held = self.held
+        heard_ns = self.coordinator_heard_ns if self.trusted_ns is None else self._vouched_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)
             silent_ns = now_ns - (heard_ns if heard_ns is not None else held.since_ns)

@@ -57,7 +57,7 @@ def test_scenario_of_the_tutorial_runs_as_printed(tmp_path: Path) -> None:
     (printed,) = re.findall(r"^```text\n(.*?)\n```$", page, re.DOTALL | re.MULTILINE)
     (tmp_path / "two_rooms.toml").write_text(text, encoding="utf-8")
     result = Scenario.from_file(tmp_path / "two_rooms.toml").run()
-    assert printed.startswith(f"{result.explored_fraction:.1%} explored in 00:{result.sim_time_s:.0f} ")
+    assert printed.startswith(f"{result.explored_fraction:.1%} explored in 00:{result.sim_time_s:02.0f} ")
     narrow = text.replace("to_m = [5.0, 2.2]", "to_m = [5.0, 3.15]")
     assert narrow != text
     (tmp_path / "narrow.toml").write_text(narrow, encoding="utf-8")

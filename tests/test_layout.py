@@ -21,8 +21,8 @@ from robrain.agent.authoring.skeleton import write_skeleton
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "sim")
 MAX_LINES = 500
-GENERATED = ("docs/reference/topics.md",)
-"""As long as the table that it is printed from."""
+GENERATED = ("docs/reference/scenarios.md", "docs/reference/topics.md")
+"""As long as the tables that they are printed from."""
 WITHOUT_CIRCLES = ("agent", "coordinator", "deploy", "plugins", "protocol", "sim")
 """Packages in which no module may import itself by way of others."""
 SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77

@@ -99,15 +99,9 @@ ROBOT_MAP_WHOLE = Query(
     reads_only=True,
 )
 ROBOT_CLOSURES = Topic(
-    name="robot_closures",
-    pattern="robot/{robot}/closures",
+    name="robot_closures", pattern="robot/{robot}/closures", by=Role.ROBOT, message=map_messages.Closures,
     doc="Loop closures between the robot's scans and submaps of others",
-    by=Role.ROBOT,
-    message=map_messages.Closures,
-    delivery=Delivery.LOSSLESS,
-    urgency=Urgency.DATA_LOW,
-    recorded=True,
-)
+    delivery=Delivery.LOSSLESS, urgency=Urgency.DATA_LOW, recorded=True)  # fmt: skip
 ROBOT_PATH = Topic(
     name="robot_path",
     pattern="robot/{robot}/path",

@@ -222,6 +222,6 @@ def parse_scenario(text: str, where: str) -> ScenarioTables:
     except msgspec.ValidationError as error:
         if unknown := unknown_name(document, ScenarioTables):
             raise ScenarioError(f"{where}: {unknown}") from error
-        what, _, key = str(error).partition(" - at `$")
+        what, _, key = str(error).replace(" | null`", "`").partition(" - at `$")  # TOML has no null: it leaves keys out
         key = key.rstrip("`").lstrip(".")
         raise ScenarioError(f"{where}: {f'{key}: ' if key else ''}{what}") from error

@@ -137,13 +137,13 @@ def test_robot_that_is_switched_off_does_nothing_more_and_its_team_goes_on(
     recordings: dict[str, Path], tmp_path: Path
 ) -> None:
     output = tmp_path / "fork.mcap"
-    result = fork(recordings["explored"], output, 5.0, Without(at_s=5.0, robot="r2"))
+    result = fork(recordings["explored"], output, 5.0, Without(at_s=5.0, robot="r3"))
     assert result.ended == "time_limit"
     runs = compare_runs(recordings["explored"], output)
     before, after = ({robot.robot: robot for robot in run.robots} for run in (runs.first, runs.second))
-    assert (after["r2"].distance_m or 0.0) < 0.6 * (before["r2"].distance_m or 0.0)
+    assert (after["r3"].distance_m or 0.0) < 0.6 * (before["r3"].distance_m or 0.0)
     assert (after["r1"].distance_m or 0.0) > 0.6 * (before["r1"].distance_m or 0.0)
-    states = [message for message in read_messages(output) if message.topic_key.endswith("/r2/state")]
+    states = [message for message in read_messages(output) if message.topic_key.endswith("/r3/state")]
     assert max(message.log_time_ns for message in states) <= 5.0e9
 
 

@@ -25,7 +25,7 @@ from robrain.protocol.model.slam import map_overlap
 from robrain.sim.motes.radio import RadioModel
 from robrain.sim.robot.camera import Camera
 
-BEFORE_S, AFTER_S = 12.0, 12.0
+BEFORE_S, AFTER_S = 12.0, 20.0
 """Duration before a robot is lost, and afterwards."""
 MET = Counter[str]()
 """Number of calls of each watched function."""
@@ -75,7 +75,7 @@ if __name__ == "__main__":
     watch(RadioModel, "mean_rssi_dbm_of")
     watch(OptimalAllocator, "plan")
     with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as team:
-        team.submit("inspect", id="picture", place=(4.0, 3.0))
+        team.submit("inspect", id="picture", place=(4.0, 3.0), priority=50.0)
         for number, place in enumerate(((1.0, 1.0), (3.5, 5.0), (6.0, 3.0))):
             team.submit("visit", id=f"visit-{number}", place=place)
         team.run_for(BEFORE_S)

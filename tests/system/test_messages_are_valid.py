@@ -13,6 +13,7 @@ from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario, Team
 from robrain.protocol.wire.schema.asyncapi import asyncapi_document
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import PUBLISHED, ROBOT_CALL, topic_of
+from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from tests.system.valid_messages import AJV, counts_by_ajv, counts_by_jsonschema, run_in_node
 from tests.waiting import until
@@ -27,7 +28,7 @@ LATER_S = 40.0
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A minute of a team that does all that a lockstep run can do."""
     path = tmp_path_factory.mktemp("valid") / "run.mcap"
-    battery = BatterySpec(capacity_wh=2.5, soc_at_start=0.5)
+    battery = BatterySpec(capacity_wh=2.5, soc_at_start=0.4)
     scenario = Scenario.builtin("arena_small").replace(
         robots=3, motes=6, hardware=RobotHardware(battery=battery), chargers=(ChargerSpec(place_m=(0.6, 5.2)),)
     )
@@ -50,6 +51,21 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         team.cancel("together")
         ask_from_outside(run, team)
         team.run_for(LATER_S)
+    return path
+
+
+@pytest.fixture(scope="module")
+def without_centre(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Some seconds of a team with a radio, whose coordinator ends."""
+    path = tmp_path_factory.mktemp("valid") / "no_centre.mcap"
+    scenario = Scenario.builtin("arena_small").replace(
+        links=LinkSpec(range_m=20.0), hardware=RobotHardware(consensus=True)
+    )
+    run = scenario.open(scenario.world(), record=path)
+    with Team(LockstepTransport(run), by="script") as team:
+        team.run_for(2.0)
+        run.end_coordinator()
+        team.run_for(3.0)
     return path
 
 
@@ -83,9 +99,14 @@ def test_the_run_has_halts_charging_and_tasks_of_many_kinds_and_states(recording
     assert any(event.get("reason") for event in events)
 
 
-def test_every_message_of_a_run_is_valid_by_two_validators_and_no_topic_is_missing(recording: Path) -> None:
-    counts = counts_by_jsonschema(recording)
-    assert counts_by_ajv(recording) == counts
+def test_every_message_of_a_run_is_valid_by_two_validators_and_no_topic_is_missing(
+    recording: Path, without_centre: Path
+) -> None:
+    counts = Counter[str]()
+    for path in (recording, without_centre):
+        counted = counts_by_jsonschema(path)
+        assert counts_by_ajv(path) == counted
+        counts += counted
     found = {topic_of(key)[0].name for key in counts}  # type: ignore[index]
     assert found == {topic.name for topic in PUBLISHED if topic.recorded and topic.message is not None}
     assert sum(counts.values()) > 1000

@@ -32,7 +32,8 @@ class CollectBehavior(Errand[Collect]):
         """Ask and wait. Result: `readings` that came, and how many are still `missing`."""
         before = self._heard(collect.mote)
         had = before.readings if before is not None else 0
-        until_ns = self.env.clock.now_ns() + to_ns(collect.timeout_s)
+        begun_ns = self.env.clock.now_ns()
+        until_ns = begun_ns + to_ns(collect.timeout_s)
         ask_ns = 0
         while (now_ns := self.env.clock.now_ns()) < until_ns:
             if now_ns >= ask_ns:
@@ -41,8 +42,8 @@ class CollectBehavior(Errand[Collect]):
             yield from self.wait(LOOK_S)
             mote = self._heard(collect.mote)
             # It must have been heard here: what it had said before tells nothing of what it has stored since.
-            if mote is not None and mote.missing == 0 and mote.stamp_ns > until_ns - to_ns(collect.timeout_s):
-                break
+            if mote is not None and mote.missing == 0 and mote.stamp_ns > begun_ns:
+                return {"readings": mote.readings - had, "missing": 0}  # 0: others have brought in all there is
         mote = self._heard(collect.mote)
         if mote is None or mote.readings == had:
             raise Failed(f"nothing came from {collect.mote} in {collect.timeout_s:g} s")

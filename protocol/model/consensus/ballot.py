@@ -11,8 +11,8 @@ TASKS_MAX = 256
 """Tasks that are allocated at a time (chosen; 256 bids are about 12 kB)."""
 ROBOTS_MAX = 128
 """Robots that take part at a time (chosen)."""
-Value = Annotated[float, Meta(ge=-1e300, le=1e300)]
-Score = Annotated[float, Meta(ge=0.0, le=1e300)]
+Value = Annotated[float, Meta(ge=-1e15, le=1e15)]
+Score = Annotated[float, Meta(ge=0.0, le=1e15)]
 
 
 class Bid(msgspec.Struct, frozen=True, kw_only=True):

@@ -17,6 +17,7 @@ class RuleEvent(Reason, frozen=True, tag="rule_event"):
     """A rule has made it, for a notification of a plugin."""
 
     rule: Name
+    """The rule's name."""
     robot: Name
     plugin: Name
     event: Name
@@ -30,6 +31,7 @@ class RuleReading(Reason, frozen=True, tag="rule_reading"):
     """A rule has made it, for a reading that met its condition."""
 
     rule: Name
+    """The rule's name."""
     mote: Name
     quantity: Name
     value: Quantity

@@ -99,7 +99,8 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_a_scenario_with_a_wrong_rule_names_its_key():
     text = Scenario.builtin("plume").toml.replace("above = 23.0", "abov = 23.0")
-    with pytest.raises(ScenarioError, match=r"^plume.toml: rules\[0\].reading: Object contains unknown field `abov`"):
+    why = r"^plume.toml: rules\[0\].reading: unknown key `abov` \(did you mean `above`\?\)"
+    with pytest.raises(ScenarioError, match=why):
         Scenario.from_toml(text, "plume.toml")
 
 

@@ -4,7 +4,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.protocol.model.consensus.ballot import Ballot, Bid, Heard, Standing
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
@@ -15,7 +14,6 @@ from robrain.protocol.wire import errors
 from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.messages import (
     arena_messages,
-    consensus_messages,
     host_messages,
     map_messages,
     message,
@@ -35,6 +33,7 @@ from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import LostContact, Refused
 from robrain.protocol.wire.reasons.tasks import RobotOut
 from tests.message_modules import message_modules
+from tests.protocol.wire.link_examples import EXAMPLES_OF_LINKS
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 """One example of each message, as it is on the wire. Changed bytes break older peers and recordings: think first."""
@@ -52,6 +51,7 @@ FUNCTION = plugin_messages.FunctionInfo(
 
 FAULTED = [robot_messages.PluginFault(plugin="scan", why="no lidar")]
 EXAMPLES = [
+    *EXAMPLES_OF_LINKS,
     robot_messages.RobotState(
         **STAMP,
         robot="r1",
@@ -277,17 +277,6 @@ EXAMPLES = [
         ranges_mm=[0, 1500, 8000],
     ),
     arena_messages.ArenaClock(**STAMP, sim_time_s=1.5),
-    arena_messages.ArenaLinks(
-        **STAMP,
-        radios=[
-            arena_messages.RadioTruth(party="coordinator", place=Point2D(1.0, 2.0), hears=["r1"], hops=0),
-            arena_messages.RadioTruth(party="r1", place=Point2D(5.0, 2.0), hears=["coordinator"], hops=1),
-            arena_messages.RadioTruth(party="r2", place=Point2D(25.0, 2.0), hears=[]),
-        ],
-        counters=arena_messages.LinkCounters(
-            delivered=9, lost=1, crowded=2, out_of_reach=3, overflowed=4, outdated=5, relayed=6, asked=7, timed_out=8
-        ),
-    ),
     arena_messages.ArenaPreparation(
         **STAMP,
         parts_ready=3,
@@ -390,24 +379,6 @@ EXAMPLES = [
     host_messages.HaltRequest(by="operator", reason="somebody walks there"),
     host_messages.ResumeRequest(by="operator"),
     host_messages.Lease(plugin="mocdevice", holder="ann", until_ns=2_000_000_000),
-    consensus_messages.TeamBallot(
-        **STAMP,
-        robot="r1",
-        ballot=Ballot(
-            robot="r1",
-            number=7,
-            bids=(Bid(task="t1", robot="r2", score=12.5),),
-            heard=(Heard(robot="r2", number=6),),
-            term=2,
-            round=1,
-            base=4711,
-            base_value=20.0,
-            standings=(Standing(robot="r2", number=6, round=1, digest=4712, value=21.0),),
-        ),
-        hears_coordinator=False,
-        held=[consensus_messages.TaskHeld(id="t3", epoch=5)],
-        done=[consensus_messages.TaskDone(id="t2", robot="r2", epoch=4)],
-    ),
     errors.ErrorReply(code=errors.ErrorCode.BUSY, message="mocdevice is held by driver", detail="driver"),
 ]
 each = pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)

@@ -87,7 +87,7 @@ def test_an_empty_table_limits_nothing_and_no_table_is_none():
         ("lost_after_s = inf", "links: expected lost_after_s >= 0, got inf"),
         ("coordinator_m = [nan, 1.0]", "links: expected finite coordinates for coordinator_m, got [nan, 1.0]"),
         ("relays = 3", "links.relays: Expected `bool | array`, got `int`"),
-        ("reach = 3", "links: Object contains unknown field `reach`"),
+        ("reach = 3", "links: unknown key `reach`"),
         ("[[links.partitions]]\nfrom_s = 1", "links.partitions[0]: Object missing required field `groups`"),
         ("[[links.partitions]]\ngroups = []", "links.partitions[0]: expected groups with at least one name each"),
         ('[[links.partitions]]\ngroups = [["r1"], []]', "expected groups with at least one name each"),

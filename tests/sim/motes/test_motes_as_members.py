@@ -10,7 +10,7 @@ from robrain.sim.scenarios.scenario import Scenario
 @pytest.fixture
 def team():
     with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as team:
-        team.run_for(20.0)
+        team.run_for(30.0)
         yield team
 
 

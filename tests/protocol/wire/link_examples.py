@@ -1,0 +1,38 @@
+"""Examples of the messages about radio links and allocation without a coordinator."""
+
+from robrain.protocol.model.consensus.ballot import Ballot, Bid, Heard, Standing
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.messages import arena_messages, consensus_messages
+
+STAMP = {"stamp_ns": 1_500_000_000, "seq": 3}
+EXAMPLES_OF_LINKS = [
+    consensus_messages.TeamBallot(
+        **STAMP,
+        robot="r1",
+        ballot=Ballot(
+            robot="r1",
+            number=7,
+            bids=(Bid(task="t1", robot="r2", score=12.5),),
+            heard=(Heard(robot="r2", number=6),),
+            term=2,
+            round=1,
+            base=4711,
+            base_value=20.0,
+            standings=(Standing(robot="r2", number=6, round=1, digest=4712, value=21.0),),
+        ),
+        hears_coordinator=False,
+        held=[consensus_messages.TaskHeld(id="t3", epoch=5)],
+        done=[consensus_messages.TaskDone(id="t2", robot="r2", epoch=4)],
+    ),
+    arena_messages.ArenaLinks(
+        **STAMP,
+        radios=[
+            arena_messages.RadioTruth(party="coordinator", place=Point2D(1.0, 2.0), hears=["r1"], hops=0),
+            arena_messages.RadioTruth(party="r1", place=Point2D(5.0, 2.0), hears=["coordinator"], hops=1),
+            arena_messages.RadioTruth(party="r2", place=Point2D(25.0, 2.0), hears=[]),
+        ],
+        counters=arena_messages.LinkCounters(
+            delivered=9, lost=1, crowded=2, out_of_reach=3, overflowed=4, outdated=5, relayed=6, asked=7, timed_out=8
+        ),
+    ),
+]
