@@ -22,7 +22,7 @@ TOLD_MAX = 5
 KEY_LENGTH = 120
 WHY_LENGTH = 200
 OTHERS = "others"
-SHOWN = 16
+SHOWN = 32
 """Combinations in one message, most frequent first."""
 
 
