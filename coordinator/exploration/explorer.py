@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.exploration.frontier_paths import FrontierPaths
+from robrain.coordinator.exploration.frontier_paths import FrontierFields, FrontierPaths
 from robrain.coordinator.exploration.joint import joint
 from robrain.coordinator.exploration.narrow_ways import NarrowWays
 from robrain.coordinator.exploration.situation import (
@@ -110,6 +110,7 @@ class Explorer:
         """What was unknown around each frontier when a robot had been there, in cells."""
         self.idle: dict[str, IdleReason] = {}
         """Why each robot got no goal at the last decision."""
+        self._fields = FrontierFields()
         self._narrow = NarrowWays()
         self._narrow_due_ns = 0
         self._narrow_goals: set[Point2D] = set()
@@ -174,7 +175,9 @@ class Explorer:
             return []
         candidates = [candidate for candidate in self.candidates if not self._is_spent(candidate.place)]
         paths = FrontierPaths(navigation, candidates)
-        choices = _changed(self.strategy(Situation(candidates, seekers, busy, paths.costs_m)), seekers)
+        between = self._fields.costs_between(paths, navigation, now_ns)
+        situation = Situation(candidates, seekers, busy, paths.costs_m, costs_between=between)
+        choices = _changed(self.strategy(situation), seekers)
         chosen = {choice.robot for choice in choices}
         left = [seeker for seeker in seekers if seeker.name not in chosen and seeker.goal is None]
         is_narrow_due = bool(left) and now_ns >= self._narrow_due_ns

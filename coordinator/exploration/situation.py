@@ -71,6 +71,7 @@ class Situation:
         busy: the robots that keep their goals.
         path_costs: computes path costs from a place to the frontiers.
         is_narrow: whether paths may have less than the preferred clearance; copied into each choice.
+        costs_between: the same between frontiers, where a little age does no harm; None: `path_costs`.
 
     """
 
@@ -82,12 +83,14 @@ class Situation:
         path_costs: PathCosts,
         *,
         is_narrow: bool = False,
+        costs_between: PathCosts | None = None,
     ) -> None:
         self.candidates = tuple(candidates)
         self.seekers = tuple(seekers)
         self.busy = tuple(busy)
         self.is_narrow = is_narrow
         self._path_costs = path_costs
+        self._costs_between = path_costs if costs_between is None else costs_between
 
     @cached_property
     def ways_m(self) -> NDArray[np.float64]:
@@ -119,10 +122,19 @@ class Situation:
     @cached_property
     def between_m(self) -> NDArray[np.float64]:
         """Path costs (frontiers, frontiers), the less of both directions; 0 on the diagonal."""
-        one_way_m = self._from([candidate.place for candidate in self.candidates])
+        return _frozen(self.between(range(len(self.candidates))))
+
+    def between(self, columns: Sequence[int]) -> NDArray[np.float64]:
+        """Path costs (columns, columns) between some of the frontiers, the less of both directions; 0 on the diagonal.
+
+        Each row may be some seconds old, as `costs_between` gives it.
+        """
+        one_way_m = np.full((len(columns), len(columns)), np.inf)
+        for row, column in enumerate(columns):
+            one_way_m[row] = self._costs_between(self.candidates[column].place)[list(columns)]
         between_m: NDArray[np.float64] = np.minimum(one_way_m, one_way_m.T)
         np.fill_diagonal(between_m, 0.0)
-        return _frozen(between_m)
+        return between_m
 
     def column_of(self, goal: Point2D) -> int | None:
         """The number of the frontier that is a robot's goal as the map is now; None if there is none there any more."""

@@ -22,6 +22,9 @@ BURGARD: Final = "burgard"
 JOINT: Final = "joint"
 """One frontier each, at the least sum of path costs less what the frontiers promise."""
 
+TOURS: Final = "tours"
+"""Tours through all frontiers that reach much unknown floor early; each robot begins its own."""
+
 
 class Strategy(Protocol):
     """Sends idle robots to frontiers."""
@@ -40,6 +43,7 @@ STRATEGIES: Registry[Strategy] = Registry(
         MINPOS: f"{BASELINES}:minpos",
         BURGARD: f"{BASELINES}:burgard",
         JOINT: "robrain.coordinator.exploration.joint:joint",
+        TOURS: "robrain.coordinator.exploration.tours:tours",
     },
 )
 

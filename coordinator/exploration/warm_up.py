@@ -5,6 +5,7 @@ import numpy as np
 from robrain.coordinator.exploration.frontier_paths import FrontierPaths
 from robrain.coordinator.exploration.joint import joint
 from robrain.coordinator.exploration.situation import Candidate, Seeker, Situation
+from robrain.coordinator.exploration.tours import tours
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -28,4 +29,6 @@ def warm_up() -> None:
     navigation = NavigationGrid(classes, geometry, 0.3)
     navigation.update(classes)
     found = [Candidate(geometry.center_of(one.row, one.column), 1.0) for one in find_frontiers(classes)]
-    joint(Situation(found, [Seeker("r", Point2D(0.6, 1.2))], [], FrontierPaths(navigation, found).costs_m))
+    situation = Situation(found, [Seeker("r", Point2D(0.6, 1.2))], [], FrontierPaths(navigation, found).costs_m)
+    joint(situation)
+    tours(situation)

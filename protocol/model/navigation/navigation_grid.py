@@ -52,6 +52,20 @@ class Zone(NamedTuple):
     radius_m: float
 
 
+class WayField(NamedTuple):
+    """Path costs from one place to everywhere, as the map was when it was computed."""
+
+    cells: NDArray[np.float32]
+    """(H, W), in cells of open floor; inf where there is no path."""
+    pitch: int
+    """Cells of the map to a side of each of these."""
+    pitch_m: float
+
+    def to(self, cells: Iterable[tuple[int, int]]) -> list[float]:
+        """Costs to cells of the map, as metres on open floor; inf where there is no path."""
+        return [float(self.cells[row // self.pitch, column // self.pitch]) * self.pitch_m for row, column in cells]
+
+
 class NavigationGrid:
     """A map as one kind of robot sees it.
 
@@ -217,17 +231,22 @@ class NavigationGrid:
         grid with narrow places is used at its full resolution, because the coarse one would connect across walls.
         Narrow cells within the circles `shut` (x, y, radius in metres) count as blocked.
         """
+        field = self.way_field(place, snap_m=snap_m, shut=shut)
+        return [math.inf] * len(cells) if field is None else field.to(cells)
+
+    def way_field(
+        self, place: Point2D, *, snap_m: float, shut: Sequence[tuple[float, float, float]] = ()
+    ) -> WayField | None:
+        """Costs of the paths from a place to everywhere, as of `ways_m`; None if the robot cannot stand near there."""
         cell = self.snap(place, snap_m)
         if cell is None:
-            return [math.inf] * len(cells)
+            return None
         if self.preferred_m > self.needed_m:
             pitch, traversable, cost = 1, self.without(shut, only_narrow=True), self.cost
         else:
             pitch, (traversable, cost) = COARSE, self._coarse
         source = np.array([(cell[0] // pitch, cell[1] // pitch)], dtype=np.int64)
-        field = distance_field(traversable, cost, source)
-        pitch_m = pitch * self.geometry.resolution_m
-        return [float(field[row // pitch, column // pitch]) * pitch_m for row, column in cells]
+        return WayField(distance_field(traversable, cost, source), pitch, pitch * self.geometry.resolution_m)
 
     @cached_property
     def _coarse(self) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:

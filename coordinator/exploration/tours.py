@@ -1,0 +1,61 @@
+"""Which robot explores which frontiers, and in which order: tours that reach much unknown floor early.
+
+All frontiers are shared out in one tour for each robot, so that the sum over the frontiers of unknown floor times way
+until a robot is there is small; each robot is sent to the first of its tour. Frontiers of one room or of one branch lie
+together, so they fall to one robot, and the others are sent elsewhere. A robot leaves a room behind only if what it
+gains earlier elsewhere outweighs the way back.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.coordinator.exploration.situation import Choice, Situation
+
+LEAST_WEIGHT_M2 = 0.3
+"""Every frontier counts as if this much more were unknown beyond it, so that none is left for ever (chosen)."""
+UNKNOWN_LIMIT_M2 = 12.0
+"""Most unknown floor that a frontier counts for (chosen): beyond it nobody knows what there is."""
+STAY_M = 4.0
+"""Way that a robot could make in the time that a frontier takes it (chosen)."""
+FAR_M = 40.0
+"""A way of this length counts for half of what it would (chosen): what lies far ahead is uncertain."""
+SHARED_M = 5.0
+"""A frontier within this path of another robot's goal counts for less, down to nothing at the goal itself."""
+CONSIDERED = 48
+"""Frontiers that are shared out at a time: those that promise most for their distance."""
+
+
+def tours(situation: Situation) -> list[Choice]:
+    """Give each robot the first frontier of its tour; robots whose tour is empty get none."""
+    if not situation.candidates or not situation.seekers:
+        return []
+    # Imported here: it brings the compiler, which would delay the coordinator's start.
+    from robrain.coordinator.exploration.tour_kernels import plan_tours
+
+    weights = _weights_m2(situation)
+    columns = _considered(situation, weights)
+    if not columns:
+        return []
+    found = plan_tours(situation.ways_m[:, columns], situation.between(columns), weights[columns], STAY_M, FAR_M)
+    return [
+        situation.choice(row, columns[tour[0]], float(situation.ways_m[row, columns[tour[0]]]))
+        for row, tour in enumerate(found)
+        if tour
+    ]
+
+
+def _weights_m2(situation: Situation) -> NDArray[np.float64]:
+    """What each frontier promises, (frontiers,), square metres; next to nothing at other robots' goals."""
+    unknown_m2 = np.array([min(one.unknown_m2, UNKNOWN_LIMIT_M2) for one in situation.candidates])
+    weights = LEAST_WEIGHT_M2 + unknown_m2
+    if situation.busy:
+        weights *= np.maximum(np.minimum(situation.taken_m.min(axis=0) / SHARED_M, 1.0), 1e-3)
+    return weights
+
+
+def _considered(situation: Situation, weights: NDArray[np.float64]) -> list[int]:
+    """Numbers of the frontiers to share out, ascending; none that no robot can reach."""
+    least_m = situation.ways_m.min(axis=0)
+    value = np.where(np.isfinite(least_m), weights / (least_m + STAY_M), 0.0)
+    order = np.argsort(-value, kind="stable")[:CONSIDERED]
+    return sorted(column for column in order.tolist() if value[column] > 0)
