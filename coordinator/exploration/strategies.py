@@ -26,6 +26,10 @@ TOURS: Final = "tours"
 """Tours through all frontiers that reach much unknown floor early; each robot begins its own."""
 
 
+AUTO: Final = "auto"
+"""The default: `tours` for one or two robots, `joint` for more."""
+
+
 class Strategy(Protocol):
     """Sends idle robots to frontiers."""
 
@@ -39,6 +43,7 @@ STRATEGIES: Registry[Strategy] = Registry(
     "exploration",
     "robrain.exploration_strategies",
     {
+        AUTO: "robrain.coordinator.exploration.auto:auto",
         NEAREST: f"{BASELINES}:nearest",
         MINPOS: f"{BASELINES}:minpos",
         BURGARD: f"{BASELINES}:burgard",

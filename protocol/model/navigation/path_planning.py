@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.protocol.model.navigation.distance_kernel import spread
 from robrain.protocol.model.numeric.kernel_array import BOOL, FLOAT32, FLOAT64, INT32, INT64, Floats, kernel_array
 
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
@@ -31,8 +32,7 @@ def plan_path(
     mask, cost = _as_grids(traversable, cost)
     if not (_is_traversable(mask, start) and _is_traversable(mask, goal)):
         return None
-    sources = np.array([start], np.int64)
-    _, parent = _search(mask, cost, sources, int(goal[0]), int(goal[1]))
+    parent = _search(mask, cost, int(start[0]), int(start[1]), int(goal[0]), int(goal[1]))
     width = mask.shape[1]
     goal_index = int(goal[0]) * width + int(goal[1])
     if parent[goal_index] < 0:
@@ -52,8 +52,7 @@ def distance_field(
     cells = kernel_array(sources, INT64)
     if cells.ndim != 2 or cells.shape[1] != 2:
         raise ValueError(f"expected sources of shape (K, 2), got {cells.shape}")
-    distance, _ = _search(mask, cost, cells, -1, -1)
-    return distance.reshape(mask.shape).astype(np.float32)
+    return spread(mask, cost, cells).astype(np.float32)
 
 
 def descend(
@@ -165,14 +164,14 @@ def _sift_down(heap: NDArray[np.int32], slot_of: NDArray[np.int32], priority: Fl
 def _search(
     traversable: NDArray[np.bool_],
     cost: NDArray[np.float32],
-    sources: NDArray[np.int64],
+    start_row: int,
+    start_column: int,
     goal_row: int,
     goal_column: int,
-) -> tuple[Floats, NDArray[np.int32]]:
-    """Costs and parents of the flattened cells: A* up to the goal, or Dijkstra over all cells for a negative goal.
+) -> NDArray[np.int32]:
+    """Parents of the flattened cells: −1 where a cell was not reached; the start is its own.
 
     The heap holds cells and knows each one's slot, so that a cell found on a cheaper way moves up in place.
-    Parents are −1 where a cell was not reached; a source is its own.
     """
     height, width = traversable.shape
     distance = np.full(height * width, np.inf)
@@ -181,21 +180,11 @@ def _search(
     heap = np.empty(height * width, np.int32)
     slot_of = np.empty(height * width, np.int32)
     closed = np.zeros(height * width, np.bool_)
-    count = 0
-    for k in range(sources.shape[0]):
-        row, column = sources[k, 0], sources[k, 1]
-        if not (0 <= row < height and 0 <= column < width and traversable[row, column]):
-            continue
-        cell = row * width + column
-        if parent[cell] >= 0:
-            continue
-        distance[cell] = 0.0
-        priority[cell] = 0.0
-        parent[cell] = cell
-        heap[count] = cell
-        count += 1
-        _sift_up(heap, slot_of, priority, count - 1)
-    goal = goal_row * width + goal_column if goal_row >= 0 else -1
+    start, goal = start_row * width + start_column, goal_row * width + goal_column
+    distance[start] = priority[start] = 0.0
+    parent[start] = heap[0] = start
+    slot_of[start] = 0
+    count = 1
     while count > 0:
         cell = heap[0]
         if cell == goal:
@@ -225,12 +214,10 @@ def _search(
                 count += 1
             distance[near] = through
             parent[near] = cell
-            priority[near] = through
-            if goal >= 0:
-                rows, columns = abs(near_row - goal_row), abs(near_column - goal_column)
-                priority[near] += max(rows, columns) + (_DIAGONAL - 1.0) * min(rows, columns)
+            rows, columns = abs(near_row - goal_row), abs(near_column - goal_column)
+            priority[near] = through + (max(rows, columns) + (_DIAGONAL - 1.0) * min(rows, columns))
             _sift_up(heap, slot_of, priority, slot_of[near])
-    return distance, parent
+    return parent
 
 
 @njit(cache=True, nogil=True)

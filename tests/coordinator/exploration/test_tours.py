@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.coordinator.exploration.auto import auto
 from robrain.coordinator.exploration.frontier_paths import FIELD_KEPT_NS, FrontierFields, FrontierPaths
+from robrain.coordinator.exploration.joint import joint
 from robrain.coordinator.exploration.situation import Busy, Candidate, Seeker, Situation
 from robrain.coordinator.exploration.tour_kernels import LEAST_SAVING, plan_tours
 from robrain.coordinator.exploration.tours import CONSIDERED, FAR_M, STAY_M, tours
@@ -184,3 +186,18 @@ def test_between_two_frontiers_the_less_of_both_directions_counts():
     )
     assert situation.between([0, 1]).tolist() == situation.between_m.tolist() == [[0.0, 3.0], [3.0, 0.0]]
     assert situation.between([1]).tolist() == [[0.0]]
+
+
+# -- the default ------------------------------------------------------------------------------------------------
+
+
+def test_one_or_two_robots_are_sent_on_tours_and_more_jointly_whoever_is_busy():
+    near, rich = candidate(2.0, unknown_m2=3.5), candidate(8.0, unknown_m2=12.0)
+    alone = straight([near, rich], [seeker("r1")])
+    assert goals(tours(alone)) != goals(joint(alone))
+    assert auto(alone) == tours(alone)
+    for others in (1, 2):
+        busy = [Busy(Point2D(0.0, 40.0), Point2D(0.0, 50.0 + index)) for index in range(others)]
+        situation = straight([near, rich], [seeker("r1")], busy)
+        assert goals(tours(situation)) != goals(joint(situation))
+        assert auto(situation) == (tours if others == 1 else joint)(situation)

@@ -78,7 +78,7 @@ def test_equal_seeds_give_equal_runs_and_others_do_not() -> None:
     assert run(3) != run(4)
 
 
-@pytest.mark.parametrize("strategy", ["nearest", "minpos", "burgard", "joint", "tours"])
+@pytest.mark.parametrize("strategy", ["auto", "nearest", "minpos", "burgard", "joint", "tours"])
 @pytest.mark.parametrize("revise_s", [0.0, 1.0])
 def test_each_strategy_explores_a_floor(strategy: str, revise_s: float) -> None:
     policy = PlanningPolicy(exploration=strategy, revise_s=revise_s)
