@@ -30,13 +30,15 @@ def tours(situation: Situation) -> list[Choice]:
     if not situation.candidates or not situation.seekers:
         return []
     # Imported here: it brings the compiler, which would delay the coordinator's start.
-    from robrain.coordinator.exploration.tour_kernels import plan_tours
+    from robrain.coordinator.exploration.tour_kernels import Places, plan_tours
 
     weights = _weights_m2(situation)
     columns = _considered(situation, weights)
     if not columns:
         return []
-    found = plan_tours(situation.ways_m[:, columns], situation.between(columns), weights[columns], STAY_M, FAR_M)
+    found = plan_tours(
+        Places(situation.ways_m[:, columns], situation.between(columns), weights[columns], STAY_M, FAR_M)
+    )
     return [
         situation.choice(row, columns[tour[0]], float(situation.ways_m[row, columns[tour[0]]]))
         for row, tour in enumerate(found)

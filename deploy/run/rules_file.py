@@ -8,8 +8,7 @@ import msgspec
 
 from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.errors import BadToml
-from robrain.protocol.wire.toml_text import LARGE, read_toml
+from robrain.deploy.run.table_file import read_tables
 
 
 class _Tables(msgspec.Struct, frozen=True):
@@ -28,16 +27,7 @@ def read_rules(path: Path, option: str = "--rules") -> tuple[Rule, ...]:
         UsageError: naming file, key and what was expected.
 
     """
-    try:
-        found = msgspec.convert(read_toml(path, LARGE), _Tables).rules
-    except FileNotFoundError as error:
-        raise UsageError(f"{option} {path}: there is no such file") from error
-    except BadToml as error:
-        raise UsageError(f"{option} {path}: {error}") from error
-    except msgspec.ValidationError as error:
-        what, _, key = str(error).partition(" - at `$")
-        key = key.rstrip("`").lstrip(".")
-        raise UsageError(f"{option} {path}: {f'{key}: ' if key else ''}{what}") from error
+    found = read_tables(path, _Tables, option).rules
     if not found:
         raise UsageError(f"{option} {path}: expected at least one table [[rules]]")
     return found

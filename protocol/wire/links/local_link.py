@@ -15,12 +15,46 @@ from robrain.protocol.wire.links.link import (
     TakeQuery,
     TakeSample,
 )
+from robrain.protocol.wire.links.party_exchange import PartyExchange
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topic import Topic, Urgency
 
 
-class LocalLink:
-    """A `Link` within this process; nothing is declared to Zenoh.
+class DeclaringLink:
+    """What all links within this process have in common; nothing is declared to Zenoh."""
+
+    def __init__(self, home: Exchange | PartyExchange) -> None:
+        self.declarations: list[Declaration] = []
+        self._declared_at = home
+
+    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
+        """See `Link`."""
+        self.declarations.append(self._declared_at.subscribe(selector, topic, inbox))
+
+    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
+        """See `Link`."""
+        self.declarations.append(self._declared_at.queryable(selector, take))
+
+    def token(self, key: str) -> None:
+        """See `Link`."""
+        self.declarations.append(self._declared_at.token(key))
+
+    def watch(self, selector: str, take: TakeChange) -> None:
+        """See `Link`."""
+        self.declarations.append(self._declared_at.watch(selector, take))
+
+    def tokens(self, selector: str, timeout_s: float) -> list[str]:
+        """See `Link`."""
+        return self._declared_at.tokens(selector)
+
+    def close(self) -> None:
+        """See `Link`."""
+        while self.declarations:
+            self.declarations.pop().undeclare()
+
+
+class LocalLink(DeclaringLink):
+    """A `Link` to all other endpoints of this process.
 
     Args:
         exchange: of the run.
@@ -28,40 +62,12 @@ class LocalLink:
     """
 
     def __init__(self, exchange: Exchange) -> None:
-        self.declarations: list[Declaration] = []
+        super().__init__(exchange)
         self._exchange = exchange
 
     def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
         """See `Link`."""
         return Publisher(topic, key, clock, self._exchange)
-
-    def subscribe(
-        self,
-        selector: str,
-        topic: Topic[Any],
-        inbox: Inbox,
-        take: TakeSample,
-        *,
-        waits: bool,
-    ) -> None:
-        """See `Link`."""
-        self.declarations.append(self._exchange.subscribe(selector, topic, inbox))
-
-    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
-        """See `Link`."""
-        self.declarations.append(self._exchange.queryable(selector, take))
-
-    def token(self, key: str) -> None:
-        """See `Link`."""
-        self.declarations.append(self._exchange.token(key))
-
-    def watch(self, selector: str, take: TakeChange) -> None:
-        """See `Link`."""
-        self.declarations.append(self._exchange.watch(selector, take))
-
-    def tokens(self, selector: str, timeout_s: float) -> list[str]:
-        """See `Link`."""
-        return self._exchange.tokens(selector)
 
     def ask(self, selector: str, payload: bytes | None, urgency: Urgency, timeout_s: float) -> Replies:
         """See `Link`."""
@@ -74,8 +80,3 @@ class LocalLink:
     def ask_then(self, key: str, payload: bytes | None, take: TakeAnswer) -> None:
         """See `Link`."""
         self._exchange.ask(key, payload or b"", take, lambda: None)
-
-    def close(self) -> None:
-        """See `Link`."""
-        while self.declarations:
-            self.declarations.pop().undeclare()

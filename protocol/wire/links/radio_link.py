@@ -6,21 +6,14 @@ from typing import Any
 from robrain.protocol.wire.answers.asked import Answer
 from robrain.protocol.wire.border.border import Heard
 from robrain.protocol.wire.clock import Clock, to_ns
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.links.link import (
-    Declaration,
-    Replies,
-    TakeAnswer,
-    TakeChange,
-    TakeQuery,
-    TakeSample,
-)
+from robrain.protocol.wire.links.link import Replies, TakeAnswer
+from robrain.protocol.wire.links.local_link import DeclaringLink
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topic import ANSWER_S, Topic, Urgency
 
 
-class RadioLink:
+class RadioLink(DeclaringLink):
     """A `Link` within this process, for one party.
 
     Args:
@@ -33,10 +26,10 @@ class RadioLink:
     """
 
     def __init__(self, exchange: RadioExchange, party: str) -> None:
-        self.declarations: list[Declaration] = []
         self._party = party
         self._exchange = exchange
         self._home = exchange.join(party)
+        super().__init__(self._home)
         self._is_open = True
 
     def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
@@ -46,26 +39,6 @@ class RadioLink:
     def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
         """See `Link`."""
         return Publisher(topic, key, clock, self)
-
-    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
-        """See `Link`."""
-        self.declarations.append(self._home.subscribe(selector, topic, inbox))
-
-    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
-        """See `Link`."""
-        self.declarations.append(self._home.queryable(selector, take))
-
-    def token(self, key: str) -> None:
-        """See `Link`."""
-        self.declarations.append(self._home.token(key))
-
-    def watch(self, selector: str, take: TakeChange) -> None:
-        """See `Link`."""
-        self.declarations.append(self._home.watch(selector, take))
-
-    def tokens(self, selector: str, timeout_s: float) -> list[str]:
-        """See `Link`."""
-        return self._home.tokens(selector)
 
     def ask(self, selector: str, payload: bytes | None, urgency: Urgency, timeout_s: float) -> Replies:
         """See `Link`; a query that is too late has failed at once."""
@@ -85,8 +58,7 @@ class RadioLink:
 
     def close(self) -> None:
         """See `Link`."""
-        while self.declarations:
-            self.declarations.pop().undeclare()
+        super().close()
         if self._is_open:
             self._is_open = False
             self._exchange.leave(self._home)

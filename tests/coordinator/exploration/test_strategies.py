@@ -134,7 +134,9 @@ def test_an_unknown_strategy_is_refused_with_those_that_there_are() -> None:
 def test_names_of_earlier_versions_are_still_read() -> None:
     assert PlanningPolicy(exploration="assignment").exploration == JOINT
     assert PlanningPolicy(exploration="nearest_frontier").exploration == NEAREST
-    assert msgspec.json.decode('{"exploration": "assignment"}', type=PlanningPolicy) == PlanningPolicy(exploration=JOINT)
+    assert msgspec.json.decode('{"exploration": "assignment"}', type=PlanningPolicy) == PlanningPolicy(
+        exploration=JOINT
+    )
 
 
 def test_a_strategy_of_another_distribution_is_used(install) -> None:

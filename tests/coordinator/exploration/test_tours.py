@@ -11,7 +11,7 @@ from robrain.coordinator.exploration.auto import auto
 from robrain.coordinator.exploration.frontier_paths import FIELD_KEPT_NS, FrontierFields, FrontierPaths
 from robrain.coordinator.exploration.joint import joint
 from robrain.coordinator.exploration.situation import Busy, Candidate, Seeker, Situation
-from robrain.coordinator.exploration.tour_kernels import LEAST_SAVING, plan_tours
+from robrain.coordinator.exploration.tour_kernels import LEAST_SAVING, Places, plan_tours
 from robrain.coordinator.exploration.tours import CONSIDERED, FAR_M, STAY_M, tours
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
@@ -90,7 +90,7 @@ def test_of_very_many_frontiers_those_that_promise_most_for_their_distance_are_s
 
 def test_shapes_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match=r"expected 2 places, got ways \(3, 3\) and weights \(2,\)"):
-        plan_tours(np.zeros((1, 2)), np.zeros((3, 3)), np.ones(2), STAY_M, FAR_M)
+        plan_tours(Places(np.zeros((1, 2)), np.zeros((3, 3)), np.ones(2), STAY_M, FAR_M))
 
 
 # -- the tours themselves ---------------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ def cost(problem, robot, tour):
 @given(problems())
 def test_every_place_that_can_be_reached_is_in_one_tour_of_a_robot_that_reaches_it(problem):
     first_m = problem[0]
-    made = plan_tours(*problem, STAY_M, FAR_M)
+    made = plan_tours(Places(*problem, STAY_M, FAR_M))
     assert sorted(place for tour in made for place in tour) == np.nonzero(np.isfinite(first_m).any(axis=0))[0].tolist()
     assert all(math.isfinite(first_m[robot, place]) for robot, tour in enumerate(made) for place in tour)
 
@@ -134,7 +134,7 @@ def test_every_place_that_can_be_reached_is_in_one_tour_of_a_robot_that_reaches_
 @given(problems())
 def test_no_move_of_one_place_and_no_reversal_makes_tours_cheaper(problem):
     first_m = problem[0]
-    made = plan_tours(*problem, STAY_M, FAR_M)
+    made = plan_tours(Places(*problem, STAY_M, FAR_M))
     now = sum(cost(problem, robot, tour) for robot, tour in enumerate(made))
     others = []
     for robot, tour in enumerate(made):
