@@ -261,12 +261,14 @@ def coordinator(
         Path | None, typer.Option(help="TOML file with a [planning] table, such as a scenario.")
     ] = None,
     rules: RulesOption = None,
+    stand_by: Annotated[bool, typer.Option("--stand-by", help="Take over when another coordinator has gone.")] = False,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
     from robrain.deploy.processes.live_commands import coordinator_command
     from robrain.deploy.processes.live_process import place_of
 
-    coordinator_command(place_of(connect, listen), check_name("team", team), journal, objective, planning, rules)
+    where = place_of(connect, listen)
+    coordinator_command(where, check_name("team", team), journal, objective, planning, rules, stands_by=stand_by)
 
 
 @app.command()

@@ -1,8 +1,11 @@
 """The other live processes: coordinator, dashboard, replay."""
 
 import socket
+import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import zenoh
@@ -19,12 +22,15 @@ from robrain.deploy.processes.live_process import (
     open_when_there,
     tell,
 )
-from robrain.deploy.processes.name_claim import NameWatch, claim_coordinator
+from robrain.deploy.processes.name_claim import LOOK_PERIOD_S, NameWatch, claim_coordinator
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.session import listening_at, open_session
+
+if TYPE_CHECKING:  # brings SQLite, which the dashboard does not need
+    from robrain.coordinator.journal.journal import Journal
 
 DEFAULT_DASHBOARD_PORT = 8080
 
@@ -36,6 +42,8 @@ def coordinator_command(
     objective: Objective | None = None,
     planning: Path | None = None,
     rules: Path | None = None,
+    *,
+    stands_by: bool = False,
 ) -> None:
     """Coordinate a team until Ctrl-C; wait until the endpoint answers.
 
@@ -46,12 +54,12 @@ def coordinator_command(
         objective: planning objective, overriding the file's.
         planning: file with a `[planning]` table.
         rules: file with `[[rules]]`.
+        stands_by: wait for as long as another coordinator is there, then take over.
 
     Raises:
         RobrainError: in one sentence.
 
     """
-    from robrain.coordinator.journal.journal import Journal
     from robrain.coordinator.live import run_coordinator
     from robrain.coordinator.planning.policy import PlanningPolicy
     from robrain.coordinator.rules.rule import Rule
@@ -76,20 +84,54 @@ def coordinator_command(
     if session is None:
         return
     with closing(session), claim_coordinator(session, team) as claim, live_endpoint(session, team) as wire:
-        if not claim.take(lambda text: note(f"coordinator: {text}"), should_stop):
+        if not claim.take(_note, should_stop, stands_by=stands_by):
             return  # before the journal is opened: only one process at a time may write it
-        kept = Journal(journal if journal is not None else Path(f"{team}.journal"))
+        watch = NameWatch(claim, should_stop)
+        kept = _open_journal(journal if journal is not None else Path(f"{team}.journal"), watch, stands_by=stands_by)
+        if kept is None:
+            watch.check()
+            return
 
         def ready() -> None:
             claim.settle()
             tell(f"coordinator: of team {team}; Ctrl-C ends it")
 
-        watch = NameWatch(claim, should_stop)
         try:
             run_coordinator(wire, watch, ready, kept, policy, kept_rules)
         finally:
             kept.close()
         watch.check()
+
+
+def _note(text: str) -> None:
+    note(f"coordinator: {text}")
+
+
+def _open_journal(path: Path, should_stop: Callable[[], bool], *, stands_by: bool) -> "Journal | None":
+    """The journal; None if `should_stop` came first.
+
+    A coordinator that hangs has lost its name and still has its journal, until it goes on or is ended. One that stands
+    by waits for that: no two ever write the same tasks.
+
+    Raises:
+        JournalError: the journal cannot be used; JournalLocked only if it does not stand by.
+
+    """
+    from robrain.coordinator.journal.errors import JournalLocked
+    from robrain.coordinator.journal.journal import Journal
+
+    is_told = False
+    while not should_stop():
+        try:
+            return Journal(path)
+        except JournalLocked as error:
+            if not stands_by:
+                raise
+            if not is_told:
+                is_told = True
+                _note(f"{error}; waiting until it does not any more")
+            time.sleep(LOOK_PERIOD_S)
+    return None
 
 
 def dashboard_command(connect: str | None, team: str, port: int | None, replay: Path | None = None) -> None:

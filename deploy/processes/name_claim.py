@@ -45,6 +45,9 @@ SUCCESSOR_TIMEOUT_S = 0.5
 """As above, for a process that looks for its successor in its own loop."""
 LOOK_TIMEOUT_S = 5.0
 LOOK_PERIOD_S = 0.02
+HANG_NS = LEASE_MS * 1_000_000 // 2
+"""A process that stands still for longer may have lost its tokens: others count the lease from its last sign of life,
+which is up to a quarter of the lease older than the hang."""
 LOOK_AFTER_HANG_NS = 10 * NS_PER_S
 """After a hang: time to connect again, and to hear of a process that has taken the name."""
 LOOK_AGAIN_NS = NS_PER_S // 5
@@ -92,15 +95,16 @@ class NameClaim:
         self._wire = Endpoint(session, team, WallClock(), Drive.LIVE)
         self._tokens: dict[str, Any] = {}
 
-    def take(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool]) -> bool:
+    def take(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool], *, stands_by: bool = False) -> bool:
         """Claim the name; False if `should_stop` came first.
 
         Args:
             on_wait: called once with a message if there is a process to wait for.
             should_stop: asked every 20 ms.
+            stands_by: wait for as long as another process has the name.
 
         Raises:
-            NameTaken: another process has it; the text says which.
+            NameTaken: another process has it; the text says which. Never if it stands by.
 
         """
         is_waiting = False
@@ -122,6 +126,12 @@ class NameClaim:
                 continue
             if is_held or min(seen.asking) < self._process:
                 self._withdraw(ASKS)
+            if stands_by:
+                if not is_waiting:
+                    is_waiting = True
+                    on_wait(f"standing by for {self._keys.what}")
+                time.sleep(LOOK_PERIOD_S)
+                continue
             if is_held:
                 for info in self._who(ASK_TIMEOUT_S):
                     raise self._taken(str(info))
@@ -208,7 +218,7 @@ class NameClaim:
 class NameWatch:
     """Says when to stop, and notices that the name was lost while this process hung.
 
-    A process that stands still for longer than its lease loses its tokens, and another may take its name. Once it runs
+    A process that stands still for about its lease loses its tokens, and another may take its name. Once it runs
     again it looks for that other process for a while, because its connection is made anew meanwhile.
 
     Args:
@@ -230,10 +240,10 @@ class NameWatch:
         """The name is another's now."""
 
     def __call__(self) -> bool:
-        """Whether to stop; has to be called more often than once a lease."""
+        """Whether to stop; has to be called more often than each half lease."""
         before_ns, self._asked_ns = self._asked_ns, self._monotonic_ns()
         now_ns = self._asked_ns
-        if now_ns - before_ns > LEASE_MS * 1_000_000:
+        if now_ns - before_ns > HANG_NS:
             self._look_until_ns, self._look_ns = now_ns + LOOK_AFTER_HANG_NS, now_ns
         if self.lost is None and self._look_ns <= now_ns < self._look_until_ns:
             self._look_ns = now_ns + LOOK_AGAIN_NS
