@@ -1,4 +1,4 @@
-"""Exploration whose coordinator is killed on the way, beside the same exploration undisturbed."""
+"""One exploration whose coordinator is killed on the way, or that is left undisturbed."""
 
 import math
 
@@ -25,7 +25,9 @@ LOOK_S = 1.0
 class LeaderlessCase(msgspec.Struct, frozen=True, kw_only=True):
     """One run."""
 
-    scenario: str
+    map: str
+    path: str = ""
+    """Path of the map's YAML file; empty for a built-in scenario."""
     robots: int
     seed: int
     consensus: bool = True
@@ -33,6 +35,14 @@ class LeaderlessCase(msgspec.Struct, frozen=True, kw_only=True):
     killed_at: float | None = KILLED_AT
     """Share of the floor that is known when the coordinator is killed; None leaves it alone."""
     time_limit_s: float = 900.0
+
+    def scenario(self) -> Scenario:
+        """The scenario of the run (RobrainError if the map cannot be read)."""
+        found = Scenario.from_map(self.path) if self.path else Scenario.builtin(self.map)
+        hardware = msgspec.structs.replace(found.hardware, consensus=self.consensus)
+        return found.replace(
+            robots=self.robots, seed=self.seed, starts=Starts.TOGETHER, motes=0, hardware=hardware, tasks=()
+        )
 
 
 class LeaderlessRun(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,11 +61,7 @@ class LeaderlessRun(msgspec.Struct, frozen=True, kw_only=True):
 
 def run_case(case: LeaderlessCase) -> LeaderlessRun:
     """Explore until every robot knows 95 % of the floor by its own map, or time is up."""
-    found = Scenario.builtin(case.scenario)
-    hardware = msgspec.structs.replace(found.hardware, consensus=case.consensus)
-    scenario = found.replace(
-        robots=case.robots, seed=case.seed, starts=Starts.TOGETHER, motes=0, hardware=hardware, tasks=()
-    )
+    scenario = case.scenario()
     with errors_alone():
         run = LockstepRun(scenario.world(), planning=scenario.planning)
         try:
@@ -100,6 +106,5 @@ def _weights(run: LockstepRun) -> NDArray[np.int64]:
 
 def _known_by(run: LockstepRun, robot: int, weights: NDArray[np.int64]) -> float:
     """Share of the floor that a robot knows by its own map."""
-    mapper = run.hosts[robot].manager.get("mapper").plugin
-    known = mapper.view().classes >= 0  # type: ignore[attr-defined]
-    return float(weights[known].sum() / weights.sum())
+    grid = run.hosts[robot].board.map
+    return 0.0 if grid is None else float(weights[grid.classes() >= 0].sum() / weights.sum())
