@@ -7,9 +7,6 @@ from operator import attrgetter
 from msgspec import UNSET
 
 from robrain.coordinator.charging.charge_desk import ChargeDesk
-from robrain.coordinator.exploration.explorer import Explorer, Scout
-from robrain.coordinator.exploration.situation import Busy, Choice
-from robrain.coordinator.exploration.strategies import strategy_of
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.field.field_keeper import FieldKeeper
@@ -29,6 +26,9 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.halt_watch import HaltWatch
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.exploration.explorer import Explorer, Scout
+from robrain.protocol.exploration.situation import Busy, Choice
+from robrain.protocol.exploration.strategies import strategy_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState

@@ -7,10 +7,10 @@ from typing import Final
 import msgspec
 
 from robrain.coordinator.allocation.allocator import ALLOCATORS, OPTIMAL
-from robrain.coordinator.exploration.strategies import AUTO, JOINT, STRATEGIES
-from robrain.coordinator.exploration.strategies import NEAREST as NEAREST_STRATEGY
 from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
+from robrain.protocol.exploration.strategies import AUTO, JOINT, STRATEGIES
+from robrain.protocol.exploration.strategies import NEAREST as NEAREST_STRATEGY
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import UnknownEntry

@@ -15,6 +15,7 @@ BENCHES = {
     "responses": "response times from an event to the wheels, of a live team of processes on loopback",
     "agents": "cost of a thousand simulated agents at 10 Hz for a coordinator",
     "exploration": "exploration strategies and team sizes on map files: the full stack beside ideal motion",
+    "leaderless": "exploration whose coordinator is killed on the way, beside the same undisturbed",
     "motes": "lifetime of a mote field: routes beside their bound, robots as mules beside a collection tree",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
     "joining": "robots with unknown places: time and errors of joining the team's map",
@@ -89,7 +90,7 @@ def allocation(
 @bench_app.command(help=BENCHES["consensus"])
 def consensus(
     sizes: Annotated[int, typer.Option(help="How many of the sizes 5 × 50, 10 × 100.")] = 2,
-    seeds: Annotated[int, typer.Option(help="Number of problems of each size.")] = 10,
+    seeds: Annotated[int, typer.Option(help="Number of problems of 5 × 50; half as many of 10 × 100.")] = 10,
     as_json: JsonOption = False,
 ) -> None:
     """Measure allocation by consensus."""
@@ -180,6 +181,27 @@ def exploration(
     around = place_of("--near", near)
     place = None if around is None else (around.x_m, around.y_m)
     run_bench(choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder), json_file)
+
+
+@bench_app.command(help=BENCHES["leaderless"])
+def leaderless(
+    maps: Annotated[
+        str, typer.Option(help="Names or paths of maps, or built-in scenarios, separated by commas.")
+    ] = "depot,office,hospital",
+    robots: RobotsOption = "4",
+    seeds: SeedsOption = "1-4",
+    killed_at: Annotated[
+        float, typer.Option(help="Percentage of the floor known when the coordinator is killed.")
+    ] = 30,
+    jobs: JobsOption = 1,
+    time_limit_s: TimeLimitOption = 900.0,
+    map_folder: MapFolderOption = None,
+    json_file: JsonFileOption = None,
+) -> None:
+    """Measure exploration without a coordinator."""
+    from robrain.deploy.bench.leaderless import choose, run_bench
+
+    run_bench(choose(maps, robots, seeds, killed_at, time_limit_s, map_folder), jobs, json_file)
 
 
 @bench_app.command(help=BENCHES["motes"])

@@ -9,7 +9,6 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from robrain.coordinator.exploration.strategies import STRATEGIES
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.report.mean_interval import MeanInterval, mean_interval
 from robrain.deploy.bench.exploration_runs import FULL, IDEAL, MOTIONS, ExplorationCase, ExplorationRun, run_case
@@ -17,6 +16,7 @@ from robrain.deploy.bench.figure import Figure, are_kept, at_most, deterministic
 from robrain.deploy.bench.mapping_plan import SHARED_MAPS, all_runs, check_limits, choose_maps, names_of, numbers_of
 from robrain.deploy.commands.terminal import print_line, say
 from robrain.deploy.run.kernels import prepare_kernels
+from robrain.protocol.exploration.strategies import STRATEGIES
 from robrain.sim.scenarios.scenario import MAX_SEED
 from robrain.sim.scenarios.scenario_file import MAX_ROBOTS
 

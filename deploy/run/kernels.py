@@ -14,8 +14,8 @@ from numba.core.dispatcher import Dispatcher
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robrain.coordinator.allocation.warm_up import warm_up as warm_up_allocation
-from robrain.coordinator.exploration.warm_up import warm_up as warm_up_exploration
 from robrain.deploy.commands.terminal import console, say
+from robrain.protocol.exploration.warm_up import warm_up as warm_up_exploration
 from robrain.protocol.model import warm_up as model
 from robrain.protocol.model.warm_up import Part
 from robrain.sim.warm_up import warm_up as warm_up_arena

@@ -43,6 +43,9 @@ PRIORITY_MAX = 100.0
 IDLE = Claim(priority=-1)
 """Who has nothing to do goes after everybody who has."""
 
+GAP = "gap_m"
+"""In the result of a task: the width of the gap that the robot does not fit through."""
+
 
 class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """When a place counts as reached, and how long the robot bears with obstacles; a base for a behavior's own."""
@@ -484,5 +487,5 @@ def _at_most(allowed: Release, positions: int) -> Release:
 def too_narrow(travel: Travel) -> tuple[str, dict[str, float]]:
     """Why a travel ended with `TOO_NARROW`: in words, and as the result of a task."""
     gap_m, needed_m = travel.gap_m or 0.0, least_gap_m(travel.driver.radius_m())
-    result = {"gap_m": round(gap_m, 3), "needed_m": round(needed_m, 3)}
+    result = {GAP: round(gap_m, 3), "needed_m": round(needed_m, 3)}
     return f"the way is too narrow: {gap_m:.2f} m wide, the robot needs {needed_m:.2f} m", result

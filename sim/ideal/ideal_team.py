@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.exploration.explorer import Explorer, Scout
-from robrain.coordinator.exploration.situation import Busy
-from robrain.coordinator.exploration.strategies import Strategy
+from robrain.protocol.exploration.explorer import Explorer, Scout
+from robrain.protocol.exploration.situation import Busy
+from robrain.protocol.exploration.strategies import Strategy
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid

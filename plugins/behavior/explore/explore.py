@@ -1,7 +1,7 @@
 """Explore: goes to the frontier that the coordinator hands out, until there is nothing unknown left around it.
 
-Without a coordinator the robot chooses the nearest frontier for itself (Yamauchi 1997). So does one that does not know
-where it is and maps in a frame of its own.
+Without a coordinator the robot chooses frontiers for itself, with regard to the other robots (`team_choice.py`). One
+that does not know where it is, and maps in a frame of its own, goes to the nearest (Yamauchi 1997).
 """
 
 from collections import deque
@@ -9,14 +9,18 @@ from collections import deque
 import numpy as np
 
 from robrain.agent.plugin import Behavior, external
+from robrain.plugins.behavior.explore.team_choice import ALONE, IDLE, TeamChoice
 from robrain.plugins.behavior.search import FIND_ITSELF
-from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
+from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
+from robrain.protocol.exploration.strategies import AUTO, STRATEGIES, strategy_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
+from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NoPath
@@ -28,8 +32,9 @@ LOOK_PERIOD_S = 3.0
 LOOK_M = 1.5
 """A frontier is looked at from no farther away."""
 HALTED = "halted"
-IDLE = "idle"
-"""What the board says of a robot whose behaviors have nothing to do."""
+EVERYWHERE_M = 1e6
+DECIDE_PERIOD_S = 1.0
+"""Period in which a robot that explores by its own choice decides anew, as a coordinator does by `revise_s`."""
 WHY = {
     Progress.ARRIVED: (TaskState.DONE, "arrived"),
     Progress.BLOCKED: (TaskState.FAILED, "the way is blocked"),
@@ -51,6 +56,12 @@ class ExploreBehavior(Behavior):
         """A goal is reached when no frontier remains within this distance of it."""
         alone_s: float = 3.0
         """After this time without a message from a coordinator the robot chooses frontiers itself."""
+        exploration: Name = AUTO
+        """Name of the exploration strategy by which it does so, as in `[planning]`; the same for all robots."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            STRATEGIES.check(self.exploration)
 
     period_s = 0.2
     parameters: Parameters
@@ -66,7 +77,10 @@ class ExploreBehavior(Behavior):
         self._frame = ARENA
         """The map frame of the robot's own choice."""
         self._spent: deque[Point2D] = deque(maxlen=SPENT_MAX)
-        """Frontiers of its own choice that stayed although it had been there."""
+        """Frontiers of its own choice, in a frame of its own, that stayed although it had been there."""
+        strategy = strategy_of(self.parameters.exploration, self._note_strategy)
+        self._team = TeamChoice(self.env.robot, self.env.board, strategy)
+        self._decide_due_ns = 0
 
     def activate(self) -> None:
         self._travel.connect()
@@ -102,6 +116,8 @@ class ExploreBehavior(Behavior):
         if self._task is None and may_choose and self._is_free() and tasks.occupy(own):
             self._travel.roams, self._frame = bool(self._travel.lost), self.env.board.frame
             self._choose()
+        elif self._is_own and may_choose and not self._travel.roams and not self._travel.lost:
+            self._revise()
         if self._task is not None:
             self._pursue(self._task)
         elif self.env.board.behavior == IDLE:
@@ -179,14 +195,53 @@ class ExploreBehavior(Behavior):
         return sorted(frontiers, key=pose.distance_m)[:OWN_CHOICES]
 
     def _choose(self) -> None:
-        for goal in self._frontiers():
-            if goal not in self._spent and self._aim(goal):
-                self._own_choices += 1
-                self._task = Task(id=f"own-{self.env.robot}-{self._own_choices}", kind=EXPLORE, place=goal)
-                self._is_own = True
-                self.env.board.behavior = "explore alone"
-                return
-        self.env.tasks.vacate(self.env.plugin)
+        """Set out to a frontier of its own choice, if there is one."""
+        if not self._travel.roams:
+            self._revise()
+        else:
+            any(goal not in self._spent and self._set_out(goal) for goal in self._frontiers())
+        if self._task is None:
+            self.env.tasks.vacate(self.env.plugin)
+
+    def _revise(self) -> None:
+        """Decide with regard to the other robots where to go; the goal there is may be the best."""
+        now_ns, travel = self.env.clock.now_ns(), self._travel
+        if now_ns < self._decide_due_ns:
+            return
+        self._decide_due_ns = now_ns + to_ns(DECIDE_PERIOD_S)
+        pose, own = travel.pose(), None if self._task is None else self._task.place
+        place = Point2D(pose.x_m, pose.y_m)
+        mates = travel.teammates.mates(place, EVERYWHERE_M)
+        if own is not None and not mates:
+            return  # nobody else takes away what it is bound for
+        goal = self._team.choose(place, travel.driver.radius_m(), own, mates, now_ns)
+        if goal is not None and not self._set_out(goal):
+            self._team.note_failure(goal, now_ns)
+            self._decide_due_ns = now_ns
+
+    def _set_out(self, goal: Point2D) -> bool:
+        if not self._aim(goal):
+            return False
+        self._own_choices += 1
+        self._task = Task(id=f"own-{self.env.robot}-{self._own_choices}", kind=EXPLORE, place=goal)
+        self._is_own = True
+        self.env.board.behavior = ALONE
+        return True
+
+    def _note_own(self, goal: Point2D, state: TaskState, result: dict[str, float] | None) -> None:
+        """What became of a frontier of its own choice."""
+        now_ns = self._decide_due_ns = self.env.clock.now_ns()
+        if self._travel.roams:
+            self._spent.append(goal)
+        elif state is TaskState.DONE:
+            self._team.note_visit(goal)
+        else:
+            self._team.note_failure(goal, now_ns)
+            pose = self._travel.pose()
+            self._team.note_gap(Point2D(pose.x_m, pose.y_m), (result or {}).get(GAP), now_ns)
+
+    def _note_strategy(self, name: str, why: str) -> None:
+        self.env.wire.refusals.note("exploration_strategy", name, RefusalCode.FAILED, why)
 
     def _accept(self, task: Task) -> TaskAnswer:
         if (lost := self._travel.position_lost) is not None:
@@ -208,7 +263,7 @@ class ExploreBehavior(Behavior):
             self._is_own = False
             self.env.tasks.vacate(self.env.plugin)
             if task is not None:
-                self._spent.append(task.place)
+                self._note_own(task.place, state, result)
         if state is TaskState.FAILED:
             self._travel.stand()
         else:

@@ -105,17 +105,13 @@ class Bidder:
         self.winning = {task: bid for task, bid in self.winning.items() if bid.robot != self.robot}
         self.bundle, self.path = [], self.scorer.ordered(self._fixed)
         limit = math.inf
-        while True:
-            while (best := None if len(self.bundle) == self.limit else self._best(limit)) is not None:
-                bid, found = best
-                self.bundle.append(bid.task)
-                self.path.insert(found.position, bid.task)
-                self.winning[bid.task] = bid
-                limit = bid.score
-            path = self.scorer.ordered(self.path)
-            if path == self.path:
-                break
-            self.path = path  # a shorter one may have room for more
+        while (best := None if len(self.bundle) == self.limit else self._best(limit)) is not None:
+            bid, found = best
+            self.bundle.append(bid.task)
+            # Here, not once none wins: whether one wins depends on lesser bids, and greater ones would then on those.
+            self.path = self.scorer.ordered([*self.path[: found.position], bid.task, *self.path[found.position :]])
+            self.winning[bid.task] = bid
+            limit = bid.score
         return before != {task: self.winning[task] for task in self.bundle}
 
     def _best(self, limit: float) -> tuple[Bid, Insertion] | None:

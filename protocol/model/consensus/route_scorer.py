@@ -70,9 +70,17 @@ class RouteScorer:
         places = range(len(drive.energy_j))
         end_of = [min(drive.ends, key=lambda end, place=place: (drive.energy_j[place][end], end)) for place in places]  # type: ignore[misc]
         self._home_j = [drive.energy_j[place][end] for place, end in zip(places, end_of, strict=True)]
+        self._legs_j = [[*row, home_j] for row, home_j in zip(drive.energy_j, self._home_j, strict=True)]
+        """Energy between places; the last column is for the way to the charger."""
         self._is_timed = drive.wait_w > 0 or any(s.earliest_s > 0 or s.latest_s < math.inf for s in stops.values())
+        is_even = all(drive.energy_j[a][b] == drive.energy_j[b][a] for a in places for b in places[:a])
+        self._is_plain = is_even and not self._is_timed
+        """Whether what a route costs is the sum of its legs, whichever way they are driven."""
         self._variant = 0
-        self._spent: tuple[tuple[str, ...], float] = ((), 0.0)
+        self._spent: tuple[tuple[str, ...], float, list[int]] = ((), 0.0, [drive.start])
+        """A path, its energy, and the places from the start on."""
+        self._insertions: dict[tuple[str, ...], dict[str, Insertion | None]] = {}
+        """Those found by this variant: bundles are built anew again and again, mostly alike."""
 
     def cost_j(self, path: Sequence[str]) -> float:
         """Energy of a route, the way to the charger included; infinite if it cannot be kept, 0 without tasks."""
@@ -101,18 +109,25 @@ class RouteScorer:
     def begin(self, variant: int) -> None:
         """See Scorer: odd variants score by prize per joule; all but 0 have noise."""
         self._variant = variant
+        self._insertions.clear()
 
     def insertion(self, path: Sequence[str], task: str) -> Insertion | None:
         """See Scorer. What would cost more than its prize is never inserted."""
+        known = self._insertions.setdefault(tuple(path), {})
+        if task not in known:
+            known[task] = self._insertion(path, task)
+        return known[task]
+
+    def _insertion(self, path: Sequence[str], task: str) -> Insertion | None:
         stop = self._stops.get(task)
         if stop is None:
             return None
         key = tuple(path)
         if self._spent[0] != key:
-            self._spent = key, self.cost_j(path)
+            self._spent = key, self.cost_j(path), self._places(path)
         base_j = self._spent[1]
         best: Insertion | None = None
-        for position, more_j in self._by_energy(path, stop):
+        for position, more_j in self._by_energy(self._spent[2], stop):
             gain = stop.prize_j - more_j
             if best is not None and not gain > best.gain:
                 continue
@@ -132,27 +147,30 @@ class RouteScorer:
         chance = crc32(f"{self._variant}:{self._drive.start}:{task}".encode()) / 2**32
         return best._replace(gain=gain * (1 + NOISE * (chance - 0.5)))
 
-    def _by_energy(self, path: Sequence[str], stop: Stop) -> list[tuple[int, float]]:
+    def _places(self, path: Sequence[str]) -> list[int]:
+        return [self._drive.start, *(self._stops[task].place for task in path)]
+
+    def _by_energy(self, places: list[int], stop: Stop) -> list[tuple[int, float]]:
         """Each position with the energy of driving and service that an insertion there takes more, waiting aside."""
-        drive, here = self._drive, stop.place
-        energy_j = drive.energy_j
+        legs_j, there_j, service_j = self._legs_j, self._legs_j[stop.place], stop.service_j
         found = []
-        place = drive.start
-        for position, name in enumerate(path):
-            then = self._stops[name].place
-            more_j = energy_j[place][here] + energy_j[here][then] - energy_j[place][then] + stop.service_j
+        place = places[0]
+        for position, then in enumerate(places[1:]):
+            more_j = legs_j[place][stop.place] + there_j[then] - legs_j[place][then] + service_j
             if more_j < math.inf:
                 found.append((position, more_j))
             place = then
-        back_j = self._home_j[place] if path else 0.0
-        more_j = energy_j[place][here] + self._home_j[here] - back_j + stop.service_j
+        back_j = self._home_j[place] if len(places) > 1 else 0.0
+        more_j = legs_j[place][stop.place] + there_j[-1] - back_j + service_j
         if more_j < math.inf:
-            found.append((len(path), more_j))
+            found.append((len(places) - 1, more_j))
         return found
 
     def ordered(self, path: Sequence[str]) -> list[str]:
         """The path after moves of one task and reversals of stretches (2-opt), as long as one saves energy."""
         best = list(path)
+        if self._is_plain:
+            return self._ordered_by_legs(best)
         best_j = self.cost_j(best)
         for _ in range(TWO_OPT_PASSES):
             found = self._better(best, best_j)
@@ -160,6 +178,26 @@ class RouteScorer:
                 break
             best, best_j = found
         return best
+
+    def _ordered_by_legs(self, path: list[str]) -> list[str]:
+        """As `ordered`, of moves that change few legs."""
+        legs_j = self._legs_j
+        places = [*self._places(path), len(legs_j)]
+        for _ in range(TWO_OPT_PASSES):
+            is_better = False
+            for first in range(1, len(places) - 1):
+                for last in range(1, len(places) - 1):
+                    if first < last and _reversal_j(legs_j, places, first, last) < -SLACK_J:
+                        places[first : last + 1] = places[first : last + 1][::-1]
+                        path[first - 1 : last] = path[first - 1 : last][::-1]
+                        is_better = True
+                    if first != last and _move_j(legs_j, places, first, last) < -SLACK_J:
+                        places.insert(last, places.pop(first))
+                        path.insert(last - 1, path.pop(first - 1))
+                        is_better = True
+            if not is_better:
+                break
+        return path
 
     def _better(self, path: list[str], cost_j: float) -> tuple[list[str], float] | None:
         """The route after one pass of moves; None if none saves energy."""
@@ -178,3 +216,17 @@ class RouteScorer:
                     if found_j < cost_j - SLACK_J:
                         path, cost_j, is_better = changed, found_j, True
         return (path, cost_j) if is_better else None
+
+
+def _reversal_j(legs_j: Costs, places: Sequence[int], first: int, last: int) -> float:
+    """How much more energy a route takes if it drives the stretch from one index to another the other way."""
+    before, one, other, after = places[first - 1], places[first], places[last], places[last + 1]
+    return (legs_j[before][other] - legs_j[before][one]) + (legs_j[one][after] - legs_j[other][after])
+
+
+def _move_j(legs_j: Costs, places: Sequence[int], first: int, last: int) -> float:
+    """How much more energy a route takes if the place at one index moves to another."""
+    before, moved, after = places[first - 1], places[first], places[first + 1]
+    left, right = (places[last], places[last + 1]) if last > first else (places[last - 1], places[last])
+    saved_j = legs_j[before][moved] + legs_j[moved][after] - legs_j[before][after]
+    return legs_j[left][moved] + legs_j[moved][right] - legs_j[left][right] - saved_j

@@ -80,3 +80,11 @@ def test_a_ballot_of_a_later_negotiation_calls_for_a_new_one() -> None:
     assert not here.hear(there.ballot())
     assert there.hear(here.ballot())
     assert here.term == 1
+
+
+@pytest.mark.parametrize("seed", [12, 14])
+def test_robots_do_not_outbid_each_other_for_ever(seed: int) -> None:
+    """They did here while a path was only put in order once nothing more could be bid for."""
+    told = negotiate(team_problem(5, 30, seed, tightness=0.75), 80, 0.0, seed)
+    assert told is not None
+    assert told.exchanges < 10 * 80

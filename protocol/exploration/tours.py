@@ -9,7 +9,7 @@ gains earlier elsewhere outweighs the way back.
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.exploration.situation import Choice, Situation
+from robrain.protocol.exploration.situation import Choice, Situation
 
 LEAST_WEIGHT_M2 = 0.3
 """Every frontier counts as if this much more were unknown beyond it, so that none is left for ever (chosen)."""
@@ -30,7 +30,7 @@ def tours(situation: Situation) -> list[Choice]:
     if not situation.candidates or not situation.seekers:
         return []
     # Imported here: it brings the compiler, which would delay the coordinator's start.
-    from robrain.coordinator.exploration.tour_kernels import Places, plan_tours
+    from robrain.protocol.exploration.tour_kernels import Places, plan_tours
 
     weights = _weights_m2(situation)
     columns = _considered(situation, weights)

@@ -8,8 +8,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
-from robrain.coordinator.exploration.joint import joint
-from robrain.coordinator.exploration.situation import Choice, Situation
+from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.situation import Choice, Situation
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.registry import Registry
 
@@ -38,17 +38,17 @@ class Strategy(Protocol):
         ...
 
 
-BASELINES = "robrain.coordinator.exploration.baselines"
+BASELINES = "robrain.protocol.exploration.baselines"
 STRATEGIES: Registry[Strategy] = Registry(
     "exploration",
     "robrain.exploration_strategies",
     {
-        AUTO: "robrain.coordinator.exploration.auto:auto",
+        AUTO: "robrain.protocol.exploration.auto:auto",
         NEAREST: f"{BASELINES}:nearest",
         MINPOS: f"{BASELINES}:minpos",
         BURGARD: f"{BASELINES}:burgard",
-        JOINT: "robrain.coordinator.exploration.joint:joint",
-        TOURS: "robrain.coordinator.exploration.tours:tours",
+        JOINT: "robrain.protocol.exploration.joint:joint",
+        TOURS: "robrain.protocol.exploration.tours:tours",
     },
 )
 

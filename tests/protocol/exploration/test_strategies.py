@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.coordinator.exploration.auto import auto
-from robrain.coordinator.exploration.baselines import burgard, minpos, nearest
-from robrain.coordinator.exploration.joint import joint
-from robrain.coordinator.exploration.situation import KEEP_M, Busy, Candidate, Choice, Seeker, Situation
-from robrain.coordinator.exploration.strategies import (
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.exploration.auto import auto
+from robrain.protocol.exploration.baselines import burgard, minpos, nearest
+from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.situation import KEEP_M, Busy, Candidate, Choice, Seeker, Situation
+from robrain.protocol.exploration.strategies import (
     AUTO,
     BURGARD,
     JOINT,
@@ -24,8 +25,7 @@ from robrain.coordinator.exploration.strategies import (
     TOURS,
     strategy_of,
 )
-from robrain.coordinator.exploration.tours import tours
-from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.exploration.tours import tours
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.registry import UnknownEntry
 from robrain.sim.scenarios.scenario import Scenario
@@ -39,7 +39,7 @@ WAYS_M = np.array([[1.0, 5.0, 9.0], [1.0, 3.0, math.inf]])
 STOCK = {AUTO: auto, NEAREST: nearest, MINPOS: minpos, BURGARD: burgard, JOINT: joint, TOURS: tours}
 
 GREEDY = """
-from robrain.coordinator.exploration.situation import Choice
+from robrain.protocol.exploration.situation import Choice
 
 def last(situation):
     return [Choice(situation.seekers[0].name, situation.candidates[-1].place, 0.0)] if situation.candidates else []

@@ -6,15 +6,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.exploration.frontier_paths import FrontierPaths
-from robrain.coordinator.exploration.joint import (
+from robrain.protocol.exploration.frontier_paths import FrontierPaths
+from robrain.protocol.exploration.joint import (
     CROWD_PENALTY_M,
     CROWD_RADIUS_M,
     GAIN_LIMIT_M,
     GAIN_M_PER_M2,
     joint,
 )
-from robrain.coordinator.exploration.situation import Busy, Candidate, Seeker, Situation
+from robrain.protocol.exploration.situation import Busy, Candidate, Seeker, Situation
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid

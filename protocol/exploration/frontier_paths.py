@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.exploration.situation import Candidate, PathCosts
+from robrain.protocol.exploration.situation import Candidate, PathCosts
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.exploration.frontier_paths import FrontierFields, FrontierPaths
-from robrain.coordinator.exploration.joint import joint
-from robrain.coordinator.exploration.narrow_ways import NarrowWays
-from robrain.coordinator.exploration.situation import (
+from robrain.protocol.exploration.frontier_paths import FrontierFields, FrontierPaths
+from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.narrow_ways import NarrowWays
+from robrain.protocol.exploration.situation import (
     SAME_GOAL_M,
     Busy,
     Candidate,
@@ -18,7 +18,7 @@ from robrain.coordinator.exploration.situation import (
     Situation,
     is_avoided,
 )
-from robrain.coordinator.exploration.strategies import Strategy
+from robrain.protocol.exploration.strategies import Strategy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m
 from robrain.protocol.wire.clock import to_ns

@@ -4,9 +4,9 @@ One or two robots have to see everything themselves, so the order of all frontie
 enough to be sent to what matters now, and much of what lies behind falls to others.
 """
 
-from robrain.coordinator.exploration.joint import joint
-from robrain.coordinator.exploration.situation import Choice, Situation
-from robrain.coordinator.exploration.tours import tours
+from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.situation import Choice, Situation
+from robrain.protocol.exploration.tours import tours
 
 TOUR_ROBOTS = 2
 """Largest number of robots that are sent on tours. With ideal motion and 8 seeds, two robots know 95 % of a depot after

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.exploration.auto import auto
-from robrain.coordinator.exploration.frontier_paths import FIELD_KEPT_NS, FrontierFields, FrontierPaths
-from robrain.coordinator.exploration.joint import joint
-from robrain.coordinator.exploration.situation import Busy, Candidate, Seeker, Situation
-from robrain.coordinator.exploration.tour_kernels import LEAST_SAVING, Places, plan_tours
-from robrain.coordinator.exploration.tours import CONSIDERED, FAR_M, STAY_M, tours
+from robrain.protocol.exploration.auto import auto
+from robrain.protocol.exploration.frontier_paths import FIELD_KEPT_NS, FrontierFields, FrontierPaths
+from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.situation import Busy, Candidate, Seeker, Situation
+from robrain.protocol.exploration.tour_kernels import LEAST_SAVING, Places, plan_tours
+from robrain.protocol.exploration.tours import CONSIDERED, FAR_M, STAY_M, tours
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.coordinator.exploration.narrow_ways import SHUT_RADIUS_M, TRIES, NarrowWays
+from robrain.protocol.exploration.narrow_ways import SHUT_RADIUS_M, TRIES, NarrowWays
 from robrain.protocol.model.geometry import Point2D
 
 GOAL = Point2D(4.0, 2.0)

@@ -8,7 +8,7 @@ Coordinated Multi-Robot Exploration, 2005). The assignment is optimal for these 
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.exploration.situation import Candidate, Choice, Situation
+from robrain.protocol.exploration.situation import Candidate, Choice, Situation
 from robrain.protocol.model.geometry import Point2D
 
 GAIN_M_PER_M2 = 1.0

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from robrain.coordinator.exploration.situation import Choice, Situation
+from robrain.protocol.exploration.situation import Choice, Situation
 
 SEEN_M = 6.0
 """Burgard's strategy: a robot at a frontier may see others within this path, as far as its lidar reaches."""

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from robrain.coordinator.exploration.frontier_paths import FrontierPaths
-from robrain.coordinator.exploration.joint import joint
-from robrain.coordinator.exploration.situation import Candidate, Seeker, Situation
-from robrain.coordinator.exploration.tours import tours
+from robrain.protocol.exploration.frontier_paths import FrontierPaths
+from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.situation import Candidate, Seeker, Situation
+from robrain.protocol.exploration.tours import tours
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid

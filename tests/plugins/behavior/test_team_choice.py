@@ -1,0 +1,95 @@
+"""A robot without a coordinator chooses its part of what the whole team would be given."""
+
+import numpy as np
+import pytest
+
+from robrain.agent.board import Board
+from robrain.plugins.behavior.explore.team_choice import ALONE, IDLE, TeamChoice
+from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.protocol.exploration.joint import joint
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.navigation.right_of_way import Track
+from robrain.protocol.wire.clock import to_ns
+
+WEST, EAST = Point2D(2.05, 2.75), Point2D(7.95, 2.75)
+RADIUS_M = 0.2
+
+
+def corridor_board() -> Board:
+    """What a robot in a walled corridor knows whose two ends are unknown."""
+    grid = OccupancyGrid(GridGeometry(0.1, 0.0, 0.0, 100, 60))
+    for number, (row, column, rows, kind) in enumerate(
+        ((20, 20, 15, FREE), (19, 20, 1, OCCUPIED), (35, 20, 1, OCCUPIED))
+    ):
+        grid.merge_patch(row, column, np.full((rows, 60), kind, np.int8), number + 1)
+    board = Board()
+    board.map = grid
+    return board
+
+
+def chooser(name: str) -> TeamChoice:
+    return TeamChoice(name, corridor_board(), joint)
+
+
+def mate(
+    name: str, x_m: float, bound: Point2D | None = None, behavior: str = ALONE, doing: Doing = Doing.UNDER_WAY
+) -> Mate:
+    pose = Pose2D(x_m, 2.7, 0.0)
+    track = Track(np.array(((x_m, 2.7),)), 0.6, 0, RADIUS_M, goes_first=False)
+    return Mate(name, pose, RADIUS_M, doing, Claim(), track, "", bound or Point2D(x_m, 2.7), behavior)
+
+
+def choice(name: str, x_m: float, *mates: Mate, goal: Point2D | None = None) -> Point2D | None:
+    return chooser(name).choose(Point2D(x_m, 2.7), RADIUS_M, goal, mates, 0)
+
+
+def is_at(place: Point2D | None, end: Point2D) -> bool:
+    return place is not None and place.distance_m(end) < 0.3
+
+
+def test_two_robots_conclude_apart_who_goes_to_which_end() -> None:
+    first = choice("r1", 4.0, mate("r2", 4.5, behavior=IDLE))
+    second = choice("r2", 4.5, mate("r1", 4.0, behavior=IDLE))
+    assert is_at(first, WEST)
+    assert is_at(second, EAST)
+
+
+def test_of_two_that_are_bound_for_one_end_both_conclude_that_the_same_one_gives_way() -> None:
+    assert is_at(choice("r1", 4.0, mate("r2", 3.5, WEST), goal=WEST), EAST)
+    assert choice("r2", 3.5, mate("r1", 4.0, WEST), goal=WEST) is None, "it keeps its goal"
+
+
+def test_a_mate_that_does_a_task_is_left_to_it() -> None:
+    assert is_at(choice("r1", 4.0, mate("r2", 3.5, WEST, behavior="visit")), EAST)
+
+
+@pytest.mark.parametrize("behavior", [ALONE, "visit"])
+def test_a_mate_that_is_an_obstacle_takes_nothing(behavior: str) -> None:
+    standing = mate("r2", 3.5, WEST, behavior=behavior, doing=Doing.OBSTACLE)
+    assert is_at(choice("r1", 4.0, standing), WEST)
+
+
+def test_where_the_robot_failed_it_goes_again_only_later() -> None:
+    one = chooser("r1")
+    first = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0)
+    assert first is not None
+    one.note_failure(first, 0)
+    other = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(1.0))
+    assert is_at(other, EAST)
+    assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(20.0)) == first
+
+
+def test_what_stayed_unknown_although_the_robot_was_there_is_left_alone() -> None:
+    one = chooser("r1")
+    for end in (WEST, EAST):
+        found = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0)
+        assert is_at(found, end)
+        one.note_visit(found)
+    assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
+
+
+def test_without_a_map_there_is_nothing_to_choose() -> None:
+    assert TeamChoice("r1", Board(), joint).choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
