@@ -47,6 +47,7 @@ class Process:
         self._exchange = exchange
         self._start = start
         self._faults: dict[int, FaultSpec] = {}
+        self._is_hanging = self._is_slow = False
         self._true_clock = clock
         self._step_ns = 0
         self._start_ns = 0
@@ -54,7 +55,7 @@ class Process:
     @property
     def is_awake(self) -> bool:
         """Whether it runs, and does not hang."""
-        return self.component is not None and not self._has(FaultKind.HANG)
+        return self.component is not None and not self._is_hanging
 
     @property
     def period_s(self) -> float:
@@ -88,7 +89,8 @@ class Process:
                 self.start()
         skews_s = (each.skew_s or 0.0 for each in self._faults.values())
         self.clock.skew_ns = to_ns(sum(skews_s))
-        if self.component is not None and (self._has(FaultKind.HANG) or self._has(FaultKind.SLOW)):
+        self._is_hanging, self._is_slow = self._has(FaultKind.HANG), self._has(FaultKind.SLOW)
+        if self.component is not None and (self._is_hanging or self._is_slow):
             self._exchange.sleep(self.name)
         else:
             self._exchange.wake(self.name)
@@ -97,19 +99,16 @@ class Process:
         """Take its step, if it can and is not too slow."""
         if self.component is None and now_ns >= self._start_ns:
             self.start()
-        component = self.component
-        if component is None or not self.is_awake:
+        component, exchange = self.component, self._exchange
+        if component is None or self._is_hanging or (self._is_slow and now_ns < self._step_ns):
             return
-        is_slow = self._has(FaultKind.SLOW)
-        if is_slow and now_ns < self._step_ns:
-            return
-        self._step_ns = now_ns + to_ns(self.period_s)
-        with self._exchange.acting(self.name):
-            if is_slow:
-                self._exchange.wake(self.name)
+        with exchange.acting(self.name):
+            if self._is_slow:
+                self._step_ns = now_ns + to_ns(self.period_s)
+                exchange.wake(self.name)
             component.step()
-            if is_slow:
-                self._exchange.sleep(self.name)
+            if self._is_slow:
+                exchange.sleep(self.name)
 
     def close(self) -> None:
         """End it."""

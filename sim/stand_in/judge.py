@@ -4,14 +4,14 @@ The judge sees what no component sees: bodies, books, processes and the wire at 
 allows: a robot that is cut off works on until its lease has run out, and a coordinator gives its task away after that.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import StrEnum
 
 import msgspec
 
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import Border
+from robrain.protocol.wire.border.border import AHEAD_NS, Border
 from robrain.protocol.wire.border.refusals import RefusalCode, Refused
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.inbox import Inbox
@@ -139,14 +139,22 @@ class Judge:
 
     def step(self) -> None:
         """Look at the run after a tick."""
-        now_ns = self._run.now_ns
+        run = self._run
+        now_ns = run.now_ns
         for received in self._events.drain():
             if received.topic is TASK_EVENT:
                 self._hear(received.message, now_ns)
             else:
                 self._judge_refusals(received.message.refused)
+            if received.topic is ROBOT_STATE:
+                state = received.message
+                self._look_at_ends(state.robot, (state.task_before, state.task), now_ns)
         self._look_at_work(now_ns)
-        self._look_at_ends(now_ns)
+        for name in run.bodies:
+            host = run.host(name)
+            if host is not None:
+                facts = host.desk.facts
+                self._look_at_ends(name, (facts.before, facts.task), now_ns)
         for robot in self._halts.disobedient(now_ns):
             self._break(Invariant.HALT, robot, f"{robot} is not halted, although the team is and it could know")
         self._look_at_energy(now_ns)
@@ -214,14 +222,11 @@ class Judge:
                     what = f"{' and '.join(names)} are both at {task_id} for more than {OVERLAP_S + self._slack_s:g} s"
                     self._break(Invariant.TWO_AT_ONCE, task_id, what)
 
-    def _look_at_ends(self, now_ns: int) -> None:
-        run = self._run
-        for name in run.bodies:
-            host = run.host(name)
-            facts = host.desk.facts if host is not None else None
-            for status in () if facts is None else (facts.before, facts.task):  # the next may begin in the same tick
-                if status is not None and status.state is TaskState.DONE and status.id in self._asked:
-                    self._note_done(name, status, now_ns)
+    def _look_at_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
+        """What a robot has done, as it stands at its desk or was told: in one tick several tasks may end."""
+        for status in told:
+            if status is not None and status.state is TaskState.DONE and status.id in self._asked:
+                self._note_done(robot, status, now_ns)
 
     def _note_done(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         since_ns = self._run.processes[robot].since_ns
@@ -345,7 +350,8 @@ class _HaltWatch:
     def _spread(self, now_ns: int) -> None:
         run = self._run
         for name in run.bodies:
-            if not (self._hears(name) and self._hears(COORDINATOR) and run.exchange.is_linked(name, COORDINATOR)):
+            is_linked = run.exchange.is_linked(name, COORDINATOR) and self._have_like_clocks(name, COORDINATOR)
+            if not (self._hears(name) and self._hears(COORDINATOR) and is_linked):
                 self._linked_ns.pop(name, None)
                 continue
             since_ns = self._linked_ns.setdefault(name, now_ns)
@@ -354,6 +360,11 @@ class _HaltWatch:
             for one, other in ((name, COORDINATOR), (COORDINATOR, name)):
                 if one in self._knows_ns and now_ns - self._knows_ns[one] > to_ns(HEARD_S):
                     self._knows_ns.setdefault(other, now_ns)
+
+    def _have_like_clocks(self, one: str, other: str) -> bool:
+        """Whether neither refuses what the other says, as being from the future."""
+        processes = self._run.processes
+        return abs(processes[one].clock.skew_ns - processes[other].clock.skew_ns) < AHEAD_NS - to_ns(HEARD_S)
 
     def _hears(self, name: str) -> bool:
         return self._run.processes[name].is_awake
