@@ -2,12 +2,12 @@
 
 import logging
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
-from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.skewed_clock import SkewedClock
 
 logger = logging.getLogger(__name__)
@@ -26,6 +26,29 @@ class Component(Protocol):
         """End, as a process does that is asked to."""
 
 
+class Owners(Protocol):
+    """Knows whose is what is declared and said: see `FaultyExchange`."""
+
+    def acting(self, component: str) -> AbstractContextManager[None]:
+        """What happens within is done by this component."""
+
+    def begin_life(self, component: str) -> None:
+        """Its process is started."""
+
+    def drop(self, component: str) -> None:
+        """It has died."""
+
+    def sleep(self, component: str) -> None:
+        """It answers nothing."""
+
+    def wake(self, component: str) -> None:
+        """It answers again."""
+
+
+def _forget(_component: Component) -> None:
+    """What was killed need not be ended."""
+
+
 class Process:
     """One process.
 
@@ -34,10 +57,18 @@ class Process:
         clock: of the run.
         exchange: of the run.
         start: makes the component; called at the start and at each restart.
+        end: called with a component that was killed, when nobody hears it any more.
 
     """
 
-    def __init__(self, name: str, clock: Clock, exchange: FaultyExchange, start: "Callable[[Process], Any]") -> None:
+    def __init__(
+        self,
+        name: str,
+        clock: Clock,
+        exchange: Owners,
+        start: "Callable[[Process], Any]",
+        end: Callable[[Component], None] = _forget,
+    ) -> None:
         self.name = name
         self.clock = SkewedClock(clock)
         self.component: Component | None = None
@@ -46,6 +77,7 @@ class Process:
         """When it was started."""
         self._exchange = exchange
         self._start = start
+        self._end = end
         self._faults: dict[int, FaultSpec] = {}
         self._is_hanging = self._is_slow = False
         self._true_clock = clock
@@ -67,6 +99,7 @@ class Process:
         if self.component is not None or self._has(FaultKind.KILL):
             return
         self.since_ns = self._true_clock.now_ns()
+        self._exchange.begin_life(self.name)
         with self._exchange.acting(self.name):
             try:
                 self.component = self._start(self)
@@ -83,8 +116,7 @@ class Process:
             del self._faults[number]
         if fault.kind is FaultKind.KILL:
             if begins:
-                self.component = None
-                self._exchange.drop(self.name)
+                self._kill()
             else:
                 self.start()
         skews_s = (each.skew_s or 0.0 for each in self._faults.values())
@@ -116,6 +148,13 @@ class Process:
             with self._exchange.acting(self.name):
                 self.component.close()
             self.component = None
+
+    def _kill(self) -> None:
+        component, self.component = self.component, None
+        self._exchange.drop(self.name)
+        if component is not None:
+            with self._exchange.acting(self.name):
+                self._end(component)
 
     def _has(self, kind: FaultKind) -> bool:
         return any(fault.kind is kind for fault in self._faults.values())

@@ -10,7 +10,7 @@ from robrain.coordinator.planning.policy import NEAREST
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.task import Task
-from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
 from robrain.sim.stand_in.errors import ScriptError
 
 Time = Annotated[float, Meta(ge=0.0, le=86_400.0)]
@@ -68,6 +68,8 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         for fault in self.faults:
             if fault.robot not in (*names, COORDINATOR):
                 raise ValueError(f"expected one of {', '.join(names)} or {COORDINATOR}, got robot = {fault.robot!r}")
+            if fault.kind in HARDWARE:
+                raise ValueError(f"expected no fault of hardware, got {fault.kind}: robots of the stand-in are points")
             if fault.kind is FaultKind.KILL and fault.robot == COORDINATOR and fault.until_s is None:
                 raise ValueError("expected until_s for kill of the coordinator: nobody else would do the tasks")
 
