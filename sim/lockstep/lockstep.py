@@ -6,6 +6,7 @@ delivered before the put returns; so equal seeds give equal runs. Zenoh is used 
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -264,6 +265,22 @@ class LockstepRun:
     def digest(self) -> str:
         """Digest of all that was recorded so far."""
         return self._recorder.digest
+
+    @property
+    def faults_are_over(self) -> bool:
+        """Whether nothing fails or is mended any more, unless an event still comes for which a fault waits."""
+        return self._faults is None or self._faults.is_over
+
+    @property
+    def lost_by_faults(self) -> int:
+        """Messages, requests and replies that faults of the wire have lost."""
+        exchange = None if self._faults is None else self._faults.exchange
+        return 0 if exchange is None else exchange.lost
+
+    def acting(self, party: str) -> AbstractContextManager[None]:
+        """What a script declares and says within the block is that party's to faults of the wire; else nobody's."""
+        exchange = None if self._faults is None else self._faults.exchange
+        return nullcontext() if exchange is None else exchange.acting(party)
 
     def follow(self, on_recorded: OnRecorded) -> None:
         """Have a function told of the messages that each tick records, and of those at the end."""

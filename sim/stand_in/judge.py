@@ -9,6 +9,7 @@ from enum import StrEnum
 
 import msgspec
 
+from robrain.coordinator.recording.invariants import findings as recorded
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import AHEAD_NS, Border
@@ -66,7 +67,8 @@ class Invariant(StrEnum):
 class Broken(msgspec.Struct, frozen=True):
     """An invariant that does not hold."""
 
-    invariant: Invariant
+    invariant: Invariant | recorded.Invariant
+    """The latter with the full stack, which is judged as recordings are."""
     at_s: float
     what: str
     """In one sentence."""
