@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from robrain.coordinator.recording.invariants.findings import Ruling
 from robrain.coordinator.recording.invariants.judging import Judging
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.protocol.model.tasks.task import TaskState
@@ -12,7 +11,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.stand_in.fault_script import FaultScript
-from robrain.sim.stand_in.judge import QUIET_S, Broken, Invariant
+from robrain.sim.stand_in.judge import QUIET_S, Broken, Invariant, broken_in
 from robrain.sim.stand_in.operator import OPERATOR, PointOperator
 from robrain.sim.stand_in.trial import Verdict, quiet
 from robrain.sim.world.chargers import ChargerSpec
@@ -56,8 +55,7 @@ def run_full_trial(
                 trial.tick()
         finally:
             run.close()
-    broken = [one for ruling in judging.finish() for one in _broken(ruling)]
-    broken += trial.unsettled()
+    broken = [*broken_in(judging), *trial.unsettled()]
     return Verdict(broken=tuple(broken), sim_time_s=round(run.sim_time_s, 1), done=trial.done, lost=run.lost_by_faults)
 
 
@@ -124,8 +122,3 @@ class _Trial:
         book = self._run.coordinator.tasks
         records = [book.find(task) for task in self._operator.acknowledged]
         return [None if record is None else record.state for record in records]
-
-
-def _broken(ruling: Ruling) -> Iterator[Broken]:
-    for breach in ruling.breaches:
-        yield Broken(ruling.invariant, breach.time_s, breach.text)

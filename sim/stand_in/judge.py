@@ -2,6 +2,7 @@
 
 The judge sees what no component sees: bodies, books, processes and the wire at every tick. It allows what the design
 allows: a robot that is cut off works on until its lease has run out, and a coordinator gives its task away after that.
+The judges of recordings (`robrain check`) judge the same run by its messages.
 """
 
 from collections.abc import Iterable, Iterator
@@ -10,6 +11,11 @@ from enum import StrEnum
 import msgspec
 
 from robrain.coordinator.recording.invariants import findings as recorded
+from robrain.coordinator.recording.invariants.halts import Halts
+from robrain.coordinator.recording.invariants.judging import Judging
+from robrain.coordinator.recording.invariants.task_at_one import TaskAtOne
+from robrain.coordinator.recording.invariants.task_kept import TaskKept
+from robrain.coordinator.recording.invariants.task_once import TaskOnce
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import AHEAD_NS, Border
@@ -18,7 +24,7 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
+from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR
 from robrain.sim.stand_in.operator import OPERATOR
 from robrain.sim.stand_in.stand_in_run import TICK_S, StandInRun
@@ -37,6 +43,8 @@ PATIENCE_S = 120.0
 TASK_S = 40.0
 """Time for everything to settle after the last fault: so long, and so much for each task of a robot that is left."""
 QUIET_S = STRAY_S + 1.0
+AS_RECORDED = (TaskKept, TaskAtOne, TaskOnce, Halts)
+"""What is judged by messages alone is judged here as `robrain check` does; the rest is what only this judge sees."""
 
 
 class Invariant(StrEnum):
@@ -68,10 +76,19 @@ class Broken(msgspec.Struct, frozen=True):
     """An invariant that does not hold."""
 
     invariant: Invariant | recorded.Invariant
-    """The latter with the full stack, which is judged as recordings are."""
+    """The latter is judged by messages alone, as of recordings."""
     at_s: float
     what: str
     """In one sentence."""
+
+
+def broken_in(judging: Judging) -> list[Broken]:
+    """What the judges of recordings have found in a run that has ended."""
+    return [
+        Broken(ruling.invariant, breach.time_s, breach.text)
+        for ruling in judging.finish()
+        for breach in ruling.breaches
+    ]
 
 
 class Judge:
@@ -90,7 +107,8 @@ class Judge:
         self._asked = {order.task.id: order.task for order in script.tasks}
         self._events = Inbox(capacity=65536, border=Border())
         """By no clock: those of the components may differ from the run's."""
-        for topic in (TASK_EVENT, COORDINATOR_STATE, ROBOT_STATE):
+        self._as_recorded = Judging(judges=AS_RECORDED)
+        for topic in (TASK_EVENT, COORDINATOR_STATE, ROBOT_STATE, HALT):
             run.wire.subscribe(self._events, topic)
         self._ends: dict[str, tuple[TaskState, int, int]] = {}
         self._done: dict[str, list[tuple[str, int]]] = {}
@@ -144,13 +162,14 @@ class Judge:
         run = self._run
         now_ns = run.now_ns
         for received in self._events.drain():
+            message = received.message
+            self._as_recorded.take(message, now_ns)
             if received.topic is TASK_EVENT:
-                self._hear(received.message, now_ns)
-            else:
-                self._judge_refusals(received.message.refused)
+                self._hear(message, now_ns)
+            elif received.topic is not HALT:
+                self._judge_refusals(message.refused)
             if received.topic is ROBOT_STATE:
-                state = received.message
-                self._look_at_ends(state.robot, (state.task_before, state.task), now_ns)
+                self._look_at_ends(message.robot, (message.task_before, message.task), now_ns)
         self._look_at_work(now_ns)
         for name in run.bodies:
             host = run.host(name)
@@ -172,6 +191,7 @@ class Judge:
             self._break(Invariant.UNSETTLED, "", what)
         for task_id in run.operator.acknowledged:
             self._judge_end(task_id)
+        self.broken += broken_in(self._as_recorded)
         return self.broken
 
     def raised(self, error: Exception) -> None:
