@@ -8,7 +8,8 @@ once be followed by the next task.
 from typing import NamedTuple
 
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.reasons.offers import Occupied, OfferRefusal, PositionLost, RobotHalted
+from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.reasons.offers import NeedsEnergy, Occupied, OfferRefusal, PositionLost, RobotHalted
 from robrain.protocol.wire.reasons.robots import Refused, RefusedOften, RobotReason, Unreachable
 
 FIRST_PAUSE_S = 2.0
@@ -19,6 +20,8 @@ REFUSALS_MAX = 6
 """Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
 PASSING = (Occupied, PositionLost, RobotHalted)
 """Refusals for what a robot is at just now, which say nothing of the task: it charges, is lost, or is halted."""
+CHARGED_SOC = 0.9
+"""State of charge from which a robot's want of energy is no passing one (chosen: below where charging ends)."""
 KEPT = 4096
 
 FIRST_ROBOT_PAUSE_S = 0.5
@@ -43,14 +46,27 @@ class Backoff:
         self.robots = RobotPauses()
         """Robots that are offered nothing for a while, or none of the coordinator's own tasks."""
 
-    def note(self, task_id: str, robot: str, reason: RobotReason, now_ns: int) -> None:
+    def note(
+        self, task_id: str, robot: str, reason: RobotReason, now_ns: int, battery: BatteryState | None = None
+    ) -> None:
         """Record that a robot refused a task or failed at it.
 
-        What a robot refuses for what it is at just now makes a pause, and does not count towards its last word.
+        What a robot refuses for what it is at just now makes a pause, and does not count towards its last word; nor
+        does a refusal for want of energy by a robot that has more after a charge.
+
+        Args:
+            task_id: the task.
+            robot: who refused it.
+            reason: why.
+            now_ns: the time.
+            battery: of a robot that can charge.
+
         """
         before = self._avoided.pop((task_id, robot), None)
         pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
-        is_passing = isinstance(reason, Refused) and isinstance(reason.because, PASSING)
+        is_passing = isinstance(reason, Refused) and (
+            isinstance(reason.because, PASSING) or _is_enough_once_charged(reason.because, battery)
+        )
         times = (0 if before is None else before.times) + (not is_passing)
         self._avoided[task_id, robot] = _Avoided(now_ns + to_ns(pause_s), pause_s, times, reason)
         if len(self._avoided) > KEPT:
@@ -71,6 +87,13 @@ class Backoff:
         """The answer of a robot that is not asked again; None if it may be."""
         avoided = self._avoided.get((task_id, robot))
         return avoided.reason if avoided is not None and avoided.times >= REFUSALS_MAX else None
+
+
+def _is_enough_once_charged(refusal: OfferRefusal, battery: BatteryState | None) -> bool:
+    """Whether a robot refuses for want of energy that its full battery has."""
+    if battery is None or not isinstance(refusal, NeedsEnergy) or battery.soc >= CHARGED_SOC:
+        return False
+    return refusal.needed_j * battery.soc <= battery.remaining_j
 
 
 class _Pause(NamedTuple):

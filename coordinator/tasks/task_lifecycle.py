@@ -19,13 +19,14 @@ from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.offer_messages import TaskWithdrawal
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.robot_messages import BatteryState, TaskStatus
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
@@ -61,6 +62,7 @@ class TaskLifecycle:
         """For each robot, the running task after which it was last offered another, and that one."""
         self._book = book
         self._roster = roster
+        self._capabilities = capabilities
         self._since_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
@@ -165,10 +167,17 @@ class TaskLifecycle:
         return outbids
 
     def _avoid_refuser(self, task_id: str, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
-        self._backoff.note(task_id, robot, Refused(refusal), now_ns)
+        self._backoff.note(task_id, robot, Refused(refusal), now_ns, self._chargeable(robot))
         record = self._book.find(task_id)
         if record is not None and not record.state.ended and (hopeless := self.reasons.hopeless(record, now_ns)):
             self._book.move(task_id, TaskState.FAILED, hopeless)
+
+    def _chargeable(self, robot: str) -> BatteryState | None:
+        """The battery of a robot that can go to charge."""
+        known = self._roster.robots.get(robot)
+        if known is None or known.state is None or RECHARGE not in (self._capabilities.plugins.get(robot) or ()):
+            return None
+        return known.state.battery
 
     # -- deciding -------------------------------------------------------------------------------------------
 

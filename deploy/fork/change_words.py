@@ -16,7 +16,7 @@ from robrain.deploy.fork.changes import AddFault, AddTask, Change, SetPolicy, Wi
 from robrain.deploy.run.planning_file import read_planning
 from robrain.deploy.tasks.task_adding import add, asked_tasks
 from robrain.deploy.tasks.task_files import point
-from robrain.sim.world.fault_injection import FaultKind, FaultSpec
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 _MOMENT = re.compile(r"(?:(\d{1,6})m)?(?:(\d{1,9}(?:\.\d{1,9})?)s?)?")
 _WRONG_USAGE: type[Exception] = typer.BadParameter.__mro__[2]

@@ -7,8 +7,8 @@ import msgspec
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
+from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.world.fault_injection import FaultSpec
 
 
 class Without(msgspec.Struct, frozen=True, kw_only=True, tag="without", forbid_unknown_fields=True):

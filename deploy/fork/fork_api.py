@@ -19,8 +19,8 @@ from robrain.deploy.fork.changes import AddFault, AddTask, Change, SetPolicy, Wi
 from robrain.deploy.fork.fork_result import ForkResult, fork_name
 from robrain.deploy.fork.forking import fork_run
 from robrain.deploy.fork.recorded_run import recorded_run
+from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.scenarios.driving import Progress
-from robrain.sim.world.fault_injection import FaultSpec
 
 
 def fork(

@@ -31,6 +31,9 @@ def soak(
     planted: Annotated[
         bool, typer.Option("--planted", help="Run scripts with each of ten planted bugs until one finds it.")
     ] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="Run the full stack with the stock plugins in a scenario, not the stand-in.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run random fault scripts on the coordination code, judge them, and shrink those that break an invariant."""
@@ -41,16 +44,26 @@ def soak(
         if value is not None and value < least:
             raise UsageError(f"{name} {value}: expected at least {least}")
     above_zero("--minutes", minutes)
+    if full and (planted or repeat is not None):
+        raise UsageError("--full: expected neither --planted nor --repeat with it; a script says what it is run with")
     if repeat is not None:
         _repeat(repeat, as_json=as_json)
     elif planted:
         _planted(seed, runs, jobs, as_json=as_json)
     else:
-        _soak(seed, runs or 100, jobs, minutes, output, shrink, as_json=as_json)
+        _soak(seed, runs or 100, jobs, minutes, output, shrink, is_full=full, as_json=as_json)
 
 
 def _soak(
-    seed: int, runs: int, jobs: int | None, minutes: float | None, output: Path, shrink: int, *, as_json: bool
+    seed: int,
+    runs: int,
+    jobs: int | None,
+    minutes: float | None,
+    output: Path,
+    shrink: int,
+    *,
+    is_full: bool,
+    as_json: bool,
 ) -> None:
     from robrain.deploy.soak.soak_display import show_soak, soak_display
     from robrain.deploy.soak.soaking import SoakOptions, soak
@@ -61,6 +74,7 @@ def _soak(
         minutes=minutes,
         output=output,
         trials_max=shrink,
+        is_full=is_full,
         quiet=as_json,
     )
     with soak_display(runs, quiet=as_json) as show:
@@ -78,12 +92,12 @@ def _soak(
 def _repeat(file: Path, *, as_json: bool) -> None:
     from robrain.deploy.run.kernels import prepare_kernels
     from robrain.deploy.soak.soak_display import show_script
+    from robrain.deploy.soak.soaking import run_script
     from robrain.sim.stand_in.fault_script import read_script
-    from robrain.sim.stand_in.trial import run_trial
 
     script = read_script(file)
     prepare_kernels(quiet=as_json)
-    verdict = run_trial(script)
+    verdict = run_script(script)
     if as_json:
         _print_json(verdict)
     else:

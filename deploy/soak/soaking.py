@@ -1,15 +1,19 @@
 """The work of `robrain soak`: seeds of fault scripts, run and judged side by side, and the failing ones shrunk."""
 
+import gc
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing, nullcontext
+from functools import cache
 from pathlib import Path
 
 import msgspec
 
 from robrain.deploy.bench.mapping_plan import errors_alone
 from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.soak.full_drawing import draw_full_script
+from robrain.deploy.soak.full_trial import run_full_trial
 from robrain.deploy.soak.planted import BUGS, planted
 from robrain.deploy.soak.shrink import TRIALS_MAX, Shrinker
 from robrain.deploy.sweep.crew import LocalCrew
@@ -34,6 +38,8 @@ class SoakTask(msgspec.Struct, frozen=True, kw_only=True):
     """Trials to shrink a failing script; 0 leaves it as it is."""
     bug: str = ""
     """Name of a planted bug; empty for the product as it is."""
+    is_full: bool = False
+    """Whether the script is one for the full stack."""
 
 
 class SoakRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -62,6 +68,8 @@ class SoakOptions(msgspec.Struct, frozen=True, kw_only=True):
     output: Path
     """Folder for the failing scripts."""
     trials_max: int = TRIALS_MAX
+    is_full: bool = False
+    """Whether scripts are run with the full stack."""
     quiet: bool = True
 
 
@@ -106,12 +114,23 @@ class SoakResult(msgspec.Struct, kw_only=True):
         return self.sim_time_s / self.cpu_s if self.cpu_s else 0.0
 
 
+def draw(seed: int, *, is_full: bool) -> FaultScript:
+    """The script of a seed, for the full stack or for the stand-in."""
+    return draw_full_script(seed) if is_full else draw_script(seed)
+
+
+def run_script(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> Verdict:
+    """Run a script with what it is for, and judge it."""
+    return run_full_trial(script, should_stop) if script.scenario else run_trial(script, should_stop)
+
+
 def soak_one(task: SoakTask) -> SoakRecord:
     """Run the script of a seed, and shrink it if it breaks an invariant; in a worker process."""
+    _freeze_code()
     with errors_alone(), planted(task.bug) if task.bug else nullcontext():
-        script = draw_script(task.seed)
+        script = draw(task.seed, is_full=task.is_full)
         began_s = time.process_time()
-        verdict = run_trial(script, is_asked_to_stop)
+        verdict = run_script(script, is_asked_to_stop)
         cpu_s = time.process_time() - began_s
         if is_asked_to_stop():
             return SoakRecord(seed=task.seed, state=RunState.INTERRUPTED, bug=task.bug)
@@ -122,7 +141,7 @@ def soak_one(task: SoakTask) -> SoakRecord:
         def fails(smaller: FaultScript) -> bool:
             if is_asked_to_stop():
                 return False
-            return any(one.invariant is invariant for one in run_trial(smaller).broken)
+            return any(one.invariant is invariant for one in run_script(smaller).broken)
 
         shrinker = Shrinker(fails, task.trials_max)
         shrunk = shrinker.shrink(script) if task.trials_max else script
@@ -130,6 +149,13 @@ def soak_one(task: SoakTask) -> SoakRecord:
             seed=task.seed, state=RunState.DONE, verdict=verdict, script=shrunk, trials=shrinker.trials, cpu_s=cpu_s,
             bug=task.bug,
         )  # fmt: skip
+
+
+@cache
+def _freeze_code() -> None:
+    """Have the garbage collector leave out what was loaded so far, in this process: a tenth less time for scripts."""
+    gc.collect()
+    gc.freeze()
 
 
 def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambda _result: None) -> SoakResult:
@@ -147,7 +173,7 @@ def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambd
             result.errors.append(f"seed {record.seed}: {record.error}")
         else:
             _add(result, record, record.verdict, options.output)
-            kinds.update(fault.kind.value for fault in draw_script(record.seed).faults)
+            kinds.update(fault.kind.value for fault in draw(record.seed, is_full=options.is_full).faults)
             result.faults = dict(kinds.most_common())
         on_progress(result)
 
@@ -157,7 +183,7 @@ def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambd
             is_late = options.minutes is not None and time.monotonic() - began_s > 60.0 * options.minutes
             return interrupt.requested or is_late
 
-        tasks = [SoakTask(seed=seed, trials_max=options.trials_max) for seed in options.seeds]
+        tasks = [SoakTask(seed=seed, trials_max=options.trials_max, is_full=options.is_full) for seed in options.seeds]
         execute_all(tasks, crew, take, without_result, should_stop)
         result.interrupted = interrupt.requested
     result.wall_time_s = time.monotonic() - began_s

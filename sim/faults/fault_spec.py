@@ -1,7 +1,4 @@
-"""Faults of processes, of the wire, of the journal's disk and of the battery, as a fault script has them.
-
-Faults of a robot's hardware are in `sim/world/fault_injection.py`.
-"""
+"""Faults: of a robot's hardware, of processes, of the wire and of the journal's disk; `[[faults]]` of a scenario."""
 
 import math
 from enum import StrEnum
@@ -20,6 +17,20 @@ SKEW_MAX_S = 7 * 86_400.0
 class FaultKind(StrEnum):
     """What fails."""
 
+    CAN_CUT = "can_cut"
+    """The CAN bus is cut: no frame passes, without an error."""
+    CAN_SHORTED = "can_shorted"
+    """The CAN bus is shorted: no frame passes, and the controllers go bus off."""
+    MOTORS_FAIL = "motors_fail"
+    """The motor controller's power stage fails, and its status says so."""
+    LIDAR_FREEZES = "lidar_freezes"
+    """The lidar repeats its last turn."""
+    BATTERY_LIES = "battery_lies"
+    """The battery manager reports a full battery at rest."""
+    MOTE_BASE_FLOODS = "mote_base_floods"
+    """The base station delivers thousands of packets a second."""
+    CARRIED_OFF = "carried_off"
+    """The robot is picked up and put down at `place_m`; its wheels do not turn."""
     KILL = "kill"
     """The process is killed; at `until_s` another one is started."""
     HANG = "hang"
@@ -42,10 +53,24 @@ class FaultKind(StrEnum):
     """The component, with those in `side`, and all others do not hear each other."""
 
 
+HARDWARE = frozenset(
+    (
+        FaultKind.CAN_CUT,
+        FaultKind.CAN_SHORTED,
+        FaultKind.MOTORS_FAIL,
+        FaultKind.LIDAR_FREEZES,
+        FaultKind.BATTERY_LIES,
+        FaultKind.MOTE_BASE_FLOODS,
+        FaultKind.CARRIED_OFF,
+    )
+)
+"""Faults of a robot's hardware, which its plugins must find out for themselves."""
 PROCESS = frozenset((FaultKind.KILL, FaultKind.HANG, FaultKind.SLOW, FaultKind.CLOCK_SKEW))
 """Faults of a process: a robot's agent, or the coordinator."""
 WIRE = frozenset((FaultKind.LOSE, FaultKind.DELAY, FaultKind.REORDER, FaultKind.PARTITION))
 """Faults of the wire."""
+OF_ROBOTS = HARDWARE | {FaultKind.DRAIN}
+"""Faults that the coordinator cannot have."""
 
 
 class FaultMoment(StrEnum):
@@ -69,12 +94,13 @@ OPTIONS: dict[str, frozenset[FaultKind]] = {
     "soc": frozenset((FaultKind.DRAIN,)),
     "share": frozenset((FaultKind.LOSE,)),
     "late_s": frozenset((FaultKind.DELAY, FaultKind.REORDER)),
+    "place_m": frozenset((FaultKind.CARRIED_OFF,)),
 }
 """Keys that these kinds need and no other may have."""
 
 
 class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Something fails at a given time or event. Raises ValueError where its values do not fit."""
+    """`[[faults]]`: something fails at a given time or event. Raises ValueError where its values do not fit."""
 
     robot: str
     """Name of the component, a robot such as `r1` or `coordinator`."""
@@ -99,6 +125,10 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """`delay`, `reorder`: least and greatest delay."""
     side: Side = ()
     """`partition`: components on the robot's side of the cut."""
+    place_m: tuple[float, float] | None = None
+    """`carried_off`: where the robot is put down, x and y in the arena frame."""
+    yaw_rad: float = 0.0
+    """`carried_off`: the robot's yaw there."""
 
     def __post_init__(self) -> None:
         self._check_times()
@@ -110,12 +140,19 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         self._check_values()
         if self.kind is FaultKind.DISK_FULL and self.robot != COORDINATOR:
             raise ValueError(f"expected robot = '{COORDINATOR}' for {FaultKind.DISK_FULL}, got {self.robot!r}")
-        if self.kind is FaultKind.DRAIN and self.robot == COORDINATOR:
+        if self.kind in OF_ROBOTS and self.robot == COORDINATOR:
             raise ValueError(f"expected the name of a robot for {self.kind}, got {self.robot!r}")
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is of a robot's hardware, and at times that are set."""
+        return self.kind in HARDWARE and self.on is None and not self.within_s
 
     def _check_times(self) -> None:
         if self.kind is FaultKind.DRAIN and self.until_s is not None:
             raise ValueError(f"expected no until_s for {self.kind}: it has no end")
+        if self.kind is FaultKind.CARRIED_OFF and self.until_s is not None:
+            raise ValueError(f"expected no until_s for {self.kind}: the robot stays where it is put down")
         if not self.at_s >= 0:
             raise ValueError(f"expected at_s >= 0, got {self.at_s}")
         if self.until_s is not None and not self.until_s > self.at_s:
@@ -132,5 +169,7 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             raise ValueError(f"expected soc from 0 to 1, got {self.soc}")
         if self.share is not None and not 0 < self.share <= 1:
             raise ValueError(f"expected share above 0 to 1, got {self.share}")
+        if self.place_m is not None and not all(map(math.isfinite, (*self.place_m, self.yaw_rad))):
+            raise ValueError(f"expected finite place_m and yaw_rad, got {self.place_m} and {self.yaw_rad}")
         if self.late_s is not None and not 0 <= self.late_s[0] <= self.late_s[1] <= LATEST_S:
             raise ValueError(f"expected late_s as [least, greatest] from 0 to {LATEST_S:g} s, got {list(self.late_s)}")

@@ -93,6 +93,8 @@ class FaultyExchange(Exchange):
         """What waits for each component that does not answer now."""
         self._owners: WeakKeyDictionary[Inbox, str] = WeakKeyDictionary()
         self._entries: dict[str, list[Entry[Any]]] = {}
+        self._dead: set[str] = set()
+        """Components that have died; what is left of them says nothing any more."""
         self._lives: dict[str, int] = {}
         self._token_owners: dict[str, str] = {}
         self._late: list[tuple[int, int, Callable[[], object]]] = []
@@ -143,11 +145,16 @@ class FaultyExchange(Exchange):
             do()
 
     def drop(self, component: str) -> None:
-        """A component's process has died: nothing that it declared is there any more."""
+        """A component's process has died: nothing that it declared is there any more, and it says nothing more."""
+        self._dead.add(component)
         self._asleep.pop(component, None)
         self._lives[component] = self.life_of(component) + 1
         for entry in self._entries.pop(component, []):
             entry.undeclare()
+
+    def begin_life(self, component: str) -> None:
+        """A component's process is started."""
+        self._dead.discard(component)
 
     def life_of(self, component: str) -> int:
         """How often a component has died."""
@@ -241,6 +248,8 @@ class FaultyExchange(Exchange):
 
     def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
         """See Exchange."""
+        if self._dead and self.at in self._dead:
+            return
         if not self._cuts:
             super().deliver(topic, key, payload)
             return
@@ -256,6 +265,9 @@ class FaultyExchange(Exchange):
 
     def ask(self, selector: str, payload: bytes, take: Callable[[Answer], None], over: Callable[[], None]) -> None:
         """See Exchange."""
+        if self._dead and self.at in self._dead:
+            over()
+            return
         if not self._cuts and not self._asleep and not self._healing:
             super().ask(selector, payload, take, over)
             return

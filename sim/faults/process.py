@@ -2,12 +2,12 @@
 
 import logging
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
-from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.skewed_clock import SkewedClock
 
 logger = logging.getLogger(__name__)
@@ -26,6 +26,29 @@ class Component(Protocol):
         """End, as a process does that is asked to."""
 
 
+class Owners(Protocol):
+    """Knows whose is what is declared and said: see `FaultyExchange`."""
+
+    def acting(self, component: str) -> AbstractContextManager[None]:
+        """What happens within is done by this component."""
+
+    def begin_life(self, component: str) -> None:
+        """Its process is started."""
+
+    def drop(self, component: str) -> None:
+        """It has died."""
+
+    def sleep(self, component: str) -> None:
+        """It answers nothing."""
+
+    def wake(self, component: str) -> None:
+        """It answers again."""
+
+
+def _forget(_component: Component) -> None:
+    """What was killed need not be ended."""
+
+
 class Process:
     """One process.
 
@@ -34,10 +57,18 @@ class Process:
         clock: of the run.
         exchange: of the run.
         start: makes the component; called at the start and at each restart.
+        end: called with a component that was killed, when nobody hears it any more.
 
     """
 
-    def __init__(self, name: str, clock: Clock, exchange: FaultyExchange, start: "Callable[[Process], Any]") -> None:
+    def __init__(
+        self,
+        name: str,
+        clock: Clock,
+        exchange: Owners,
+        start: "Callable[[Process], Any]",
+        end: Callable[[Component], None] = _forget,
+    ) -> None:
         self.name = name
         self.clock = SkewedClock(clock)
         self.component: Component | None = None
@@ -46,7 +77,9 @@ class Process:
         """When it was started."""
         self._exchange = exchange
         self._start = start
+        self._end = end
         self._faults: dict[int, FaultSpec] = {}
+        self._is_hanging = self._is_slow = False
         self._true_clock = clock
         self._step_ns = 0
         self._start_ns = 0
@@ -54,7 +87,7 @@ class Process:
     @property
     def is_awake(self) -> bool:
         """Whether it runs, and does not hang."""
-        return self.component is not None and not self._has(FaultKind.HANG)
+        return self.component is not None and not self._is_hanging
 
     @property
     def period_s(self) -> float:
@@ -66,6 +99,7 @@ class Process:
         if self.component is not None or self._has(FaultKind.KILL):
             return
         self.since_ns = self._true_clock.now_ns()
+        self._exchange.begin_life(self.name)
         with self._exchange.acting(self.name):
             try:
                 self.component = self._start(self)
@@ -82,13 +116,13 @@ class Process:
             del self._faults[number]
         if fault.kind is FaultKind.KILL:
             if begins:
-                self.component = None
-                self._exchange.drop(self.name)
+                self._kill()
             else:
                 self.start()
         skews_s = (each.skew_s or 0.0 for each in self._faults.values())
         self.clock.skew_ns = to_ns(sum(skews_s))
-        if self.component is not None and (self._has(FaultKind.HANG) or self._has(FaultKind.SLOW)):
+        self._is_hanging, self._is_slow = self._has(FaultKind.HANG), self._has(FaultKind.SLOW)
+        if self.component is not None and (self._is_hanging or self._is_slow):
             self._exchange.sleep(self.name)
         else:
             self._exchange.wake(self.name)
@@ -97,19 +131,16 @@ class Process:
         """Take its step, if it can and is not too slow."""
         if self.component is None and now_ns >= self._start_ns:
             self.start()
-        component = self.component
-        if component is None or not self.is_awake:
+        component, exchange = self.component, self._exchange
+        if component is None or self._is_hanging or (self._is_slow and now_ns < self._step_ns):
             return
-        is_slow = self._has(FaultKind.SLOW)
-        if is_slow and now_ns < self._step_ns:
-            return
-        self._step_ns = now_ns + to_ns(self.period_s)
-        with self._exchange.acting(self.name):
-            if is_slow:
-                self._exchange.wake(self.name)
+        with exchange.acting(self.name):
+            if self._is_slow:
+                self._step_ns = now_ns + to_ns(self.period_s)
+                exchange.wake(self.name)
             component.step()
-            if is_slow:
-                self._exchange.sleep(self.name)
+            if self._is_slow:
+                exchange.sleep(self.name)
 
     def close(self) -> None:
         """End it."""
@@ -117,6 +148,13 @@ class Process:
             with self._exchange.acting(self.name):
                 self.component.close()
             self.component = None
+
+    def _kill(self) -> None:
+        component, self.component = self.component, None
+        self._exchange.drop(self.name)
+        if component is not None:
+            with self._exchange.acting(self.name):
+                self._end(component)
 
     def _has(self, kind: FaultKind) -> bool:
         return any(fault.kind is kind for fault in self._faults.values())

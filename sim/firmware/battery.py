@@ -131,6 +131,12 @@ class Battery:
         """State of charge: both wells over the capacity at this age, 0 to 1."""
         return (self._available_c + self._bound_c) / self.capacity_c
 
+    def drain(self, soc: float) -> None:
+        """Lose charge at once, down to a state of charge from 0 to 1; a battery that has less keeps it."""
+        share = min(1.0, soc / max(self.soc, 1e-9))
+        self._available_c *= share
+        self._bound_c *= share
+
     def step(self, load_w: float, supply_w: float, duration_s: float) -> None:
         """Feed a constant load for a while, with the help of a charger that gives up to `supply_w`."""
         spec = self.spec

@@ -6,6 +6,7 @@ delivered before the put returns; so equal seeds give equal runs. Zenoh is used 
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -22,7 +24,7 @@ from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.answers.collector import CalmCollector
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.clock import Clock, VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -33,8 +35,12 @@ from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
+from robrain.sim.faults.fault_checks import check_faults_alone
+from robrain.sim.faults.kept_journal import JournalDisk
+from robrain.sim.faults.process import Component, Process
 from robrain.sim.links.link_spec import check_alone
 from robrain.sim.links.radio_run import RadioRun
+from robrain.sim.lockstep.team_faults import Starts, TeamFaults
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.overlap import overlap
@@ -104,10 +110,16 @@ class LockstepRun:
         self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
         self._radio = RadioRun(world, self.session, self.clock) if world.links is not None else None
-        if self._radio is None:
-            self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
+        self._faults: TeamFaults | None = None
+        if any(not fault.is_plain for fault in world.faults):
+            check_faults_alone(scenario or world.plan.name, is_alone=is_alone)
+            self._faults = TeamFaults(world, self.session, self.clock)
+        if self._radio is not None:
+            self._exchange: Exchange = self._radio.exchange
+        elif self._faults is not None and self._faults.exchange is not None:
+            self._exchange = self._faults.exchange
         else:
-            self._exchange = self._radio.exchange
+            self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
         try:
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
@@ -135,32 +147,71 @@ class LockstepRun:
             self._radio.follow(self.arena.bodies, self._watcher)
         self.time_use = TimeUseMeter(self._poses())
         self._closers.append(self.arena.close)
-        self._coordinator_wire = self._endpoint(team, COORDINATOR)
-        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning, rules=self._rules)
         disturbance = Disturbance(world.disturbance, world.seed)
         self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
-        self.hosts = []
-        distributions = entry_point_places()
-        manifests_found: dict[Path, list[Path]] = {}
+        self.hosts: list[AgentHost] = []
+        self._distributions = entry_point_places()
+        self._manifests_found: dict[Path, list[Path]] = {}
+        if self._faults is not None:
+            self._closers += [lambda: self._coordinator_wire.close(), self._faults.close]
+            self._faults.start(
+                self.arena,
+                self._watcher,
+                Starts(self._start_coordinator, self._start_host, self._end_killed_coordinator),
+                self._should_stop,
+            )
+            self._follow_faults()
+            collector.settle()
+            return
+        self._coordinator_wire = self._endpoint(team, COORDINATOR)
+        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning, rules=self._rules)
         for robot in world.robots:
             if self._should_stop():
                 raise KeyboardInterrupt
-            host = AgentHost(
-                world.robot_file(robot, team=team),
-                Path(),
-                self.session,
-                self.clock,
-                Drive.LOCKSTEP,
-                seed=world.seed,
-                on_outside=self._note_outside,
-                has_one_thread=True,
-                distributions=distributions,
-                manifests=manifests_found,
-            )
-            self._closers.append(host.close)
-            host.start()
-            self.hosts.append(host)
+            self.hosts.append(self._host(world.robot_file(robot, team=team), self.clock))
         collector.settle()
+
+    def _host(self, robot_file: RobotFile, clock: Clock) -> AgentHost:
+        host = AgentHost(
+            robot_file,
+            Path(),
+            self.session,
+            clock,
+            Drive.LOCKSTEP,
+            seed=self.world.seed,
+            on_outside=self._note_outside,
+            has_one_thread=True,
+            distributions=self._distributions,
+            manifests=self._manifests_found,
+        )
+        if self._faults is None:
+            self._closers.append(host.close)
+        host.start()
+        return host
+
+    def _start_host(self, number: int, process: Process, is_restart: bool) -> AgentHost:
+        world, team = self.world, self._watcher.team
+        return self._host(world.robot_file(world.robots[number], team=team, is_restart=is_restart), process.clock)
+
+    def _start_coordinator(self, process: Process, disk: JournalDisk) -> Coordinator:
+        team, on_outside = self._watcher.team, self._note_outside
+        self._coordinator_wire = wire = Endpoint(
+            self.session, team, process.clock, Drive.LOCKSTEP, on_outside=on_outside, party=COORDINATOR
+        )
+        return Coordinator(wire, disk.open(), self._planning, self._rules)
+
+    def _end_killed_coordinator(self, coordinator: Component) -> None:
+        coordinator.close()
+        self._coordinator_wire.close()
+
+    def _follow_faults(self) -> None:
+        """Note who runs."""
+        assert self._faults is not None
+        self.hosts = self._faults.hosts
+        coordinator = self._faults.coordinator
+        self.has_coordinator = coordinator is not None
+        if coordinator is not None:
+            self.coordinator = coordinator
 
     @property
     def sim_time_s(self) -> float:
@@ -215,6 +266,22 @@ class LockstepRun:
         """Digest of all that was recorded so far."""
         return self._recorder.digest
 
+    @property
+    def faults_are_over(self) -> bool:
+        """Whether nothing fails or is mended any more, unless an event still comes for which a fault waits."""
+        return self._faults is None or self._faults.is_over
+
+    @property
+    def lost_by_faults(self) -> int:
+        """Messages, requests and replies that faults of the wire have lost."""
+        exchange = None if self._faults is None else self._faults.exchange
+        return 0 if exchange is None else exchange.lost
+
+    def acting(self, party: str) -> AbstractContextManager[None]:
+        """What a script declares and says within the block is that party's to faults of the wire; else nobody's."""
+        exchange = None if self._faults is None else self._faults.exchange
+        return nullcontext() if exchange is None else exchange.acting(party)
+
     def follow(self, on_recorded: OnRecorded) -> None:
         """Have a function told of the messages that each tick records, and of those at the end."""
         self._recorder.on_recorded = on_recorded
@@ -256,17 +323,26 @@ class LockstepRun:
         if self._radio is not None:
             self._radio.step()
         now_ns = self.clock.now_ns()
-        for host, pauses in zip(self.hosts, self._pauses, strict=True):
-            if pauses is None or not pauses.covers(now_ns):
-                host.step()
-        if self.has_coordinator:
-            self.coordinator.step()
+        if self._faults is not None:
+            self._step_with_faults(self._faults, now_ns)
+        else:
+            for host, pauses in zip(self.hosts, self._pauses, strict=True):
+                if pauses is None or not pauses.covers(now_ns):
+                    host.step()
+            if self.has_coordinator:
+                self.coordinator.step()
         if self._ticks % TRUTH_TICKS == 0:
             self._watch()
         for endpoint in self._endpoints:
             if endpoint.has_waiting:
                 endpoint.serve()
         self._recorder.step()
+
+    def _step_with_faults(self, faults: TeamFaults, now_ns: int) -> None:
+        pauses = {robot.name: steps for robot, steps in zip(self.world.robots, self._pauses, strict=True)}
+        faults.begin_tick(now_ns)
+        faults.step(now_ns, lambda name: (steps := pauses[name]) is not None and steps.covers(now_ns))
+        self._follow_faults()
 
     def note_script(self, key: str, request: bytes) -> None:
         """Record what the script of the run is about to ask."""

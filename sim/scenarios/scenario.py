@@ -24,6 +24,8 @@ from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
+from robrain.sim.faults.fault_checks import why_not_faults
+from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.links.link_spec import LinkSpec, check_alone
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
@@ -54,7 +56,6 @@ from robrain.sim.traffic.specs import TrafficSpec
 from robrain.sim.traffic.traffic import plan_traffic
 from robrain.sim.world.arena import RobotHardware, clearance_m
 from robrain.sim.world.chargers import ChargerSpec
-from robrain.sim.world.fault_injection import FaultSpec
 from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 from robrain.sim.world.world import World, build_world
@@ -86,7 +87,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     rules: tuple[Rule, ...] = ()
     """Tasks that the coordinator makes when something is sensed."""
     faults: tuple[FaultSpec, ...] = ()
-    """Hardware faults and their times."""
+    """What fails, and when."""
     surfaces: SurfaceSpec = SurfaceSpec()
     """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()
@@ -263,10 +264,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             raise ScenarioError(str(error)) from error
         if self.links is not None:
             self.links.check_names([robot.name for robot in world.robots], self.name)
+        if why := why_not_faults(self.faults, [robot.name for robot in world.robots], has_links=self.links is not None):
+            raise ScenarioError(f"{self.name}: faults: {why}")
         for fault in self.faults:
-            if fault.robot not in (robot.name for robot in world.robots):
-                names = f"r1 to r{self.robots}"
-                raise ScenarioError(f"{self.name}: faults: no robot {fault.robot!r}; there are {names}")
             if fault.place_m is not None and clearance_m(plan, Point2D(*fault.place_m)) < self.hardware.radius_m:
                 raise ScenarioError(
                     f"{self.name}: faults: expected room for a robot of radius {self.hardware.radius_m:g} m at place_m "

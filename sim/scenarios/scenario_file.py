@@ -14,6 +14,7 @@ from robrain.protocol.wire.errors import BadToml
 from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
+from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.maps.placement import Starts
@@ -27,7 +28,6 @@ from robrain.sim.spec_checks import check_above_zero, check_within
 from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
-from robrain.sim.world.fault_injection import FaultSpec
 from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 

@@ -10,7 +10,7 @@ from robrain.coordinator.planning.policy import NEAREST
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.task import Task
-from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
 from robrain.sim.stand_in.errors import ScriptError
 
 Time = Annotated[float, Meta(ge=0.0, le=86_400.0)]
@@ -55,6 +55,8 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     seed: int
     """Draws what the wire loses, and the times of faults that leave them open."""
     robots: Annotated[tuple[PointRobot, ...], Meta(min_length=1, max_length=100)]
+    scenario: Annotated[str, Meta(max_length=100)] = ""
+    """A scenario that is shipped, in which it is run with the full stack; empty for the stand-in."""
     chargers: tuple[Point2D, ...] = ()
     method: Name = NEAREST
     """Allocator of the coordinator's plans, or `nearest`."""
@@ -68,6 +70,8 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         for fault in self.faults:
             if fault.robot not in (*names, COORDINATOR):
                 raise ValueError(f"expected one of {', '.join(names)} or {COORDINATOR}, got robot = {fault.robot!r}")
+            if fault.kind in HARDWARE and not self.scenario:
+                raise ValueError(f"expected no fault of hardware, got {fault.kind}: robots of the stand-in are points")
             if fault.kind is FaultKind.KILL and fault.robot == COORDINATOR and fault.until_s is None:
                 raise ValueError("expected until_s for kill of the coordinator: nobody else would do the tasks")
 

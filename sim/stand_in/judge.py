@@ -2,22 +2,29 @@
 
 The judge sees what no component sees: bodies, books, processes and the wire at every tick. It allows what the design
 allows: a robot that is cut off works on until its lease has run out, and a coordinator gives its task away after that.
+The judges of recordings (`robrain check`) judge the same run by its messages.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import StrEnum
 
 import msgspec
 
+from robrain.coordinator.recording.invariants import findings as recorded
+from robrain.coordinator.recording.invariants.halts import Halts
+from robrain.coordinator.recording.invariants.judging import Judging
+from robrain.coordinator.recording.invariants.task_at_one import TaskAtOne
+from robrain.coordinator.recording.invariants.task_kept import TaskKept
+from robrain.coordinator.recording.invariants.task_once import TaskOnce
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import Border
+from robrain.protocol.wire.border.border import AHEAD_NS, Border
 from robrain.protocol.wire.border.refusals import RefusalCode, Refused
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
+from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR
 from robrain.sim.stand_in.operator import OPERATOR
 from robrain.sim.stand_in.stand_in_run import TICK_S, StandInRun
@@ -36,6 +43,8 @@ PATIENCE_S = 120.0
 TASK_S = 40.0
 """Time for everything to settle after the last fault: so long, and so much for each task of a robot that is left."""
 QUIET_S = STRAY_S + 1.0
+AS_RECORDED = (TaskKept, TaskAtOne, TaskOnce, Halts)
+"""What is judged by messages alone is judged here as `robrain check` does; the rest is what only this judge sees."""
 
 
 class Invariant(StrEnum):
@@ -66,10 +75,20 @@ class Invariant(StrEnum):
 class Broken(msgspec.Struct, frozen=True):
     """An invariant that does not hold."""
 
-    invariant: Invariant
+    invariant: Invariant | recorded.Invariant
+    """The latter is judged by messages alone, as of recordings."""
     at_s: float
     what: str
     """In one sentence."""
+
+
+def broken_in(judging: Judging) -> list[Broken]:
+    """What the judges of recordings have found in a run that has ended."""
+    return [
+        Broken(ruling.invariant, breach.time_s, breach.text)
+        for ruling in judging.finish()
+        for breach in ruling.breaches
+    ]
 
 
 class Judge:
@@ -88,7 +107,8 @@ class Judge:
         self._asked = {order.task.id: order.task for order in script.tasks}
         self._events = Inbox(capacity=65536, border=Border())
         """By no clock: those of the components may differ from the run's."""
-        for topic in (TASK_EVENT, COORDINATOR_STATE, ROBOT_STATE):
+        self._as_recorded = Judging(judges=AS_RECORDED)
+        for topic in (TASK_EVENT, COORDINATOR_STATE, ROBOT_STATE, HALT):
             run.wire.subscribe(self._events, topic)
         self._ends: dict[str, tuple[TaskState, int, int]] = {}
         self._done: dict[str, list[tuple[str, int]]] = {}
@@ -139,14 +159,23 @@ class Judge:
 
     def step(self) -> None:
         """Look at the run after a tick."""
-        now_ns = self._run.now_ns
+        run = self._run
+        now_ns = run.now_ns
         for received in self._events.drain():
+            message = received.message
+            self._as_recorded.take(message, now_ns)
             if received.topic is TASK_EVENT:
-                self._hear(received.message, now_ns)
-            else:
-                self._judge_refusals(received.message.refused)
+                self._hear(message, now_ns)
+            elif received.topic is not HALT:
+                self._judge_refusals(message.refused)
+            if received.topic is ROBOT_STATE:
+                self._look_at_ends(message.robot, (message.task_before, message.task), now_ns)
         self._look_at_work(now_ns)
-        self._look_at_ends(now_ns)
+        for name in run.bodies:
+            host = run.host(name)
+            if host is not None:
+                facts = host.desk.facts
+                self._look_at_ends(name, (facts.before, facts.task), now_ns)
         for robot in self._halts.disobedient(now_ns):
             self._break(Invariant.HALT, robot, f"{robot} is not halted, although the team is and it could know")
         self._look_at_energy(now_ns)
@@ -162,6 +191,7 @@ class Judge:
             self._break(Invariant.UNSETTLED, "", what)
         for task_id in run.operator.acknowledged:
             self._judge_end(task_id)
+        self.broken += broken_in(self._as_recorded)
         return self.broken
 
     def raised(self, error: Exception) -> None:
@@ -214,14 +244,11 @@ class Judge:
                     what = f"{' and '.join(names)} are both at {task_id} for more than {OVERLAP_S + self._slack_s:g} s"
                     self._break(Invariant.TWO_AT_ONCE, task_id, what)
 
-    def _look_at_ends(self, now_ns: int) -> None:
-        run = self._run
-        for name in run.bodies:
-            host = run.host(name)
-            facts = host.desk.facts if host is not None else None
-            for status in () if facts is None else (facts.before, facts.task):  # the next may begin in the same tick
-                if status is not None and status.state is TaskState.DONE and status.id in self._asked:
-                    self._note_done(name, status, now_ns)
+    def _look_at_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
+        """What a robot has done, as it stands at its desk or was told: in one tick several tasks may end."""
+        for status in told:
+            if status is not None and status.state is TaskState.DONE and status.id in self._asked:
+                self._note_done(robot, status, now_ns)
 
     def _note_done(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         since_ns = self._run.processes[robot].since_ns
@@ -345,7 +372,8 @@ class _HaltWatch:
     def _spread(self, now_ns: int) -> None:
         run = self._run
         for name in run.bodies:
-            if not (self._hears(name) and self._hears(COORDINATOR) and run.exchange.is_linked(name, COORDINATOR)):
+            is_linked = run.exchange.is_linked(name, COORDINATOR) and self._have_like_clocks(name, COORDINATOR)
+            if not (self._hears(name) and self._hears(COORDINATOR) and is_linked):
                 self._linked_ns.pop(name, None)
                 continue
             since_ns = self._linked_ns.setdefault(name, now_ns)
@@ -354,6 +382,11 @@ class _HaltWatch:
             for one, other in ((name, COORDINATOR), (COORDINATOR, name)):
                 if one in self._knows_ns and now_ns - self._knows_ns[one] > to_ns(HEARD_S):
                     self._knows_ns.setdefault(other, now_ns)
+
+    def _have_like_clocks(self, one: str, other: str) -> bool:
+        """Whether neither refuses what the other says, as being from the future."""
+        processes = self._run.processes
+        return abs(processes[one].clock.skew_ns - processes[other].clock.skew_ns) < AHEAD_NS - to_ns(HEARD_S)
 
     def _hears(self, name: str) -> bool:
         return self._run.processes[name].is_awake

@@ -7,7 +7,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.wire.messages.team_messages import Halt
-from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_ALIVE, ROBOT_STATE, TASK_CANCEL, TASK_SUBMIT
 from robrain.sim.stand_in.fault_script import FaultScript, HaltOrder
 
 OPERATOR = "operator"
@@ -44,6 +44,7 @@ class PointOperator:
         self._halted: dict[str, bool] = {}
         self._is_resuming = False
         self._again_ns = 0
+        self._robots = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, COORDINATOR_STATE)
 
@@ -65,7 +66,7 @@ class PointOperator:
         if now_ns < self._again_ns:
             return
         self._again_ns = now_ns + AGAIN_NS
-        if self._is_resuming:
+        if self._is_resuming or (self.halt is None and self._is_team_halted):
             self._resume()
         self._submits = [order for order in self._submits if order.at_s > due_s or not self._submit(order.task, now_ns)]
         self._cancels = [order for order in self._cancels if order.at_s > due_s or not self._cancel(order.task, now_ns)]
@@ -115,4 +116,12 @@ class PointOperator:
 
     def _resume(self) -> None:
         self._say_halt.put(Halt(halted=False, by=OPERATOR))
-        self._is_resuming = any(self._halted.values())
+        self._is_resuming = self._is_team_halted
+
+    @property
+    def _is_team_halted(self) -> bool:
+        """Whether somebody who is there says to be halted; nobody waits for those who have died."""
+        if self._robots.arrived:
+            self._robots.changes()
+        there = {"", *(names["robot"] for names in self._robots.present.values())}
+        return any(halted and name in there for name, halted in self._halted.items())

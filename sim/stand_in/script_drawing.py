@@ -14,7 +14,7 @@ from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, F
 from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskOrder
 
 SIDE_M = 20.0
-SPAN_S = 60.0
+SPAN_S = 40.0
 """Orders and faults begin within this time."""
 METHODS = {NEAREST: 0.6, AUCTION: 0.37, OPTIMAL: 0.03}
 """Share of the scripts that each method gets; an optimal plan takes longer than all else."""
@@ -24,7 +24,7 @@ Draw = Callable[[np.random.Generator, str, float], FaultSpec]
 
 
 def draw_script(seed: int) -> FaultScript:
-    """The script of a seed: two to five robots, eight to twenty tasks, up to eight faults."""
+    """The script of a seed: two to five robots, six to fourteen tasks, up to eight faults."""
     rng = np.random.default_rng([seed, _RNG_OF_SCRIPTS])
     names = [f"r{number}" for number in range(1, int(rng.integers(2, 6)) + 1)]
     robots = tuple(
@@ -55,7 +55,7 @@ def draw_script(seed: int) -> FaultScript:
 
 def _tasks(rng: np.random.Generator) -> tuple[TaskOrder, ...]:
     orders: list[TaskOrder] = []
-    for number in range(1, int(rng.integers(8, 21))):
+    for number in range(1, int(rng.integers(7, 16))):
         at_s = 0.5 if rng.random() < 0.4 else _time(rng, 0.5, SPAN_S)
         earlier = [order.task.id for order in orders if order.at_s <= at_s and order.task.deadline_ns is None]
         after = tuple(rng.choice(earlier, size=1).tolist()) if earlier and rng.random() < 0.2 else ()

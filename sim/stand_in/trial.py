@@ -26,7 +26,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
 def run_trial(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> Verdict:
     """Run a script to its end, or to `should_stop`, and judge it."""
-    with _quiet():
+    with quiet():
         run = StandInRun(script)
         judge = Judge(run)
         try:
@@ -45,7 +45,7 @@ def run_trial(script: FaultScript, should_stop: Callable[[], bool] = lambda: Fal
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Without the warnings that the product logs of each fault."""
     before = logging.root.manager.disable
     logging.disable(logging.ERROR)

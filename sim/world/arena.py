@@ -4,7 +4,8 @@ Robots are driven by frames on their CAN buses and by nothing else. The arena co
 once a tick and moves the clock that stamps what is sent.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import msgspec
 import numpy as np
@@ -18,6 +19,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH
 from robrain.sim.disturbance import Disturbance
+from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S
 from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -40,7 +42,7 @@ from robrain.sim.robot.simulated_robot import SimulatedRobot
 from robrain.sim.traffic.traffic import SeenWalls, Traffic, TrafficPlan
 from robrain.sim.world.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
 from robrain.sim.world.chargers import Chargers, ChargerSpec
-from robrain.sim.world.fault_injection import FaultSchedule, FaultSpec
+from robrain.sim.world.fault_injection import FaultSchedule
 from robrain.sim.world.referee import Referee, team_geometry
 from robrain.sim.world.scenario_tasks import TaskSchedule, TaskSpec
 from robrain.sim.world.sensor_desk import CameraDesk, SensorDesk
@@ -66,7 +68,7 @@ class Arena:
         tick_s: how long a tick is.
         network: what motes and their radio are, and what they sense.
         chargers: docks on the floor.
-        faults: what breaks, and when.
+        faults: what hardware breaks, at set times.
         surfaces: glass and mirrors among the walls; None if there are none.
         disturbance: delays of frames and scans; None for no delays.
         tasks: what the scenario asks of the team, and when.
@@ -231,6 +233,18 @@ class Arena:
     def break_can(self, robot: str, fault: LineFault) -> None:
         """Cut or short the line between a robot's nodes and its computer, or repair it (KeyError: no such robot)."""
         self._named(robot).bus.break_down(fault)
+
+    def set_fault(self, fault: FaultSpec, *, breaks: bool) -> None:
+        """Break a robot's hardware now, or mend it; drain its battery."""
+        self._faults.set(fault, breaks=breaks)
+
+    @contextmanager
+    def unplugged(self, robot: str) -> Iterator[None]:
+        """Frames that a robot's computer sends within the block reach none of its nodes (KeyError: no such robot)."""
+        try:
+            yield
+        finally:
+            self._named(robot).bus.take_frames()
 
     def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
         """Have a robot's lidar send the same turn again and again, or let it go on (KeyError: no such robot)."""

@@ -19,6 +19,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
+from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -29,7 +30,6 @@ from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.traffic.traffic import TrafficPlan
 from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
-from robrain.sim.world.fault_injection import FaultSpec
 from robrain.sim.world.referee import team_geometry
 from robrain.sim.world.robot_specs import LIDAR_PLUGIN, RobotSpec, check_places, merged, start_poses
 from robrain.sim.world.scenario_tasks import TaskSpec
@@ -72,7 +72,7 @@ class World:
             self.arena_rng(),
             network=self.network,
             chargers=self.chargers,
-            faults=self.faults,
+            faults=[fault for fault in self.faults if fault.is_plain],
             surfaces=None if self.surfaces.is_plain else Surfaces.draw(self.surfaces, self.plan, self.seed),
             disturbance=Disturbance(self.disturbance, self.seed),
             tasks=self.tasks,
@@ -83,10 +83,15 @@ class World:
         """The randomness of the arena."""
         return np.random.default_rng([self.seed, 1])
 
-    def robot_file(self, robot: ArenaRobot, *, team: str = DEFAULT_TEAM, connect: tuple[str, ...] = ()) -> RobotFile:
-        """What a robot's agent has to know of this world: where it starts, and the grid to map on."""
+    def robot_file(
+        self, robot: ArenaRobot, *, team: str = DEFAULT_TEAM, connect: tuple[str, ...] = (), is_restart: bool = False
+    ) -> RobotFile:
+        """What a robot's agent has to know of this world: where it starts, and the grid to map on.
+
+        An agent that is started again on the way does not know where its robot is.
+        """
         geometry = team_geometry(self.plan)
-        start, is_known = robot.start, self.starts_known or robot is self.robots[0]
+        start, is_known = robot.start, not is_restart and (self.starts_known or robot is self.robots[0])
         if not is_known:
             width_m, height_m = self.plan.size_m
             start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)

@@ -10,7 +10,7 @@ from robrain.deploy.fork.changes import AddFault, AddTask, Change, SetPolicy, Wi
 from robrain.deploy.fork.fork_result import fork_name
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.errors import RobrainError
-from robrain.sim.world.fault_injection import FaultKind, FaultSpec
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 
 def changes(**words: list[str]) -> list[Change]:

@@ -23,9 +23,9 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL
 from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.world.fault_injection import FaultKind, FaultSpec
 
 DRAWING = FloorDrawing(size_m=(6.0, 5.0), blocks=(Block(x_m=2.5, y_m=1.5, width_m=1.0, height_m=1.0),))
 LENGTH_S = 14.0

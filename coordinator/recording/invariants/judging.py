@@ -33,11 +33,17 @@ class Judging:
     Args:
         surroundings: what the messages do not tell; what needs it is not judged without.
         start_ns: the run's clock at its start, from which the times of findings count.
+        judges: of the invariants that are judged.
 
     """
 
-    def __init__(self, surroundings: Surroundings = NOWHERE, start_ns: int = 0) -> None:
-        self._judges = [judge(surroundings, start_ns) for judge in JUDGES]
+    def __init__(
+        self,
+        surroundings: Surroundings = NOWHERE,
+        start_ns: int = 0,
+        judges: Sequence[type[InvariantJudge]] = JUDGES,
+    ) -> None:
+        self._judges = [judge(surroundings, start_ns) for judge in judges]
         self._handlers: dict[type, list[Handler]] = {}
         for judge in self._judges:
             for kind, handler in judge.handlers().items():
@@ -60,7 +66,7 @@ class Judging:
                 self.take(message, now_ns)
 
     def finish(self) -> list[Ruling]:
-        """How each invariant stands, in the order of `JUDGES`; to be called when the run has ended."""
+        """How each invariant stands, in the order of the judges; to be called when the run has ended."""
         return [judge.ruling() for judge in self._judges]
 
 

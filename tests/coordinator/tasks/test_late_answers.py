@@ -17,10 +17,10 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskWithdrawal
-from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.reasons.offers import Occupied, OfferRefusal, PositionLost, RobotHalted
+from robrain.protocol.wire.reasons.offers import NeedsEnergy, Occupied, OfferRefusal, PositionLost, RobotHalted
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import Failed, Refused
 from robrain.protocol.wire.reasons.tasks import LeaseRanOut, NeverTaken, NobodyDoes, RobotOut
@@ -218,6 +218,35 @@ def test_what_a_robot_is_at_just_now_is_not_its_last_word(desk: Desk, passing: O
         desk.tasks.hear_answers(now_ns)
         assert desk.stands()[0] is TaskState.QUEUED
     assert desk.tasks.backoff.why("t1", "r1", now_ns) == Refused(passing)
+
+
+ENERGY = {
+    "half full, and full is enough": (0.5, 900.0, "recharge", TaskState.QUEUED),
+    "half full, and full is not enough": (0.5, 1001.0, "recharge", TaskState.FAILED),
+    "full": (0.95, 900.0, "recharge", TaskState.FAILED),
+    "it cannot charge": (0.5, 900.0, "wander", TaskState.FAILED),
+}
+
+
+@pytest.mark.parametrize(("soc", "needed_j", "plugin", "state"), ENERGY.values(), ids=ENERGY)
+def test_want_of_energy_is_the_last_word_of_a_robot_that_has_no_more_after_a_charge(
+    desk: Desk, soc: float, needed_j: float, plugin: str, state: TaskState
+) -> None:
+    desk.add()
+    desk.tasks._capabilities.plugins["r1"] = frozenset(("visit", plugin))
+    desk.roster.note_presence(Change({"robot": "r2"}, False))
+    battery = BatteryState(
+        voltage_v=12.0, current_a=0.5, temperature_c=22.0, soc=soc,
+        remaining_j=1000.0 * soc, remaining_low_j=1000.0 * soc, remaining_high_j=1000.0 * soc,
+    )  # fmt: skip
+    for round_number in range(REFUSALS_MAX):
+        now_ns = NOW_NS + to_ns(100.0 * round_number)
+        desk.clock.advance_to(now_ns)
+        desk.roster.note_state(RobotState(robot="r1", battery=battery), now_ns)
+        desk.tasks.offer("t1", "r1", now_ns)
+        desk.mail.answer(-1, TaskAnswer.refused(NeedsEnergy(needed_j, 1000.0 * soc)))
+        desk.tasks.hear_answers(now_ns)
+    assert desk.stands()[0] is state
 
 
 def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> None:

@@ -3,9 +3,9 @@ from pathlib import Path
 import pytest
 
 from robrain.sim.errors import ScenarioError
+from robrain.sim.faults.fault_spec import FaultKind
 from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario_file import builtin_names, parse_scenario, read_builtin, read_scenario_file
-from robrain.sim.world.fault_injection import FaultKind
 
 FLOOR = "[floor]\nsize_m = [4.0, 3.0]\n"
 GOOD = f'[scenario]\nname = "s"\n{FLOOR}'

@@ -196,3 +196,49 @@ def test_records_end_in_the_journal_as_the_run_has_seen_them():
         ("t1", "t2", "t3", "t4"), TaskState.DONE
     )
     run.close()
+
+
+@pytest.mark.parametrize("until_s", [None, 30.0])
+def test_the_operator_resumes_those_who_are_there_and_waits_for_nobody_who_has_died(until_s):
+    killed = FaultSpec(robot="r1", kind=FaultKind.KILL, at_s=6.0, until_s=until_s)
+    verdict = run_trial(with_faults(killed, halts=(HaltOrder(at_s=5.0, until_s=8.0),)))
+    assert verdict.broken == ()
+    assert verdict.done == 4
+
+
+def test_the_operator_resumes_a_robot_that_was_cut_off_when_the_halt_ended():
+    cut = FaultSpec(robot="r1", kind=FaultKind.PARTITION, at_s=6.0, until_s=30.0)
+    states = said(with_faults(cut, halts=(HaltOrder(at_s=5.0, until_s=8.0),)), ROBOT_STATE)
+    halted_s = [at_s for at_s, state in states if state.robot == "r1" and state.halted]
+    assert 29.9 < halted_s[-1] < 33.0
+
+
+def test_the_judge_excuses_a_robot_that_missed_a_halt_if_the_coordinator_refuses_what_robots_say():
+    # The coordinator misses the halt as well, and to its clock the states of the halted robot are from the future.
+    skew = FaultSpec(robot=COORDINATOR, kind=FaultKind.CLOCK_SKEW, at_s=4.0, until_s=25.0, skew_s=-12.0)
+    cut = FaultSpec(robot=COORDINATOR, kind=FaultKind.PARTITION, at_s=9.0, until_s=10.5)
+    killed = FaultSpec(robot="r1", kind=FaultKind.KILL, at_s=9.5, until_s=11.0)
+    script = with_faults(skew, cut, killed, halts=(HaltOrder(at_s=10.0, until_s=24.0),))
+    assert run_trial(script).broken == ()
+    obeying = with_faults(cut, killed, halts=(HaltOrder(at_s=10.0, until_s=24.0),))
+    halted = {state.robot for at_s, state in said(obeying, ROBOT_STATE) if 13.0 < at_s < 24.0 and state.halted}
+    assert halted == {"r1", "r2"}
+    assert run_trial(obeying).broken == ()
+
+
+def test_the_judge_notes_a_task_that_was_done_though_another_followed_it_in_the_same_tick():
+    script = with_faults(tasks=tuple(visit(f"t{n}", 0.0, 0.0, at_s=0.1) for n in range(1, 6)), method=AUCTION)
+    script = msgspec.structs.replace(
+        script,
+        tasks=tuple(TaskOrder(at_s=0.1, task=msgspec.structs.replace(o.task, service_s=0.0)) for o in script.tasks),
+    )
+    verdict = run_trial(script)
+    assert (verdict.broken, verdict.done) == ((), 5)
+
+
+def test_a_robot_that_charges_later_gets_the_task_for_which_it_has_too_little_now():
+    # Alone and at a tenth of its charge, it refuses six times before its own guard sends it to the charger.
+    robot = PointRobot(name="r1", place=Point2D(9.0, 9.0), soc=0.11)
+    script = msgspec.structs.replace(TEAM, robots=(robot,), tasks=(visit("t1", 20.0, 20.0),))
+    verdict = run_trial(script)
+    assert (verdict.broken, verdict.done) == ((), 1)

@@ -10,9 +10,9 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 from robrain.sim.errors import ScenarioError
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.world.fault_injection import FaultKind, FaultSpec
 
 BREAKS_S = 6.0
 

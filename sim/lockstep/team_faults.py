@@ -1,0 +1,200 @@
+"""Faults of processes, of the wire and of the journal's disk in a lockstep run with the whole stack.
+
+Agents and coordinator are processes of their own: a killed agent's plugins say nothing any more, no frame of theirs
+reaches the wheels, and another agent that is started later does not know where its robot stands.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import NamedTuple
+
+import zenoh
+
+from robrain.agent.host.agent_host import AgentHost
+from robrain.coordinator.coordinator import Coordinator
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import Clock
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import TASK_EVENT
+from robrain.sim.faults.fault_spec import COORDINATOR, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec
+from robrain.sim.faults.fault_times import FaultTimes
+from robrain.sim.faults.faulty_exchange import FaultyExchange
+from robrain.sim.faults.kept_journal import JournalDisk
+from robrain.sim.faults.process import Component, Process
+from robrain.sim.world.arena import Arena
+from robrain.sim.world.world import World
+
+
+class Starts(NamedTuple):
+    """How the run starts its components."""
+
+    coordinator: Callable[[Process, JournalDisk], Coordinator]
+    host: Callable[[int, Process, bool], AgentHost]
+    """Gets the robot's number, and whether another agent ran there before."""
+    end_coordinator: Callable[[Component], None]
+    """Closes one that was killed."""
+
+
+class TeamFaults:
+    """The processes of a run, and what fails.
+
+    Args:
+        world: with faults.
+        session: of the run, which nobody else can join; nothing is declared on it yet.
+        clock: of the run.
+
+    """
+
+    def __init__(self, world: World, session: zenoh.Session, clock: Clock) -> None:
+        self.exchange = None if world.links is not None else FaultyExchange.on(session, clock, world.seed)
+        """None with `[links]`, which have an exchange of their own."""
+        faults = [fault for fault in world.faults if not fault.is_plain]
+        self._times = FaultTimes(faults, world.seed)
+        self._waits = any(fault.on is not None for fault in faults)
+        self._disk = JournalDisk()
+        self._processes: dict[str, Process] = {}
+        self._clock = clock
+        self._names = [robot.name for robot in world.robots]
+        self._accepted: set[str] = set()
+        self._at: dict[str, tuple[str, bool]] = {}
+        self._docked: dict[str, bool] = {}
+
+    def start(self, arena: Arena, watcher: Endpoint, starts: Starts, should_stop: Callable[[], bool]) -> None:
+        """Start all components.
+
+        Raises:
+            KeyboardInterrupt: `should_stop` returned True before all were started.
+
+        """
+        self._arena = arena
+        self._events = Inbox()
+        if self._waits:
+            watcher.subscribe(self._events, TASK_EVENT)
+        self._end_coordinator = starts.end_coordinator
+        self._add(COORDINATOR, lambda process: starts.coordinator(process, self._disk), self._pull_disk)
+        for number, name in enumerate(self._names):
+            if should_stop():
+                raise KeyboardInterrupt
+            self._add(name, _Agent(number, starts.host), partial(self._end_host, name))
+
+    @property
+    def coordinator(self) -> Coordinator | None:
+        """The one that runs; None while it is dead."""
+        found = self._processes[COORDINATOR].component
+        return found if isinstance(found, Coordinator) else None
+
+    @property
+    def hosts(self) -> list[AgentHost]:
+        """The agents that run, in the order of their robots."""
+        components = [self._processes[name].component for name in self._names]
+        return [component for component in components if isinstance(component, AgentHost)]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing fails or is mended any more, unless an event still comes for which a fault waits."""
+        return self._times.is_over
+
+    def begin_tick(self, now_ns: int) -> None:
+        """Have begin and end what is due, and deliver what has been late until now."""
+        for number, fault, begins in self._times.due(now_ns):
+            self._set(number, fault, begins=begins)
+        if self.exchange is not None:
+            self.exchange.step()
+
+    def step(self, now_ns: int, is_paused: Callable[[str], bool]) -> None:
+        """Have all agents take their steps, then the coordinator."""
+        for name in self._names:
+            if not is_paused(name):
+                self._processes[name].step(now_ns)
+        self._processes[COORDINATOR].step(now_ns)
+        if self._waits:
+            self._note_moments(now_ns)
+
+    def close(self) -> None:
+        """End all components."""
+        for name in reversed(self._names):
+            if name in self._processes:
+                self._processes[name].close()
+
+    def _add(self, name: str, start: Callable[[Process], object], end: Callable[[Component], None]) -> None:
+        wire = _NoFaults() if self.exchange is None else self.exchange
+        self._processes[name] = process = Process(name, self._clock, wire, start, end)
+        process.start()
+
+    def _end_host(self, name: str, host: Component) -> None:
+        with self._arena.unplugged(name):
+            host.close()
+
+    def _pull_disk(self, coordinator: Component) -> None:
+        self._disk.pull()
+        self._end_coordinator(coordinator)
+
+    def _set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
+        if fault.kind in WIRE:
+            assert self.exchange is not None  # `why_not_faults` has refused them with `[links]`
+            if begins:
+                self.exchange.begin(number, fault)
+            else:
+                self.exchange.end(number)
+        elif fault.kind in PROCESS:
+            self._processes[fault.robot].set(number, fault, begins=begins)
+        elif fault.kind is FaultKind.DISK_FULL:
+            self._disk.is_full = begins
+        else:
+            self._arena.set_fault(fault, breaks=begins)
+
+    def _note_moments(self, now_ns: int) -> None:
+        for received in self._events.drain():
+            event = received.message
+            # A task of the coordinator's own is never queued before it is offered.
+            if event.task.id not in self._accepted and event.state is TaskState.QUEUED:
+                self._accepted.add(event.task.id)
+                self._times.note(FaultMoment.TASK_ACCEPTED, COORDINATOR, now_ns)
+        for host in self.hosts:
+            name, status = host.name, host.desk.facts.task
+            if status is not None and self._at.get(name) != (status.id, status.state.ended):
+                self._at[name] = (status.id, status.state.ended)
+                moment = FaultMoment.TASK_DONE if status.state.ended else FaultMoment.TASK_ASSIGNED
+                self._times.note(moment, name, now_ns)
+            battery = host.board.battery
+            is_docked = battery is not None and battery.charging
+            if is_docked and not self._docked.get(name, False):
+                self._times.note(FaultMoment.DOCKED, name, now_ns)
+            self._docked[name] = is_docked
+
+
+class _Agent:
+    """Starts the agents of one robot, one after the other."""
+
+    def __init__(self, number: int, start: Callable[[int, Process, bool], AgentHost]) -> None:
+        self._number = number
+        self._start = start
+        self._has_run = False
+
+    def __call__(self, process: Process) -> AgentHost:
+        """Start the next one."""
+        has_run, self._has_run = self._has_run, True
+        return self._start(self._number, process, has_run)
+
+
+class _NoFaults:
+    """In the place of the exchange where `[links]` have one of their own: who dies says goodbye."""
+
+    @contextmanager
+    def acting(self, component: str) -> Iterator[None]:
+        """See FaultyExchange."""
+        yield
+
+    def begin_life(self, component: str) -> None:
+        """See FaultyExchange."""
+
+    def drop(self, component: str) -> None:
+        """See FaultyExchange."""
+
+    def sleep(self, component: str) -> None:
+        """See FaultyExchange."""
+
+    def wake(self, component: str) -> None:
+        """See FaultyExchange."""

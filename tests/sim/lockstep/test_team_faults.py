@@ -1,0 +1,216 @@
+"""Faults of processes, wire, disk and battery in a scenario with the whole stack."""
+
+from itertools import pairwise
+
+import msgspec
+import pytest
+
+from robrain import LinkSpec, Scenario, ScenarioError
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.border import Border
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_SUBMIT
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.world.chargers import ChargerSpec
+
+SMALL = Scenario.builtin("arena_small").replace(motes=0)
+TASK = Task(id="t1", kind="visit", place=Point2D(7.2, 3.0), service_s=1.0)
+
+
+class Told:
+    """A run with faults, and what robots and coordinator say in it."""
+
+    def __init__(self, *faults: FaultSpec, scenario: Scenario = SMALL) -> None:
+        self.run = LockstepRun(scenario.replace(faults=faults).world())
+        self.wire = Endpoint(self.run.session, "default", self.run.clock, Drive.LOCKSTEP)
+        self._inbox = Inbox(every=True, border=Border())
+        self.wire.subscribe(self._inbox, ROBOT_STATE)
+        self.wire.subscribe(self._inbox, COORDINATOR_STATE)
+        self.said: list[tuple[str, float]] = []
+        self.latest: dict[str, object] = {}
+
+    def until(self, time_s: float) -> None:
+        while self.run.sim_time_s < time_s - 1e-9:
+            self.run.tick()
+            for received in self._inbox.drain():
+                name = received.names.get("robot", COORDINATOR)
+                self.said.append((name, round(to_seconds(self.run.clock.now_ns()), 2)))
+                self.latest[name] = received.message
+
+    def silent_s(self, name: str) -> tuple[float, float]:
+        """The longest silence: from, until."""
+        times = [at_s for one, at_s in self.said if one == name]
+        return max(pairwise(times), key=lambda pair: pair[1] - pair[0])
+
+    def state_of(self, task: str) -> TaskState | None:
+        record = self.run.coordinator.tasks.find(task)
+        return None if record is None else record.state
+
+
+def fault(kind: FaultKind, robot: str = "r2", at_s: float = 2.0, **options: object) -> FaultSpec:
+    return FaultSpec(robot=robot, kind=kind, at_s=at_s, **options)
+
+
+def test_faults_that_are_not_yet_due_change_nothing() -> None:
+    digests = set()
+    for faults in ((), (fault(FaultKind.KILL, at_s=900.0), fault(FaultKind.LOSE, at_s=900.0, share=0.5))):
+        told = Told(*faults)
+        told.until(3.0)
+        digests.add(told.run.close().digest)
+    assert len(digests) == 1
+
+
+def test_a_killed_agent_is_silent_stands_and_finds_its_place_when_it_is_started_again() -> None:
+    told = Told(fault(FaultKind.KILL, until_s=5.0))
+    told.until(3.0)
+    assert [host.name for host in told.run.hosts] == ["r1"]
+    stood = told.run.arena.bodies[1].pose
+    told.until(5.0)
+    assert told.run.arena.bodies[1].pose.distance_m(stood) < 0.02
+    told.until(20.0)
+    since_s, until_s = told.silent_s("r2")
+    assert (since_s, until_s) == (pytest.approx(2.0, abs=0.11), pytest.approx(5.0, abs=0.2))
+    (again,) = [host for host in told.run.hosts if host.name == "r2"]
+    assert again.board.pose is not None
+    assert not again.board.lost
+    true = told.run.arena.bodies[1].pose
+    assert again.board.pose.distance_m(true) < 0.3
+    told.run.close()
+
+
+def test_a_killed_coordinator_goes_on_with_its_tasks() -> None:
+    told = Told(fault(FaultKind.KILL, COORDINATOR, until_s=4.0))
+    told.until(1.0)
+    told.wire.ask(TASK_SUBMIT, TaskSubmission(task=TASK, by="test"))
+    first = told.run.coordinator
+    told.until(3.0)
+    assert not told.run.has_coordinator
+    told.until(60.0)
+    assert told.run.coordinator is not first
+    assert told.state_of("t1") is TaskState.DONE
+    assert told.silent_s(COORDINATOR)[1] == pytest.approx(4.0, abs=0.1)
+    told.run.close()
+
+
+def test_a_hanging_agent_says_nothing_and_goes_on_as_it_was() -> None:
+    told = Told(fault(FaultKind.HANG, until_s=3.5))
+    told.until(6.0)
+    assert told.silent_s("r2") == (pytest.approx(2.0, abs=0.11), pytest.approx(3.5, abs=0.05))
+    assert len(told.run.hosts) == 2
+    told.run.close()
+
+
+def test_a_robot_that_is_cut_off_is_lost_to_the_coordinator_and_heard_by_the_recorder() -> None:
+    told = Told(fault(FaultKind.PARTITION, at_s=2.0, until_s=8.0))
+    told.until(7.0)
+    assert {robot.name: robot.up for robot in told.latest[COORDINATOR].robots} == {"r1": True, "r2": False}
+    assert told.silent_s("r2")[1] - told.silent_s("r2")[0] < 0.2
+    told.until(10.0)
+    assert all(robot.up for robot in told.latest[COORDINATOR].robots)
+    told.run.close()
+
+
+def test_a_full_disk_refuses_tasks_until_there_is_room_again() -> None:
+    told = Told(fault(FaultKind.DISK_FULL, COORDINATOR, at_s=0.5, until_s=2.0))
+    told.until(1.0)
+    with pytest.raises(CallError, match="full"):
+        told.wire.ask(TASK_SUBMIT, TaskSubmission(task=TASK, by="test"))
+    told.until(2.5)
+    told.wire.ask(TASK_SUBMIT, TaskSubmission(task=TASK, by="test"))
+    assert told.state_of("t1") is not None
+    told.run.close()
+
+
+def test_a_drained_battery_has_the_charge_that_is_left_and_one_with_less_keeps_it() -> None:
+    told = Told(fault(FaultKind.DRAIN, "r1", 1.0, soc=0.4), fault(FaultKind.DRAIN, "r1", 2.0, soc=0.9))
+    told.until(3.0)
+    drained, other = (robot.battery.soc for robot in told.run.arena._robots)
+    assert drained == pytest.approx(0.4, abs=0.005)
+    assert other > 0.95
+    told.run.close()
+
+
+def test_a_fault_may_wait_for_an_event() -> None:
+    told = Told(fault(FaultKind.KILL, at_s=0.5, until_s=2.0, on=FaultMoment.TASK_ASSIGNED))
+    told.until(10.0)
+    first_s = next(at_s for name, at_s in told.said if name == "r2")
+    since_s, until_s = told.silent_s("r2")
+    assert since_s > first_s
+    assert until_s - since_s == pytest.approx(1.5, abs=0.25)
+    told.run.close()
+
+
+def test_a_hardware_fault_may_be_drawn_from_the_seed() -> None:
+    told = Told(fault(FaultKind.LIDAR_FREEZES, "r1", 1.0, until_s=2.0, within_s=3.0))
+    frozen = []
+    while told.run.sim_time_s < 7.0:
+        told.until(told.run.sim_time_s + 0.02)
+        if told.run.arena._robots[0].lidar.is_frozen:
+            frozen.append(told.run.sim_time_s)
+    assert 1.0 < frozen[0] < 4.1
+    assert frozen[-1] - frozen[0] == pytest.approx(1.0, abs=0.05)
+    told.run.close()
+
+
+REFUSED = {
+    "a robot that there is not": (fault(FaultKind.KILL, "r9"), SMALL, "no robot 'r9'; there are coordinator, r1 to r2"),
+    "hardware of such a robot": (fault(FaultKind.CAN_CUT, "r9"), SMALL, "no robot 'r9'; there are r1 to r2"),
+    "a partition with links": (
+        fault(FaultKind.PARTITION), SMALL.replace(links=LinkSpec()), "expected no partition with",
+    ),
+    "a hang with links": (fault(FaultKind.HANG), SMALL.replace(links=LinkSpec()), "expected no hang with"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("spec", "scenario", "told"), REFUSED.values(), ids=REFUSED)
+def test_faults_that_the_run_cannot_have_are_refused(spec: FaultSpec, scenario: Scenario, told: str) -> None:
+    with pytest.raises(ScenarioError, match=f"^arena_small: faults: {told}"):
+        scenario.replace(faults=(spec,)).world()
+
+
+def test_others_may_not_join_a_run_in_which_components_are_cut_off() -> None:
+    with pytest.raises(ScenarioError, match="faults: expected a run that no other process can join"):
+        SMALL.replace(faults=(fault(FaultKind.KILL),)).run(listen="tcp/127.0.0.1:0", time_limit_s=1.0)
+
+
+def test_a_scenario_file_has_faults_of_all_sorts_and_is_the_same_after_it_was_written() -> None:
+    toml = """
+        [scenario]
+        name = "two_faults"
+        [floor]
+        size_m = [8.0, 6.0]
+        [team]
+        robots = 2
+        [[faults]]
+        robot = "coordinator"
+        kind = "kill"
+        at_s = 4.0
+        until_s = 6.0
+        within_s = 10.0
+        [[faults]]
+        robot = "r1"
+        kind = "carried_off"
+        on = "task_assigned"
+        at_s = 1.0
+        place_m = [2.0, 2.0]
+        """
+    scenario = Scenario.from_toml(toml)
+    assert [one.kind for one in scenario.faults] == [FaultKind.KILL, FaultKind.CARRIED_OFF]
+    again = Scenario.from_toml(scenario.to_toml())
+    assert msgspec.structs.replace(again, toml="") == msgspec.structs.replace(scenario, toml="")
+
+
+def test_with_links_a_killed_agent_leaves_and_comes_back() -> None:
+    scenario = SMALL.replace(links=LinkSpec(range_m=20.0), chargers=(ChargerSpec(place_m=(1.0, 1.0)),))
+    told = Told(fault(FaultKind.KILL, until_s=4.0), scenario=scenario)
+    told.until(3.0)
+    assert [host.name for host in told.run.hosts] == ["r1"]
+    told.until(9.0)
+    assert told.silent_s("r2")[1] == pytest.approx(4.0, abs=0.2)
+    told.run.close()
