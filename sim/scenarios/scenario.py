@@ -34,6 +34,7 @@ from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
+from robrain.sim.motes.gateway import check_gateways
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.scenarios.driving import Progress, drive
 from robrain.sim.scenarios.scenario_file import (
@@ -261,8 +262,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             traffic = plan_traffic(self.traffic, plan, discs, self.seed) if self.traffic.is_on else None
         except MapError as error:
             raise ScenarioError(str(error)) from error
+        robots, gateways = [robot.name for robot in world.robots], self.network.motes.gateways
+        check_gateways(gateways, robots, world.motes, self.name)
         if self.links is not None:
-            self.links.check_names([robot.name for robot in world.robots], self.name)
+            self.links.check_names(robots, self.name, gateways)
         for fault in self.faults:
             if fault.robot not in (robot.name for robot in world.robots):
                 names = f"r1 to r{self.robots}"
