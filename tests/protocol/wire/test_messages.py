@@ -213,7 +213,14 @@ EXAMPLES = [
         refused=REFUSED,
         rules=[
             rule_messages.RuleStatus(
-                name="heat", made=3, open=1, alarms=2, refused=1, why="no robot does it", last_ns=1_400_000_000
+                name="heat",
+                waits="temperature_c above 26; then visit",
+                made=3,
+                open=1,
+                alarms=2,
+                refused=1,
+                why="no robot does it",
+                last_ns=1_400_000_000,
             )
         ],
         mote_field=FIELD,
