@@ -39,7 +39,7 @@ SHORT_S = OVERHEAD_BITS / 8 / PACKET_BYTES * AIRTIME_S
 GAP_S = 0.04
 """Between two packets of a mote that passes several on."""
 GOOD_DB = 5.0
-"""Links count for routes whose mean strength is so far above the sensitivity: by default, 99 of 100 packets arrive."""
+"""Links count as good whose mean strength is so far above the sensitivity: by default, 99 of 100 packets arrive."""
 TREES = 8
 """Routes that are computed at once and used in turn (chosen)."""
 SEEN = 128
@@ -119,7 +119,7 @@ class MoteMesh:
         seed: each pair of motes has randomness of its own, from this.
         tick_s: how long a tick is.
         say: sends to base stations.
-        near: motes that a base station hears well now.
+        near: motes that a base station hears now, by the mean, at least at a strength in dBm.
 
     """
 
@@ -133,7 +133,7 @@ class MoteMesh:
         seed: np.random.SeedSequence,
         tick_s: float,
         say: Say,
-        near: Callable[[], list[int]],
+        near: Callable[[float], list[int]],
     ) -> None:
         self.counters = MeshCounters()
         self.air = RadioCounters()
@@ -277,7 +277,8 @@ class MoteMesh:
 
     def _choose(self) -> None:
         alive = [index for index, mote in enumerate(self._motes) if not mote.battery.is_flat]
-        near = [index for index in self._near() if not self._motes[index].battery.is_flat]
+        flat = {index for index, mote in enumerate(self._motes) if mote.battery.is_flat}
+        near = [index for index in self._near(self._radio.sensitivity_dbm) if index not in flat]
         for index in alive:
             battery = self._motes[index].battery
             battery.spend(MoteState.SEND, SHORT_S)
@@ -288,14 +289,28 @@ class MoteMesh:
         self.next_hops = list(self._trees.pop(0))
 
     def _plan(self, alive: list[int], near: list[int]) -> list[Tree]:
+        """Routes over good links; motes that have none to a base station use weaker ones."""
         good_dbm = self._radio.sensitivity_dbm + GOOD_DB
-        links = [
-            sorted(other for other, strength_dbm in strengths.items() if strength_dbm >= good_dbm)
-            for strengths in self._strengths_dbm
-        ]
+        well = set(self._near(good_dbm))
+        graph = LinkGraph([*self._linked(good_dbm, set()), [index for index in near if index in well]])
+        cut_off = set(alive) - graph.reachable(alive)
+        if cut_off:
+            graph = LinkGraph(
+                [*self._linked(good_dbm, cut_off), [index for index in near if index in well or index in cut_off]]
+            )
         left_j = [mote.battery.left_share * self._energy.capacity_j for mote in self._motes]
-        graph = LinkGraph([*links, near])
         return lifetime_routes(graph, left_j, alive, alive, self._energy, self._rate_hz, TREES).trees
+
+    def _linked(self, good_dbm: float, content: set[int]) -> list[list[int]]:
+        """Neighbours of each mote by good links; by any for those that are content with less, and between them."""
+        return [
+            sorted(
+                other
+                for other, strength_dbm in strengths.items()
+                if strength_dbm >= good_dbm or index in content or other in content
+            )
+            for index, strengths in enumerate(self._strengths_dbm)
+        ]
 
 
 def energy_of(radio: RadioModel, duty: float, capacity_mah: float) -> MoteEnergy:

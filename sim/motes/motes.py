@@ -18,7 +18,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.sim.motes.field import Field, FieldSpec
-from robrain.sim.motes.mesh import GOOD_DB, MoteMesh, energy_of
+from robrain.sim.motes.mesh import MoteMesh, energy_of
 from robrain.sim.motes.mote import ArenaMote, Mote, MoteSpec
 from robrain.sim.motes.radio import FAR_DEVIATIONS, Floats, RadioCounters, RadioLink, RadioModel, RobotAir, ShadowField
 from robrain.sim.robot.robot_body import RobotBody
@@ -97,7 +97,6 @@ class MoteField:
             self.mesh = MoteMesh(
                 self.motes, kind.mesh, network.radio, energy, rate_hz, seed, tick_s, self._say, self._near_stations
             )
-        self._good_dbm = network.radio.sensitivity_dbm + GOOD_DB
         self._inbox = Inbox()
         if motes or len(robots) > 1:
             endpoint.subscribe(self._inbox, ARENA_RADIO_TX)
@@ -138,9 +137,9 @@ class MoteField:
             self._receivers[station].put_bytes(with_rssi(packet, rssi_dbm))
         return bool(heard)
 
-    def _near_stations(self) -> list[int]:
-        """Motes that a base station hears well."""
-        return [index for index, air in enumerate(self._air) if air.best_dbm(self._xs_m, self._ys_m) >= self._good_dbm]
+    def _near_stations(self, least_dbm: float) -> list[int]:
+        """Motes that a base station hears at least at this mean strength."""
+        return [index for index, air in enumerate(self._air) if air.best_dbm(self._xs_m, self._ys_m) >= least_dbm]
 
     def _from_robot(self, name: str, packet: bytes) -> None:
         robot = self._robot_index.get(name)

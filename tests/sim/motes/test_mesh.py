@@ -149,6 +149,16 @@ def test_motes_with_equal_energy_take_turns_and_one_with_little_is_spared(wire):
     assert ways[1][3] > 9 * ways[1][2]
 
 
+def test_a_mote_without_a_good_link_uses_a_weak_one_and_others_leave_such_links_alone(wire):
+    far = [(0.0, 1.0), (6.0, 1.0), (14.5, 1.0), (14.5, 4.0)]
+    line = Line(wire, far, network(radio=RadioModel(shadowing_db=1.0, static_share=0.0)), at_m=-2.0)
+    heard = line.run(200.0)
+    assert {forwarder for _, reading, forwarder, _ in heard if reading.mote == 3} == {2}
+    assert len({reading.sequence for _, reading, _, _ in heard if reading.mote == 3}) >= 45
+    assert line.field.mesh is not None
+    assert line.field.mesh.next_hops[:3] == [4, 0, 1]  # the robot, 8 m from m2, would hear it weakly
+
+
 def test_routes_lead_around_a_mote_that_has_died(wire):
     diamond = [(0.0, 1.0), (5.0, 3.0), (5.0, -3.0), (10.0, 0.0)]
     line = Line(wire, diamond, network(), at_m=-4.0)
