@@ -41,6 +41,11 @@ GOOD: Rgb = (0, 158, 115)
 WARNING: Rgb = (230, 159, 0)
 BAD: Rgb = (213, 94, 0)
 
+DOOR: Rgb = (196, 142, 84)
+MOVER: Rgb = (122, 134, 156)
+PERSON: Rgb = (238, 176, 176)
+ROUTE: Rgb = (150, 126, 240)
+
 
 MOTE_COLORS: tuple[Rgb, ...] = (GOOD, WARNING, BAD, LOST)
 """By `mote_class`."""

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.rules.level_track import Class, LevelTrack
 from robrain.coordinator.rules.rule import Per, ReadingCondition, Rule
+from robrain.coordinator.rules.rule_words import waits_for
+from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.rule_messages import RuleStatus
 
@@ -63,6 +65,7 @@ class RuleWatch:
         self._open = set(open_tasks)
         self._last_ns = max((alarm.fired_ns for alarm in self.alarms.values()), default=0)
         self._not_before_ns = self._last_ns + to_ns(rule.cooldown_s) if self.alarms else 0
+        self._waits = cut(waits_for(rule), TEXT_MAX)
         self._made = 0
         self._refused = 0
         self._why = ""
@@ -127,6 +130,7 @@ class RuleWatch:
         self._open = {task for task in self._open if is_open(task)}
         return RuleStatus(
             name=self.rule.name,
+            waits=self._waits,
             made=self._made,
             open=len(self._open),
             alarms=sum(not alarm.is_armed for alarm in self.alarms.values()),

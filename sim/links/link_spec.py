@@ -26,7 +26,7 @@ class PartitionSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     until_s: float | None = None
     """Simulated time at which it ends; absent for the rest of the run."""
     groups: tuple[tuple[str, ...], ...]
-    """Robots, and `coordinator`, that still hear each other. Those in no group are one more group."""
+    """Robots, gateways beside motes and `coordinator` that still hear each other. Those in no group are one more."""
 
     def __post_init__(self) -> None:
         check_not_negative(self, "from_s")
@@ -93,19 +93,19 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         if self.coordinator_m is not None and not all(map(math.isfinite, self.coordinator_m)):
             raise ValueError(f"expected finite coordinates for coordinator_m, got {list(self.coordinator_m)}")
 
-    def check_names(self, robots: Iterable[str], where: str) -> None:
-        """Check that there are all robots that the table names.
+    def check_names(self, robots: Iterable[str], where: str, gateways: Iterable[str] = ()) -> None:
+        """Check that there are all robots, and gateways beside motes, that the table names.
 
         Raises:
             ScenarioError: naming `where`, key and name.
 
         """
-        known = [COORDINATOR, *robots]
+        known, others = [COORDINATOR, *robots], list(gateways)
         named = [("partitions", name) for one in self.partitions for group in one.groups for name in group]
         named += [("relays", name) for name in (() if isinstance(self.relays, bool) else self.relays)]
         for key, name in named:
-            if name not in known:
-                there = f"{COORDINATOR} and r1 to {known[-1]}"
+            if name not in known and name not in others:
+                there = f"{COORDINATOR} and r1 to {known[-1]}" + "".join(f", gateway {name}" for name in others)
                 raise ScenarioError(f"{where}: links: {key}: no party {name!r}; there are {there}")
 
     def idle_parameters(self, start: Pose2D) -> dict[str, dict[str, object]]:

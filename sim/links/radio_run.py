@@ -13,6 +13,7 @@ from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.protocol.wire.messages.arena_messages import ArenaLinks, LinkCounters, RadioTruth
 from robrain.protocol.wire.topics import ARENA_LINKS
 from robrain.sim.links.team_radio import TeamRadio
+from robrain.sim.motes.gateway import gateway_motes
 from robrain.sim.robot.robot_body import RobotBody
 from robrain.sim.world.world import World
 
@@ -33,7 +34,11 @@ class RadioRun:
         assert world.links is not None
         starts_m = np.array([(robot.start.x_m, robot.start.y_m) for robot in world.robots], dtype=float)
         names = [robot.name for robot in world.robots]
-        self.network = TeamRadio(world.links, world.plan, names, starts_m.reshape(-1, 2), world.seed)
+        standing = {
+            mote.name: (mote.place.x_m, mote.place.y_m)
+            for mote in gateway_motes(world.motes, world.network.motes.gateways)
+        }
+        self.network = TeamRadio(world.links, world.plan, names, starts_m.reshape(-1, 2), world.seed, standing)
         self.exchange = RadioExchange.open(session, self.network, clock, world.links.lost_after_s)
         self._clock = clock
         self._tell_ns = 0

@@ -5,7 +5,7 @@ tree of shortest ways, so that each hop of the tree is sent once. Waiting times 
 message is sent, on all hops.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import Enum
 from itertools import pairwise
 
@@ -45,14 +45,22 @@ class TeamRadio:
         robots: their names.
         starts_m: (N, 2), where they start, metres, arena frame.
         seed: of the run.
+        standing: names and places of further radios, which do not move.
 
     """
 
     def __init__(
-        self, spec: LinkSpec, plan: FloorPlan, robots: Sequence[str], starts_m: NDArray[np.float64], seed: int
+        self,
+        spec: LinkSpec,
+        plan: FloorPlan,
+        robots: Sequence[str],
+        starts_m: NDArray[np.float64],
+        seed: int,
+        standing: Mapping[str, Place] | None = None,
     ) -> None:
         self.counters = LinkCounters()
-        self.parties: Sequence[str] = (COORDINATOR, *robots)
+        self._standing = dict(standing or {})
+        self.parties: Sequence[str] = (COORDINATOR, *robots, *self._standing)
         self.where: Places = lambda: starts_m
         """Says where the robots are; the starts until it is set."""
         own_m = spec.coordinator_m
@@ -74,7 +82,7 @@ class TeamRadio:
     def places_m(self) -> dict[str, Place]:
         """Where the radios are, metres, arena frame."""
         robots = [(float(x_m), float(y_m)) for x_m, y_m in self.where()]
-        return dict(zip(self.parties, [self._own_m, *robots], strict=True))
+        return dict(zip(self.parties, [self._own_m, *robots, *self._standing.values()], strict=True))
 
     def look(self, now_ns: int, on: Collection[str]) -> bool:
         """See `RadioNetwork`."""

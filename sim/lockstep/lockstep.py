@@ -7,6 +7,7 @@ delivered before the put returns; so equal seeds give equal runs. Zenoh is used 
 import math
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -142,7 +143,8 @@ class LockstepRun:
         self._inbox = Inbox()
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)
-        self.arena = world.arena(self._endpoint(team))
+        gateway_wire = None if self._radio is None else partial(self._endpoint, team)
+        self.arena = world.arena(self._endpoint(team), gateway_wire)
         if self._radio is not None:
             self._radio.follow(self.arena.bodies, self._watcher)
         self.time_use = TimeUseMeter(self._poses())

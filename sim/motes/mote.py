@@ -31,6 +31,7 @@ from robrain.protocol.tinyos.payloads import (
     sequences_after,
 )
 from robrain.sim.motes.field import Field
+from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.motes.mote_power import MoteBattery, MoteState
 from robrain.sim.motes.radio import AIRTIME_S
 from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
@@ -44,6 +45,7 @@ ANSWER_GAP_S = 0.04
 """Between two stored readings."""
 MAX_ANSWERS = 64
 """Stored readings that wait to be sent; of a request for more the rest is left out."""
+MAX_GATEWAY_READINGS = 10_000_000
 MAX_LOG = 30_000
 """Less than half of all sequence numbers, so that older and newer can be told apart."""
 PPM = 1e-6
@@ -74,6 +76,13 @@ class MoteSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """The used share of the batteries at the start is drawn between 0 and this."""
     quantities: tuple[Literal["temperature", "light", "humidity"], ...] = ("temperature",)
     """Quantities that the motes measure, in turn: the first mote the first of these."""
+    mesh: MeshSpec = MeshSpec()
+    """How motes pass on readings of their neighbours; by default they do not."""
+    gateways: tuple[str, ...] = ()
+    """Motes beside which a gateway stands, with mains power and a radio of the team's network; and robots that are
+    gateways. A gateway stores readings while it does not hear the coordinator."""
+    gateway_readings: int = 4096
+    """Number of readings that a gateway stores; of more, the oldest of the mote with the most is dropped."""
 
     def __post_init__(self) -> None:
         check_within(self, PERIOD_MIN_S, PERIOD_MAX_S, "period_s")
@@ -81,6 +90,7 @@ class MoteSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             raise ValueError(f"expected jitter_s at least 0 and below period_s, got {self.jitter_s}")
         check_not_negative(self, "listen_s", "check_s", "drift_ppm")
         check_within(self, 1, MAX_LOG, "log_readings")
+        check_within(self, 1, MAX_GATEWAY_READINGS, "gateway_readings")
         check_above_zero(self, "capacity_mah")
         check_within(self, 0, 1, "used_at_start_max")
         if not self.quantities:
@@ -106,6 +116,7 @@ class ReadingLog:
     """Readings in the flash memory that nobody has acknowledged yet; a ring, numbered without wrap."""
 
     def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
         self._numbers = np.full(capacity, -1, np.int64)
         self._values_centi = np.zeros(capacity, np.int32)
         self._taken_s = np.zeros(capacity)
@@ -169,6 +180,7 @@ class Mote:
         self.battery = MoteBattery(spec.capacity_mah, rng.uniform(0.0, spec.used_at_start_max), transmit_dbm)
         self.period_ds = round(DECI * spec.period_s)
         self._spec = spec
+        self._mesh_duty = spec.mesh.duty if spec.mesh.hops else 0.0
         self._quantity = quantity
         self._rng = rng
         self._tick_s = tick_s
@@ -187,6 +199,15 @@ class Mote:
     def next_tick(self) -> int:
         """When it wakes next."""
         return min(self._sense_tick, self._answer_tick) if self._answers else self._sense_tick
+
+    @property
+    def newest(self) -> int:
+        """Number of its newest reading, without wrap; -1 before the first."""
+        return self._newest
+
+    def stored(self, number: int, tick: int) -> ReadingPayload | None:
+        """A reading in its log, as it would tell it now; None if it has forgotten it."""
+        return self._payload(number, tick) if number in self.log else None
 
     def listens_at(self, tick: int) -> bool:
         """Whether a packet sent to it now finds its radio on."""
@@ -299,6 +320,8 @@ class Mote:
         if self._spec.check_s > 0:
             checked_s = slept_s * CHECK_S / (CHECK_S + self._spec.check_s)
             listened_s, slept_s = listened_s + checked_s, slept_s - checked_s
+        if self._mesh_duty:
+            listened_s, slept_s = listened_s + slept_s * self._mesh_duty, slept_s * (1.0 - self._mesh_duty)
         self.battery.spend(MoteState.LISTEN, listened_s)
         self.battery.spend(MoteState.SLEEP, slept_s)
         self._awake_tick = tick

@@ -93,6 +93,11 @@ class MoteBattery:
         return self._used_mas / S_PER_H
 
     @property
+    def left_share(self) -> float:
+        """Share of its charge that is left."""
+        return max(0.0, 1.0 - self._used_mas / self._capacity_mas)
+
+    @property
     def is_flat(self) -> bool:
         """Whether nothing is left."""
         return self._used_mas >= self._capacity_mas

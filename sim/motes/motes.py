@@ -1,6 +1,7 @@
 """The mote field: sensor motes on the floor, and the air between them and the robots' base stations.
 
-What a robot says to everybody is also heard by the base stations of other robots in reach.
+What a robot says to everybody is also heard by the base stations of other robots in reach. Gateways have base stations
+as well, which stand. Motes pass on each other's readings if `[motes.mesh]` says so (`mesh`).
 
 Packets meet path loss, shadowing and noise (`radio`), not each other: collisions on the air are not simulated.
 """
@@ -12,17 +13,20 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import BEACON_TYPE, Quantity, with_rssi
+from robrain.protocol.tinyos.payloads import BEACON_TYPE, READING_TYPE, Quantity, with_rssi
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.sim.motes.field import Field, FieldSpec
+from robrain.sim.motes.mesh import MoteMesh, energy_of
 from robrain.sim.motes.mote import ArenaMote, Mote, MoteSpec
 from robrain.sim.motes.radio import FAR_DEVIATIONS, Floats, RadioCounters, RadioLink, RadioModel, RobotAir, ShadowField
 from robrain.sim.robot.robot_body import RobotBody
 
 BETWEEN_ROBOTS = 0xBA5E
 """Keeps the randomness between robots apart from that of any mote, however many there are."""
+BETWEEN_MOTES = 0x3E54
+"""The same of the randomness between motes."""
 
 
 class SensorNetwork(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -46,6 +50,7 @@ class MoteField:
         endpoint: where packets that are heard are put, and packets of base stations come from.
         rng: source of the motes' randomness.
         tick_s: how long a tick is.
+        gateways: motes beside which another base station stands, which is called like its mote.
 
     """
 
@@ -58,6 +63,7 @@ class MoteField:
         endpoint: Endpoint,
         rng: np.random.Generator,
         tick_s: float,
+        gateways: Sequence[ArenaMote] = (),
     ) -> None:
         quantities = [Quantity[name.upper()] for name in network.motes.quantities]
         self.counters = RadioCounters()
@@ -69,15 +75,28 @@ class MoteField:
             self.motes.append(Mote(mote, network.motes, quantity, network.radio.transmit_dbm, own, tick_s))
             self._air.append(_Air(self.motes[-1], network.radio, air, self.counters))
         self._field = field
-        self._receivers = [endpoint.publisher(ARENA_RADIO_RX, robot=robot) for robot in robots]
-        self._robot_index = {robot: index for index, robot in enumerate(robots)}
+        stations = [*robots, *(mote.name for mote in gateways)]
+        self._robots = len(robots)
+        self._receivers = [endpoint.publisher(ARENA_RADIO_RX, robot=station) for station in stations]
+        self._robot_index = {station: index for index, station in enumerate(stations)}
         self._mote_index = {mote.number: index for index, mote in enumerate(motes)}
-        self._xs_m, self._ys_m = np.zeros(len(robots)), np.zeros(len(robots))
+        self._xs_m = np.array([0.0] * len(robots) + [mote.place.x_m for mote in gateways])
+        self._ys_m = np.array([0.0] * len(robots) + [mote.place.y_m for mote in gateways])
         self._places_tick = -1
         own_seed = rng.bit_generator.seed_seq
         assert isinstance(own_seed, np.random.SeedSequence)
         between = np.random.SeedSequence(own_seed.entropy, spawn_key=(*own_seed.spawn_key, BETWEEN_ROBOTS))
         self.between_robots = RobotAir(network.radio, between)
+        self.mesh: MoteMesh | None = None
+        """None if motes do not hear each other."""
+        kind = network.motes
+        if motes and kind.mesh.hops:
+            seed = np.random.SeedSequence(own_seed.entropy, spawn_key=(*own_seed.spawn_key, BETWEEN_MOTES))
+            energy = energy_of(network.radio, kind.mesh.duty, kind.capacity_mah)
+            rate_hz = 1.0 / kind.period_s
+            self.mesh = MoteMesh(
+                self.motes, kind.mesh, network.radio, energy, rate_hz, seed, tick_s, self._say, self._near_stations
+            )
         self._inbox = Inbox()
         if motes or len(robots) > 1:
             endpoint.subscribe(self._inbox, ARENA_RADIO_TX)
@@ -100,13 +119,27 @@ class MoteField:
             self._look_where_robots_are(robots)
             self._send(index, mote.wake(tick, self._field))
             heapq.heappush(self._wakes, (mote.next_tick, index))
+        if self.mesh is not None:
+            self._look_where_robots_are(robots)
+            self.mesh.step(self._tick)
 
     def _send(self, index: int, message: ActiveMessage) -> None:
-        """To each robot that hears it, with its own signal strength."""
+        is_heard = self._say(index, message)
+        if self.mesh is not None and message.type == READING_TYPE:
+            self.mesh.sent(index, message, self._tick, is_heard=is_heard)
+
+    def _say(self, index: int, message: ActiveMessage) -> bool:
+        """To each base station that hears it, with its own signal strength; whether there is one."""
         self.counters.sent += 1
         packet = message.pack()
-        for robot, rssi_dbm in self._air[index].heard_by(self._xs_m, self._ys_m):
-            self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm))
+        heard = self._air[index].heard_by(self._xs_m, self._ys_m)
+        for station, rssi_dbm in heard:
+            self._receivers[station].put_bytes(with_rssi(packet, rssi_dbm))
+        return bool(heard)
+
+    def _near_stations(self, least_dbm: float) -> list[int]:
+        """Motes that a base station hears at least at this mean strength."""
+        return [index for index, air in enumerate(self._air) if air.best_dbm(self._xs_m, self._ys_m) >= least_dbm]
 
     def _from_robot(self, name: str, packet: bytes) -> None:
         robot = self._robot_index.get(name)
@@ -134,14 +167,18 @@ class MoteField:
                     heapq.heappush(self._wakes, (mote.next_tick, index))
 
     def _to_robots(self, sender: int, packet: bytes, *, is_beacon: bool) -> None:
-        for robot, rssi_dbm in self.between_robots.heard_by(sender, self._xs_m, self._ys_m, self._tick):
+        robots = self._robots
+        if sender >= robots:  # a gateway: robots leave alone what it says
+            return
+        xs_m, ys_m = self._xs_m[:robots], self._ys_m[:robots]
+        for robot, rssi_dbm in self.between_robots.heard_by(sender, xs_m, ys_m, self._tick):
             self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm) if is_beacon else packet)
 
     def _look_where_robots_are(self, robots: Sequence[RobotBody]) -> None:
         if self._places_tick != self._tick:
             self._places_tick = self._tick
-            self._xs_m[:] = [robot.x_m for robot in robots]
-            self._ys_m[:] = [robot.y_m for robot in robots]
+            self._xs_m[: self._robots] = [robot.x_m for robot in robots]
+            self._ys_m[: self._robots] = [robot.y_m for robot in robots]
 
 
 class _Air:
@@ -171,6 +208,10 @@ class _Air:
         """Whether one packet of a robot reaches the mote."""
         strength_dbm = float(self._expected_dbm(xs_m[robot : robot + 1], ys_m[robot : robot + 1])[0])
         return strength_dbm >= self._weakest_dbm and self._link(robot).receive_dbm(strength_dbm) is not None
+
+    def best_dbm(self, xs_m: Floats, ys_m: Floats) -> float:
+        """Mean strength at which the nearest base station, by what lies between, hears the mote."""
+        return float(self._expected_dbm(xs_m, ys_m).max(initial=-np.inf))
 
     def _expected_dbm(self, xs_m: Floats, ys_m: Floats) -> Floats:
         distances_m = np.hypot(xs_m - self._place.x_m, ys_m - self._place.y_m)

@@ -36,6 +36,7 @@ from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
+from robrain.sim.motes.gateway import check_gateways
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.scenarios.driving import Progress, drive
 from robrain.sim.scenarios.scenario_file import (
@@ -262,9 +263,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             traffic = plan_traffic(self.traffic, plan, discs, self.seed) if self.traffic.is_on else None
         except MapError as error:
             raise ScenarioError(str(error)) from error
+        robots, gateways = [robot.name for robot in world.robots], self.network.motes.gateways
+        check_gateways(gateways, robots, world.motes, self.name)
         if self.links is not None:
-            self.links.check_names([robot.name for robot in world.robots], self.name)
-        if why := why_not_faults(self.faults, [robot.name for robot in world.robots], has_links=self.links is not None):
+            self.links.check_names(robots, self.name, gateways)
+        if why := why_not_faults(self.faults, robots, has_links=self.links is not None):
             raise ScenarioError(f"{self.name}: faults: {why}")
         for fault in self.faults:
             if fault.place_m is not None and clearance_m(plan, Point2D(*fault.place_m)) < self.hardware.radius_m:

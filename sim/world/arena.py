@@ -4,7 +4,7 @@ Robots are driven by frames on their CAN buses and by nothing else. The arena co
 once a tick and moves the clock that stamps what is sent.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import msgspec
@@ -26,6 +26,7 @@ from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.maps.wall_shapes import add_walls
 from robrain.sim.motes.field import Field
+from robrain.sim.motes.gateway import MoteGateway, gateway_motes
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.robot.camera import SeenMote
@@ -73,6 +74,7 @@ class Arena:
         disturbance: delays of frames and scans; None for no delays.
         tasks: what the scenario asks of the team, and when.
         traffic: doors, moving obstacles and people; None if there are none.
+        gateway_wire: opens the endpoint of a gateway of this name, which its owner closes; None for the arena's own.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -95,6 +97,7 @@ class Arena:
         disturbance: Disturbance | None = None,
         tasks: Sequence[TaskSpec] = (),
         traffic: TrafficPlan | None = None,
+        gateway_wire: Callable[[str], Endpoint] | None = None,
     ) -> None:
         names = [robot.name for robot in robots]
         _check_names(names, "robot")
@@ -139,7 +142,17 @@ class Arena:
         self._collisions = CollisionCounter(self._space, self._team.bodies, tick_s, shapes)
 
         field = Field.draw(network.field, plan, field_rng)
-        self._motes = MoteField(motes, names, network, field, endpoint, motes_rng, tick_s)
+        standing = gateway_motes(motes, network.motes.gateways)
+        self._motes = MoteField(motes, names, network, field, endpoint, motes_rng, tick_s, standing)
+        self.gateways = [
+            MoteGateway(
+                mote.name,
+                endpoint if gateway_wire is None else gateway_wire(mote.name),
+                network.motes.gateway_readings,
+            )
+            for mote in standing
+        ]
+        """Those beside motes."""
         self.cameras = CameraDesk(
             names,
             [robot.camera for robot in robots],
@@ -219,6 +232,8 @@ class Arena:
         self._team.report(tick)
         self._team.sense(tick)
         self._motes.step(self._bodies)
+        for gateway in self.gateways:
+            gateway.step()
         if self.tasks.is_on:
             self.tasks.step(self.sim_time_s)
         if self._ticks % self._clock_period_ticks == 0:

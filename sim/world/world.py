@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,8 +62,8 @@ class World:
     links: LinkSpec | None = None
     """Who hears whom; None if everybody hears everybody."""
 
-    def arena(self, endpoint: Endpoint) -> Arena:
-        """An arena with all of it, that speaks by this endpoint."""
+    def arena(self, endpoint: Endpoint, gateway_wire: Callable[[str], Endpoint] | None = None) -> Arena:
+        """An arena with all of it, that speaks by this endpoint; see `Arena` for that of gateways."""
         return Arena(
             self.plan,
             self.robots,
@@ -77,6 +77,7 @@ class World:
             disturbance=Disturbance(self.disturbance, self.seed),
             tasks=self.tasks,
             traffic=self.traffic,
+            gateway_wire=gateway_wire,
         )
 
     def arena_rng(self) -> np.random.Generator:
@@ -123,6 +124,7 @@ class World:
             **_range_sensors(robot),
             **_home(self.chargers),
             "obstacle_distance": {"radius_m": robot.radius_m},
+            **_gateway(self.network, robot.name),
             **(self.links.idle_parameters(start) if self.links is not None and is_known and not connect else {}),
         }
         return RobotFile(
@@ -236,6 +238,12 @@ def _home(chargers: Sequence[ChargerSpec]) -> dict[str, dict[str, object]]:
         place = dict(zip(("x_m", "y_m"), charger.place_m, strict=True))
         places.append(place if charger.yaw_rad is None else place | {"yaw_rad": charger.yaw_rad})
     return {"home": {"chargers": places}} if places else {}
+
+
+def _gateway(network: SensorNetwork, robot: str) -> dict[str, dict[str, object]]:
+    """What the agent of a gateway has to know; nothing if it is none."""
+    motes = network.motes
+    return {"snw_exploration": {"store_readings": motes.gateway_readings}} if robot in motes.gateways else {}
 
 
 def _range_sensors(robot: ArenaRobot) -> dict[str, dict[str, object]]:

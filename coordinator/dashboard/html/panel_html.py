@@ -29,6 +29,7 @@ from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.drawing.palette import battery_class, look_of, mote_class
 from robrain.protocol.wire.messages.arena_messages import ArenaPreparation
+from robrain.protocol.wire.messages.mote_messages import MoteReading
 
 ROWS = 200
 """Maximum number of rows of a table: more would slow a browser down."""
@@ -274,5 +275,11 @@ def _mote_row(mote: MoteView) -> str:
         f'<td><span class="rb-{MOTE_KINDS[number]}">{MOTE_SHAPES[number]}</span> <b>{name}</b></td>'
         f'<td data-testid="mote-{name}-reading" title="{readings}">{readings or NONE}</td>'
         f'<td class="rb-number" data-testid="mote-{name}-supply">{figure(voltage_v, "{:.2f} V")}</td>'
-        f"<td>{text(latest.via, 40) if latest is not None else NONE}</td></tr>"
+        f"<td>{_way(latest) if latest is not None else NONE}</td></tr>"
     )
+
+
+def _way(reading: MoteReading) -> str:
+    """Who told a reading, and by how many motes it came."""
+    over = f' <span class="rb-soft" title="first by {text(reading.forwarder or "", 40)}">+{reading.hops}</span>'
+    return text(reading.via, 40) + (over if reading.hops else "")

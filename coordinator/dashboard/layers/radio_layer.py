@@ -5,20 +5,26 @@ A stronger link is wider, and a weaker one has shorter dashes, so that they are 
 
 from typing import NamedTuple
 
+import numpy as np
 import viser
 
 from robrain.coordinator.dashboard.layers.layer import MeshLayer, OwnLayer
 from robrain.coordinator.dashboard.scene.merged_meshes import MergedMeshes, by_color, strips, widen_for
 from robrain.coordinator.dashboard.scene.meshes import Mesh
 from robrain.coordinator.dashboard.scene.scene_nodes import dashed
-from robrain.coordinator.dashboard.state.radio_links import Link, links_in_focus, relay_lines, team_links
+from robrain.coordinator.dashboard.state.radio_links import Link, links_in_focus, mote_routes, relay_lines, team_links
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.coordinator.drawing.palette import BAD, GOOD, RELAY, WARNING, Rgb
+from robrain.coordinator.drawing.palette import BAD, GOOD, RELAY, ROUTE, WARNING, Rgb
+from robrain.protocol.model.geometry import Point2D
 
 LINK_Z_M = 0.2
 TEAM_Z_M = 0.24
 STRONG_DBM, WEAK_DBM = -80.0, -87.0
 RELAY_M = 0.14
+ROUTE_M = 0.09
+ROUTE_TIP_M = 0.02
+"""A route is wide at the mote that sends and narrow at the one that takes."""
+ROUTES = 600
 TEAM_WIDER = 1.8
 """Factor of the width of motes' links: over the team's links its own messages can be relayed."""
 LINKS = 600
@@ -42,7 +48,7 @@ LOOKS = (LinkLook(GOOD, 0.05, 0.0), LinkLook(WARNING, 0.035, 0.3), LinkLook(BAD,
 
 
 class RadioLayer(MeshLayer):
-    """The links that connect the team, and thick lines from relays to the robots they serve."""
+    """The links that connect the team, lines from relays to the robots they serve, and routes between motes."""
 
     name, label, period_s, shown_at_first = "radio", "Radio links", 1.0, True
 
@@ -59,7 +65,8 @@ class RadioLayer(MeshLayer):
         super()._draw(view, now_s)
         widen = widen_for(view.map.size_m)
         lines = [strips(dashed([start, end], 0.0, LINK_Z_M, 1), RELAY_M * widen) for start, end in relay_lines(view)]
-        self._relays.show(by_color((RELAY, line) for line in lines))
+        routes = [taper(start, end, LINK_Z_M, widen) for start, end in mote_routes(view)[:ROUTES]]
+        self._relays.show(by_color([*((RELAY, line) for line in lines), *((ROUTE, route) for route in routes)]))
 
 
 class FocusRadioLayer(OwnLayer, MeshLayer):
@@ -93,3 +100,15 @@ def link_meshes(links: list[Link], z_m: float, widen: float, wider: float = 1.0)
         lines = dashed([link.start, link.end], dash_m, z_m, most)
         pieces.append((look.color, strips(lines, look.width_m * widen * wider)))
     return by_color(pieces)
+
+
+def taper(start: Point2D, end: Point2D, z_m: float, widen: float) -> Mesh:
+    """A flat strip that narrows towards its end: where something goes."""
+    length_m = max(start.distance_m(end), 1e-9)
+    across_x, across_y = (start.y_m - end.y_m) / length_m, (end.x_m - start.x_m) / length_m
+    corners = []
+    for place, width_m in ((start, ROUTE_M), (end, ROUTE_TIP_M)):
+        half_m = 0.5 * width_m * widen
+        for side in (-half_m, half_m):
+            corners.append((place.x_m + side * across_x, place.y_m + side * across_y, z_m))
+    return Mesh(np.array(corners, np.float32), np.array([[0, 2, 3], [0, 3, 1]], np.uint32))

@@ -3,8 +3,9 @@
 import numpy as np
 
 from robrain.coordinator.dashboard.html.charts import add_chart
+from robrain.coordinator.dashboard.html.field_html import field_html, rules_html
 from robrain.coordinator.dashboard.html.panel_html import log_html, robots_html, summary_html
-from robrain.coordinator.dashboard.panels.gui_values import set_html
+from robrain.coordinator.dashboard.panels.gui_values import set_html, set_visible
 from robrain.coordinator.dashboard.panels.page_context import Page
 
 CHART_PERIOD_S = 2.0
@@ -24,6 +25,12 @@ class TeamTab:
         self._folder = gui.add_folder("Explored over time", visible=False)
         with self._folder:
             self._chart = add_chart(gui, "Explored (%)", ["explored"], (0.0, 100.0))
+        self._field_folder = gui.add_folder("Mote field", visible=False)
+        with self._field_folder:
+            self._field = gui.add_html("")
+        self._rules_folder = gui.add_folder("Rules", visible=False)
+        with self._rules_folder:
+            self._rules = gui.add_html("")
         with gui.add_folder("Log", expand_by_default=False):
             self._log = gui.add_html("")
         self._charted_s: float | None = None
@@ -43,6 +50,12 @@ class TeamTab:
         if due or shown != self._listed or len(view.robots) <= MANY_ROWS:
             self._listed_s, self._listed = now_s, shown
             set_html(self._robots, robots_html(view, now_s, self._page.selected))
+        for folder, shown_html, html in (
+            (self._field_folder, self._field, field_html(view)),
+            (self._rules_folder, self._rules, rules_html(view)),
+        ):
+            set_visible(folder, bool(html))
+            set_html(shown_html, html)
         set_html(self._log, log_html(view))
         if len(view.explored) > 1 and (self._charted_s is None or now_s - self._charted_s >= CHART_PERIOD_S):
             self._charted_s = now_s

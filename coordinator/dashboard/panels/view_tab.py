@@ -16,7 +16,8 @@ LEGEND = (
     '<span class="rb-soft">◇ not heard</span></div>'
     '<h4>Radio links</h4><div class="rb-legend"><span class="rb-good">━ strong</span>'
     '<span class="rb-warn">– – weak</span>'
-    '<span class="rb-bad">· · very weak</span><span>wider: between robots</span><span>▬ relay</span></div>'
+    '<span class="rb-bad">· · very weak</span><span>wider: between robots</span><span>▬ relay</span>'
+    "<span>▶ readings from mote to mote, to a gateway</span></div>"
     '<h4>Tasks</h4><div class="rb-legend"><span>⚑ flag: waits</span><span>▼ pin: a robot is at it</span>'
     "<span>⚡ plate: charger</span><span>yellow diamond: border of the known</span></div><h4>Keys</h4>"
     '<div class="rb-legend"><span><b>H</b> halt all</span><span><b>O</b> overview</span><span><b>T</b> top view</span>'

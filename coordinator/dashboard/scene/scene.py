@@ -12,6 +12,7 @@ from robrain.coordinator.dashboard.layers.marker_layers import ChargerLayer, Fro
 from robrain.coordinator.dashboard.layers.radio_layer import RadioLayer
 from robrain.coordinator.dashboard.layers.robot_layers import CertaintyLayer, NameLayer, RobotLayer, TruthLayer
 from robrain.coordinator.dashboard.layers.track_layers import PathLayer, TrailLayer
+from robrain.coordinator.dashboard.layers.traffic_layer import TrafficLayer
 from robrain.coordinator.dashboard.scene import camera
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
@@ -23,6 +24,7 @@ LAYERS: tuple[type[Layer], ...] = (
     NameLayer,
     TrailLayer,
     PathLayer,
+    TrafficLayer,
     TaskLayer,
     ChargerLayer,
     FrontierLayer,

@@ -111,6 +111,16 @@ def robot_pairs(view: TeamView, now_s: float) -> dict[tuple[str, str], float]:
     return pairs
 
 
+def mote_routes(view: TeamView) -> list[tuple[Point2D, Point2D]]:
+    """From each mote to the mote or gateway that takes its readings, as its latest reading tells."""
+    lines = []
+    for mote in view.motes.values():
+        following = view.motes.get(mote.next_hop)
+        if following is not None and following is not mote and mote.place is not None and following.place is not None:
+            lines.append((mote.place, following.place))
+    return lines
+
+
 def relay_lines(view: TeamView) -> list[tuple[Point2D, Point2D]]:
     """From each robot that is a relay now to its mote, and to the robot that is next in the chain."""
     lines = []

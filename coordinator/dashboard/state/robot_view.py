@@ -4,6 +4,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from msgspec import UNSET
+
 from robrain.coordinator.drawing.robot_history import RobotHistory
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.messages.arena_messages import RobotTruth, Scan
@@ -157,7 +159,9 @@ class MoteView:
     readings: dict[str, MoteReading] = field(default_factory=dict)
     """The latest reading of each quantity."""
     links: dict[str, MoteReading] = field(default_factory=dict)
-    """The latest reading that each robot or gateway has relayed."""
+    """The latest reading that each robot or gateway has heard from it."""
+    next_hop: str = ""
+    """The mote that passes its readings on, or the gateway that hears it; empty if a robot hears it."""
 
     @property
     def latest(self) -> MoteReading | None:
@@ -167,6 +171,9 @@ class MoteView:
     def heard(self, reading: MoteReading) -> None:
         """Process a relayed reading, which may be old: it shows that there is a link."""
         self.place = reading.place or self.place
+        self.next_hop = reading.forwarder or (reading.via if reading.waiting is not UNSET else "")
+        if reading.hops:  # whoever tells it has not heard the mote itself
+            return
         self.links[reading.via] = reading
         newest_ns = max(link.stamp_ns for link in self.links.values())
         for via in [via for via, link in self.links.items() if newest_ns - link.stamp_ns > LINK_S * 1e9]:

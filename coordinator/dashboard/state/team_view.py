@@ -315,6 +315,10 @@ class TeamView:
             _check_place(robot.pose)
         for mote in truth.motes:
             _check_place(mote.place)
+        for body in truth.bodies or ():
+            _check_place(body.pose)
+            if max(body.length_m, body.width_m) > FAR_M:
+                raise ValueError(f"expected a body of at most {FAR_M:g} m, got {body.length_m} by {body.width_m}")
         self._set_time(truth.sim_time_s, now_s)
         self.truth = truth
         for robot in truth.robots:

@@ -2,6 +2,9 @@
 
 import math
 
+from msgspec import UNSET
+
+from robrain.coordinator.motes.field.field_ways import FieldWays
 from robrain.coordinator.motes.mote_registry import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.motes.cell_trend import CellTrend
@@ -112,6 +115,7 @@ class FieldLedger:
 
     def __init__(self, sensing_m: float) -> None:
         self.motes: dict[str, MoteLife] = {}
+        self.ways = FieldWays()
         self._sieve = ReadingSieve()
         self._sensing_m = sensing_m
         self._placed: tuple[str, ...] = ()
@@ -126,6 +130,7 @@ class FieldLedger:
                 return
             mote = self.motes[reading.mote] = MoteLife(reading)
         mote.note(reading, is_new=is_new)
+        self.ways.note(reading, is_new=is_new)
 
     def placed(self) -> list[MoteLife]:
         """The motes that know where they are, by name."""
@@ -168,6 +173,10 @@ class FieldLedger:
             first_dead_ns=dead[0] if dead else None,
             half_dead_ns=dead[half - 1] if len(dead) >= half else None,
             last_dead_ns=dead[-1] if len(dead) == len(lives) else None,
+            forwarded=self.ways.forwarded or UNSET,
+            hops=self.ways.mean_hops or UNSET,
+            forwarders=self.ways.forwarders() or UNSET,
+            gateways=self.ways.gateways() or UNSET,
         )
 
 

@@ -11,6 +11,8 @@ class MoteFieldPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     Raises ValueError if a value is invalid.
     """
 
+    watch: bool = False
+    """Whether to tell how the field is doing even if nothing is done for it."""
     collect_age_s: float = 0.0
     """Age of a mote's newest reading at which a robot is to collect; 0: never."""
     collect_timeout_s: float = 20.0
@@ -49,5 +51,5 @@ class MoteFieldPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
     @property
     def is_on(self) -> bool:
-        """Whether there is anything to do."""
-        return bool(self.collect_age_s or self.stand_ins or self.relays or self.turns_s)
+        """Whether there is anything to do or to tell."""
+        return bool(self.watch or self.collect_age_s or self.stand_ins or self.relays or self.turns_s)

@@ -1,6 +1,7 @@
 """SNwExploration: the robot is the relay between the mote network and the global one."""
 
 import msgspec
+from msgspec import UNSET
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
@@ -9,8 +10,10 @@ from robrain.plugins.unit.snw_exploration.asking import Asking, AskingParameters
 from robrain.plugins.unit.snw_exploration.base_links import BaseLinks
 from robrain.plugins.unit.snw_exploration.interface import HeardMote, HeardRobot, RssiMeasurement, SnwInterface
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, place_of
+from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
@@ -74,9 +77,16 @@ class SNwExploration(Unit):
         """Time between two beacons; with every second one the robot publishes which motes and robots it hears."""
         link_fresh_s: float = 5.0
         """Time of silence, or three periods of a mote, after which a link is no longer published."""
+        store_readings: int = 0
+        """Readings that it stores while there is no coordinator, and forwards later; 0: it tells them at once."""
 
         def __post_init__(self) -> None:
-            check_positive(self, *(name for name in self.__struct_fields__ if name not in ("collect", "weak_dbm")))
+            check_positive(
+                self,
+                *(name for name in self.__struct_fields__ if name not in ("collect", "weak_dbm", "store_readings")),
+            )
+            if self.store_readings < 0:
+                raise ValueError(f"expected store_readings >= 0, got {self.store_readings}")
             if self.request_span > REQUEST_SPAN:
                 raise ValueError(f"expected request_span of at most {REQUEST_SPAN}, got {self.request_span}")
             if self.window > 1 << 15:
@@ -102,11 +112,15 @@ class SNwExploration(Unit):
         self.env.wire.subscribe(self._inbox, MOTE_READING)
         self.env.wire.subscribe(self._inbox, MOTE_DUTY)
         self._alive = self.env.wire.watch(ROBOT_ALIVE)
+        capacity = self.parameters.store_readings
+        self._store = ReadingStore(self.env.wire, capacity, self._put) if capacity else None
         self._links_out = self.env.wire.publisher(ROBOT_LINKS, robot=self.env.robot)
 
     def step(self) -> None:
         self._hear_team()
         now_ns = self.env.clock.now_ns()
+        if self._store is not None:
+            self._store.step(now_ns)
         self._asking.step(now_ns)
         if now_ns >= self._next_beacon_ns:
             self._next_beacon_ns = now_ns + to_ns(self.parameters.beacon_s)
@@ -157,6 +171,8 @@ class SNwExploration(Unit):
         message = packet.message
         if message.type == BEACON_TYPE:
             self._take_beacon(message.payload, packet.stamp_ns)
+        if message.type == FORWARDED_TYPE:
+            self._take_forwarded(message.payload, packet.stamp_ns)
         if message.type not in (READING_TYPE, STORED_TYPE):
             return
         try:
@@ -175,7 +191,7 @@ class SNwExploration(Unit):
         if is_new:
             record.readings += 1
             self._counts.readings += 1
-            self._tell_team(record, reading, packet.stamp_ns)
+            self._tell_team(wire_reading(reading, self.env.robot, packet.stamp_ns))
         else:
             self._counts.repeated += 1
         self.measured.notify(
@@ -187,24 +203,35 @@ class SNwExploration(Unit):
             record.note_answer(reading.sequence)
         self._answer(record, packet.stamp_ns)
 
-    def _tell_team(self, record: MoteRecord, reading: ReadingPayload, stamp_ns: int) -> None:
+    def _take_forwarded(self, payload: bytes, stamp_ns: int) -> None:
+        """A reading has come over other motes: its own mote is not in reach, and is not spoken to."""
+        try:
+            forwarded = ForwardedPayload.unpack(payload)
+        except BadPacket:
+            self._counts.unreadable += 1
+            return
+        record = self._record(forwarded.reading.mote)
+        if record is None:
+            return
+        self._hear_team()
+        if not record.window.add(forwarded.reading.sequence, is_live=False):
+            self._counts.repeated += 1
+            return
+        record.readings += 1
+        self._counts.readings += 1
+        self._tell_team(wire_reading(forwarded.reading, self.env.robot, stamp_ns, forwarded))
+
+    def _tell_team(self, reading: MoteReading) -> None:
+        if self._store is None:
+            self._put(reading)
+        else:
+            self._store.tell(reading)
+
+    def _put(self, reading: MoteReading) -> None:
+        record = self._wanted(reading.mote)
         if record.publisher is None:
             record.publisher = self.env.wire.publisher(MOTE_READING, mote=record.name)
-        record.publisher.put(
-            MoteReading(
-                mote=record.name,
-                place=place_of(reading),
-                quantity=QUANTITIES.get(reading.quantity, f"quantity_{reading.quantity}"),
-                value=reading.value_centi / CENTI,
-                voltage_v=reading.voltage_mv / 1000,
-                rssi_dbm=reading.rssi_dbm,
-                via=self.env.robot,
-                sequence=reading.sequence,
-                taken_ns=stamp_ns - reading.age_ds * (NS_PER_S // DECI),
-                period_s=reading.period_ds / DECI,
-                stored=max(0, sequences_after(reading.sequence, reading.oldest)),
-            )
-        )
+        record.publisher.put(reading)
 
     def _answer(self, record: MoteRecord, now_ns: int) -> None:
         """Say what there is to say, while the mote listens."""
@@ -298,6 +325,33 @@ class SNwExploration(Unit):
     def _place(self) -> Point2D | None:
         pose = self.env.board.pose
         return Point2D(pose.x_m, pose.y_m) if pose is not None else None
+
+
+def wire_reading(reading: ReadingPayload, via: str, stamp_ns: int, way: ForwardedPayload | None = None) -> MoteReading:
+    """A reading as the team is told it.
+
+    Args:
+        reading: as the base station heard it.
+        via: whose base station.
+        stamp_ns: when it heard it.
+        way: how the reading came, if other motes have passed it on.
+
+    """
+    return MoteReading(
+        mote=f"{PREFIX}{reading.mote}",
+        place=place_of(reading),
+        quantity=QUANTITIES.get(reading.quantity, f"quantity_{reading.quantity}"),
+        value=reading.value_centi / CENTI,
+        voltage_v=reading.voltage_mv / 1000,
+        rssi_dbm=reading.rssi_dbm,
+        via=via,
+        sequence=reading.sequence,
+        taken_ns=stamp_ns - reading.age_ds * (NS_PER_S // DECI),
+        period_s=reading.period_ds / DECI,
+        stored=max(0, sequences_after(reading.sequence, reading.oldest)),
+        hops=UNSET if way is None else way.hops,
+        forwarder=UNSET if way is None else f"{PREFIX}{way.forwarder}",
+    )
 
 
 def _number_of(mote: str) -> int:

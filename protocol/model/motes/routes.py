@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 import msgspec
 
 from robrain.protocol.model.motes.mote_energy import MoteEnergy
-from robrain.protocol.model.motes.radio_graph import RadioGraph
+from robrain.protocol.model.motes.radio_graph import LinkGraph, RadioGraph
 
 NO_ROUTE = -1
 TREES = 64
@@ -49,7 +49,7 @@ def min_hop_tree(graph: RadioGraph, alive: Collection[int]) -> Tree:
     return parents
 
 
-def routes_of(graph: RadioGraph, trees: Sequence[Tree], sources: Collection[int]) -> Routes:
+def routes_of(graph: LinkGraph, trees: Sequence[Tree], sources: Collection[int]) -> Routes:
     """What trees ask of the motes if each source has one reading to send."""
     count = graph.sink
     sent, received, hops = [0.0] * count, [0.0] * count, [0.0] * count
@@ -67,7 +67,7 @@ def routes_of(graph: RadioGraph, trees: Sequence[Tree], sources: Collection[int]
 
 
 def lifetime_routes(
-    graph: RadioGraph,
+    graph: LinkGraph,
     left_j: Sequence[float],
     alive: Collection[int],
     sources: Collection[int],
@@ -112,7 +112,7 @@ def lifetime_routes(
     return routes_of(graph, trees, sources)
 
 
-def cheapest_tree(graph: RadioGraph, prices: Sequence[float], alive: Collection[int], energy: MoteEnergy) -> Tree:
+def cheapest_tree(graph: LinkGraph, prices: Sequence[float], alive: Collection[int], energy: MoteEnergy) -> Tree:
     """The tree of the cheapest ways to the sink if a joule of each mote has a price (Dijkstra)."""
     usable = set(alive)
     parents = [NO_ROUTE] * graph.sink

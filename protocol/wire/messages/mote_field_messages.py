@@ -1,8 +1,31 @@
 """How a field of motes is doing, as the coordinator tells it."""
 
 import msgspec
+from msgspec import UNSET, UnsetType
 
-from robrain.protocol.model.ranges import Count, Quantity, Stamp
+from robrain.protocol.model.ranges import Count, Name, Quantity, Stamp
+
+
+class ForwarderCount(msgspec.Struct, frozen=True, kw_only=True):
+    """A mote that passes on readings of its neighbours."""
+
+    mote: Name
+    readings: Count
+    """Readings that have arrived for which it was the first to pass them on."""
+
+
+class GatewayCount(msgspec.Struct, frozen=True, kw_only=True):
+    """A gateway between the field and the team's network."""
+
+    name: Name
+    readings: Count
+    """Readings that have arrived by it."""
+    waiting: Count
+    """Readings that it stored when it last told one."""
+    dropped: Count
+    """Readings that it has had no room for."""
+    heard_ns: Stamp
+    """When it told the last one."""
 
 
 class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,6 +53,14 @@ class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
     """The same of the mote with which half of them were dead."""
     last_dead_ns: Stamp | None = None
     """The same of the last mote, if all are dead."""
+    forwarded: Count | UnsetType = UNSET
+    """Readings that have arrived over other motes; absent, as the next two, if there are none."""
+    hops: Quantity | UnsetType = UNSET
+    """Mean number of motes that have passed such a reading on."""
+    forwarders: list[ForwarderCount] | UnsetType = UNSET
+    """Motes that passed most of them on first, most readings first."""
+    gateways: list[GatewayCount] | UnsetType = UNSET
+    """The gateways, by name; absent if there are none."""
 
     @property
     def words(self) -> str:
@@ -40,4 +71,16 @@ class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
         return (
             f"{self.motes} motes{dead}{rest}; {100 * self.delivery_ratio:.0f} % of the readings arrived, "
             f"newest {self.age_s:.0f} s old (oldest {self.oldest_s:.0f} s); {100 * self.coverage:.0f} % covered"
+            f"{self._way_words}"
         )
+
+    @property
+    def _way_words(self) -> str:
+        words = ""
+        if self.forwarded and self.forwarders and self.hops:
+            first = self.forwarders[0]
+            words = f"; {self.forwarded} readings passed on, {self.hops:.1f} times each, most by {first.mote}"
+        for gateway in self.gateways or ():
+            dropped = f", has dropped {gateway.dropped}" if gateway.dropped else ""
+            words += f"; gateway {gateway.name} stores {gateway.waiting}{dropped}"
+        return words

@@ -1,5 +1,7 @@
 """Readings and duties of sensor motes."""
 
+from msgspec import UNSET, UnsetType
+
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import (
     Count,
@@ -32,6 +34,14 @@ class MoteReading(Message, frozen=True, kw_only=True):
     """How often the mote senses; 0 if that is not known."""
     stored: Count = 0
     """Readings before the mote's latest that it still keeps, because nobody has acknowledged them."""
+    hops: Count | UnsetType = UNSET
+    """Number of motes that have passed it on; absent if none has."""
+    forwarder: Name | UnsetType = UNSET
+    """The first of them."""
+    waiting: Count | UnsetType = UNSET
+    """Readings that its gateway still stores; absent if it does not store any."""
+    dropped: Count | UnsetType = UNSET
+    """Readings that its gateway had no room for so far."""
 
 
 class MoteDuty(Message, frozen=True, kw_only=True):

@@ -12,6 +12,8 @@ class RuleStatus(msgspec.Struct, frozen=True, kw_only=True):
     """One rule, and what it has done since the coordinator started."""
 
     name: Name
+    waits: Text = ""
+    """What it waits for, and which kind of task it makes then, in words."""
     made: Count = 0
     """Tasks that it has made."""
     open: Count = 0

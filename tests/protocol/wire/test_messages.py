@@ -17,7 +17,6 @@ from robrain.protocol.wire.messages import (
     host_messages,
     map_messages,
     message,
-    mote_messages,
     offer_messages,
     plan_messages,
     plugin_messages,
@@ -27,13 +26,13 @@ from robrain.protocol.wire.messages import (
     rule_messages,
     team_messages,
 )
-from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.reasons.idle import NoWay
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import LostContact, Refused
 from robrain.protocol.wire.reasons.tasks import RobotOut
 from tests.message_modules import message_modules
 from tests.protocol.wire.link_examples import EXAMPLES_OF_LINKS
+from tests.protocol.wire.mote_examples import EXAMPLES_OF_MOTES, FIELD
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 """One example of each message, as it is on the wire. Changed bytes break older peers and recordings: think first."""
@@ -214,21 +213,17 @@ EXAMPLES = [
         refused=REFUSED,
         rules=[
             rule_messages.RuleStatus(
-                name="heat", made=3, open=1, alarms=2, refused=1, why="no robot does it", last_ns=1_400_000_000
+                name="heat",
+                waits="temperature_c above 26; then visit",
+                made=3,
+                open=1,
+                alarms=2,
+                refused=1,
+                why="no robot does it",
+                last_ns=1_400_000_000,
             )
         ],
-        mote_field=MoteFieldState(
-            motes=10,
-            dead=1,
-            delivery_ratio=0.97,
-            age_s=5.2,
-            oldest_s=34.5,
-            coverage=0.96,
-            on_duty=6,
-            first_dead_ns=1_300_000_000,
-            half_dead_ns=None,
-            last_dead_ns=None,
-        ),
+        mote_field=FIELD,
     ),
     robot_messages.RobotLinks(
         **STAMP,
@@ -238,21 +233,7 @@ EXAMPLES = [
             robot_messages.RadioLink(peer="m3", rssi_dbm=-81.0, heard_ns=1_450_000_000),
         ],
     ),
-    mote_messages.MoteReading(
-        **STAMP,
-        mote="m3",
-        place=Point2D(5.0, -2.0),
-        quantity="temperature_c",
-        value=21.5,
-        voltage_v=2.9,
-        rssi_dbm=-75.0,
-        via="r1",
-        sequence=258,
-        taken_ns=1_400_000_000,
-        period_s=4.0,
-        stored=12,
-    ),
-    mote_messages.MoteDuty(**STAMP, mote="m3", period_s=30.0, by="operator"),
+    *EXAMPLES_OF_MOTES,
     recorder_messages.RecorderState(
         **STAMP,
         recorder="rec_run",

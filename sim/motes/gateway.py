@@ -1,0 +1,112 @@
+"""Simulated gateways: beside a mote stands a base station with mains power, which has a radio of the team's network.
+
+It runs what a robot's sensor network unit runs for readings (`plugins/unit/snw_exploration`), and no more: it tells the
+team what it hears, stores it while the network is away, and acknowledges readings of motes in reach.
+"""
+
+from collections.abc import Iterable, Sequence
+
+from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
+from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
+from robrain.plugins.unit.snw_exploration.snw_exploration import PREFIX, wire_reading
+from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
+from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
+from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, READING_TYPE, STORED_TYPE, ReadingPayload
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_READING
+from robrain.sim.errors import ScenarioError
+from robrain.sim.motes.mote import ArenaMote
+
+ADDRESS = 0
+"""Of base stations on the air."""
+WINDOW = 4096
+"""Last numbers of a mote that are told apart."""
+ACKNOWLEDGED_TOGETHER = 8
+
+
+class MoteGateway:
+    """One gateway.
+
+    Args:
+        name: its own, which is that of its mote.
+        wire: its endpoint on the team's network.
+        capacity: readings that it stores.
+
+    """
+
+    def __init__(self, name: str, wire: Endpoint, capacity: int) -> None:
+        self.name = name
+        self.store = ReadingStore(wire, capacity, self._put)
+        self._wire = wire
+        self._inbox = Inbox(4096)
+        self._radio = wire.publisher(ARENA_RADIO_TX, robot=name)
+        self._records: dict[int, MoteRecord] = {}
+        self._publishers: dict[str, Publisher] = {}
+        wire.subscribe(self._inbox, ARENA_RADIO_RX, robot=name)
+
+    def step(self) -> None:
+        """Hear what the base station has received, and forward what is stored."""
+        now_ns = self._wire.clock.now_ns()
+        self.store.step(now_ns)
+        if not self._inbox.has_some:
+            return
+        for _, _, packet in self._inbox.drain_raw():
+            try:
+                self._take(ActiveMessage.unpack(packet), now_ns)
+            except BadPacket:
+                continue
+
+    def _take(self, message: ActiveMessage, now_ns: int) -> None:
+        way = None
+        if message.type == FORWARDED_TYPE:
+            way = ForwardedPayload.unpack(message.payload)
+            reading = way.reading
+        elif message.type in (READING_TYPE, STORED_TYPE):
+            reading = ReadingPayload.unpack(message.payload)
+        else:
+            return
+        record = self._records.get(reading.mote)
+        if record is None:
+            record = self._records[reading.mote] = MoteRecord(f"{PREFIX}{reading.mote}", reading.mote, WINDOW)
+        is_live = message.type == READING_TYPE
+        is_new = record.window.add(reading.sequence, is_live=is_live)
+        if is_live:
+            record.window.mote_holds_from(reading.oldest)
+        if is_new:
+            self.store.tell(wire_reading(reading, self.name, now_ns, way))
+        complete = record.window.complete() if way is None else None
+        if complete is not None and complete[1] >= ACKNOWLEDGED_TOGETHER:
+            answer = ActiveMessage(
+                type=ACKNOWLEDGE_TYPE, payload=complete[0].pack(), source=ADDRESS, destination=record.number
+            )
+            self._radio.put_bytes(answer.pack())
+
+    def _put(self, reading: MoteReading) -> None:
+        publisher = self._publishers.get(reading.mote)
+        if publisher is None:
+            publisher = self._publishers[reading.mote] = self._wire.publisher(MOTE_READING, mote=reading.mote)
+        publisher.put(reading)
+
+
+def gateway_motes(motes: Sequence[ArenaMote], names: Iterable[str]) -> list[ArenaMote]:
+    """Those of the motes that are named; other names are of robots."""
+    return [mote for mote in motes if mote.name in set(names)]
+
+
+def check_gateways(names: Sequence[str], robots: Sequence[str], motes: Sequence[ArenaMote], where: str) -> None:
+    """Check that gateways are robots or motes that there are.
+
+    Raises:
+        ScenarioError: naming `where`, key and name.
+
+    """
+    known = {*robots, *(mote.name for mote in motes)}
+    for name in names:
+        if name not in known:
+            there = f"robots r1 to r{len(robots)}" + (f" and motes m1 to m{len(motes)}" if motes else "")
+            raise ScenarioError(f"{where}: motes: gateways: no robot or mote {name!r}; there are {there}")
+        if list(names).count(name) > 1:
+            raise ScenarioError(f"{where}: motes: gateways: expected each name once, got {name!r} twice")

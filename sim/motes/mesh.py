@@ -1,0 +1,351 @@
+"""Readings that motes pass on to base stations, hop by hop.
+
+A mote that no base station has heard sends its reading to its next hop, which acknowledges it and passes it on. Packets
+and acknowledgements meet the radio's path loss, shadowing and noise. Who sends or hears one spends energy on it.
+
+Next hops are those of `lifetime_routes`, from the links, the motes' energy, and the base stations near which motes are
+at that time: what motes agree on by beacons, computed in one place. The beacons' energy is counted, not their losses.
+"""
+
+import heapq
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import msgspec
+import numpy as np
+
+from robrain.protocol.model.motes.mote_energy import CELL_V, OVERHEAD_BITS, MoteEnergy
+from robrain.protocol.model.motes.radio_graph import LinkGraph
+from robrain.protocol.model.motes.routes import NO_ROUTE, Tree, lifetime_routes
+from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
+from robrain.protocol.tinyos.packet import ActiveMessage
+from robrain.protocol.tinyos.payloads import DECI, READING_TYPE, STORED_TYPE, ReadingPayload
+from robrain.sim.motes.mesh_spec import MeshSpec
+from robrain.sim.motes.mote import LOG_S, SENSE_S, Mote
+from robrain.sim.motes.mote_power import (
+    CPU_ACTIVE_MA,
+    CPU_IDLE_MA,
+    LOG_WRITE_MA,
+    RECEIVE_MA,
+    SENSOR_BOARD_MA,
+    SLEEP_MA,
+    MoteState,
+    send_ma,
+)
+from robrain.sim.motes.radio import AIRTIME_S, PACKET_BYTES, RadioCounters, RadioLink, RadioModel, ShadowField
+
+SHORT_S = OVERHEAD_BITS / 8 / PACKET_BYTES * AIRTIME_S
+"""An acknowledgement or a beacon on the air."""
+GAP_S = 0.04
+"""Between two packets of a mote that passes several on."""
+GOOD_DB = 5.0
+"""Links count as good whose mean strength is so far above the sensitivity: by default, 99 of 100 packets arrive."""
+TREES = 8
+"""Routes that are computed at once and used in turn (chosen)."""
+SEEN = 128
+"""Readings that a mote remembers to have passed on."""
+MILLI = 1e-3
+
+Say = Callable[[int, ActiveMessage], bool]
+"""Sends a mote's packet to the base stations; returns whether one has heard and acknowledged it."""
+
+
+class MeshCounters(msgspec.Struct):
+    """What became of packets between motes."""
+
+    sent: int = 0
+    """To a next hop, repetitions included."""
+    passed_on: int = 0
+    """Readings taken in by a mote to be passed on."""
+    repeated: int = 0
+    """Readings that a mote had taken in before: its acknowledgement was lost."""
+    refused: int = 0
+    """Packets for which a mote had no room."""
+    waits: int = 0
+    """Times that a mote found its next hop gone."""
+
+
+class _Packet(msgspec.Struct):
+    """A reading on its way."""
+
+    reading: ReadingPayload
+    at_tick: int
+    """When its age was right."""
+    kind: int = READING_TYPE
+    hops: int = 0
+    forwarder: int = 0
+
+    def message(self, source: int, to: int | None, tick: int, tick_s: float) -> ActiveMessage:
+        """As it is sent now."""
+        waited_ds = round(DECI * (tick - self.at_tick) * tick_s)
+        reading = msgspec.structs.replace(self.reading, age_ds=self.reading.age_ds + waited_ds)
+        payload = ForwardedPayload(reading, self.forwarder, self.hops) if self.hops else reading
+        message = ActiveMessage(type=self.kind, payload=payload.pack(), source=source)
+        return message if to is None else msgspec.structs.replace(message, destination=to)
+
+
+class _Station:
+    """What one mote holds to send on."""
+
+    def __init__(self) -> None:
+        self.queue: deque[_Packet] = deque()
+        self.due_tick = 0
+        self.failed = 0
+        """Packets in a row that were not acknowledged."""
+        self.unsent: deque[int] = deque()
+        """Own readings in its log that it had no way for."""
+        self.seen: dict[tuple[int, int], None] = {}
+
+    def has_seen(self, packet: _Packet) -> bool:
+        """Whether it has taken this reading in before; it remembers it from now on."""
+        key = packet.reading.mote, packet.reading.sequence
+        if key in self.seen:
+            return True
+        self.seen[key] = None
+        if len(self.seen) > SEEN:
+            del self.seen[next(iter(self.seen))]
+        return False
+
+
+class MoteMesh:
+    """The air between the motes, and what they hold for each other.
+
+    Args:
+        motes: all of them.
+        spec: how they pass readings on.
+        radio: what the air is like.
+        energy: what states and packets take from a mote.
+        rate_hz: readings a second of each mote.
+        seed: each pair of motes has randomness of its own, from this.
+        tick_s: how long a tick is.
+        say: sends to base stations.
+        near: motes that a base station hears now, by the mean, at least at a strength in dBm.
+
+    """
+
+    def __init__(
+        self,
+        motes: Sequence[Mote],
+        spec: MeshSpec,
+        radio: RadioModel,
+        energy: MoteEnergy,
+        rate_hz: float,
+        seed: np.random.SeedSequence,
+        tick_s: float,
+        say: Say,
+        near: Callable[[float], list[int]],
+    ) -> None:
+        self.counters = MeshCounters()
+        self.air = RadioCounters()
+        self.next_hops: Tree = [NO_ROUTE] * len(motes)
+        """Of each mote; the number of motes stands for a base station."""
+        self._motes = motes
+        self._index = {mote.mote.number: index for index, mote in enumerate(motes)}
+        self._spec, self._radio, self._energy, self._rate_hz = spec, radio, energy, rate_hz
+        self._seed, self._tick_s, self._say, self._near = seed, tick_s, say, near
+        self._sink = len(motes)
+        self._stations = [_Station() for _ in motes]
+        self._strengths_dbm = _strengths_dbm(motes, radio, seed)
+        self._links: dict[tuple[int, int], RadioLink] = {}
+        self._wake_ticks = max(1, round(spec.wake_s / tick_s))
+        self._gap_ticks = max(1, round(GAP_S / tick_s))
+        self._routes_ticks = max(1, round(spec.routes_s / tick_s))
+        self._routes_tick = 0
+        self._trees: list[Tree] = []
+        self._made_for: tuple[list[int], list[int]] = [], []
+        self._wakes: list[tuple[int, int]] = []
+
+    def step(self, tick: int) -> None:
+        """Choose routes if it is time, and send what is due."""
+        if tick >= self._routes_tick:
+            self._routes_tick = tick + self._routes_ticks
+            self._choose()
+        while self._wakes and self._wakes[0][0] <= tick:
+            due_tick, index = heapq.heappop(self._wakes)
+            if self._stations[index].due_tick == due_tick:
+                self._send(index, tick)
+
+    def sent(self, index: int, message: ActiveMessage, tick: int, *, is_heard: bool) -> None:
+        """A mote has just sent a reading of its own; whether a base station has heard it."""
+        station = self._stations[index]
+        packet = _Packet(ReadingPayload.unpack(message.payload), tick)
+        if is_heard or self._reach_next(index, packet, tick):
+            station.failed = 0
+            self._catch_up(index, tick)
+        elif self.next_hops[index] == NO_ROUTE or len(station.queue) >= self._spec.queue:
+            self._keep(index)
+        else:
+            self._put(index, packet, tick, self._wake_ticks)
+
+    # -- sending --------------------------------------------------------------------------------------------
+
+    def _send(self, index: int, tick: int) -> None:
+        station, mote = self._stations[index], self._motes[index]
+        if not station.queue or mote.battery.is_flat:
+            return
+        hop = self.next_hops[index]
+        if hop == NO_ROUTE:
+            self._wake(index, tick + self._wake_ticks)
+            return
+        packet = station.queue[0]
+        to = self._motes[hop].mote.number if hop != self._sink else None
+        mote.battery.spend(MoteState.SEND, AIRTIME_S)
+        message = packet.message(mote.mote.number, to, tick, self._tick_s)
+        if self._say(index, message) or self._reach_next(index, packet, tick):
+            station.failed = 0
+            station.queue.popleft()
+            self._wake(index, tick + self._gap_ticks)
+            return
+        station.failed += 1
+        if station.failed >= self._spec.tries:
+            station.failed = 0
+            self.counters.waits += 1
+            self.next_hops[index] = NO_ROUTE
+        self._wake(index, tick + self._wake_ticks)
+
+    def _reach_next(self, index: int, packet: _Packet, tick: int) -> bool:
+        """Whether the next hop has heard a packet that was sent, and its acknowledgement has come back."""
+        hop = self.next_hops[index]
+        if hop in (NO_ROUTE, self._sink):
+            return False
+        self.counters.sent += 1
+        self._motes[index].battery.spend(MoteState.LISTEN, SHORT_S)
+        other = self._motes[hop]
+        if other.battery.is_flat or not self._arrives(index, hop):
+            return False
+        other.battery.spend(MoteState.LISTEN, AIRTIME_S)
+        if not self._take(hop, index, packet, tick):
+            return False
+        other.battery.spend(MoteState.SEND, SHORT_S)
+        return self._arrives(hop, index)
+
+    def _take(self, index: int, sender: int, packet: _Packet, tick: int) -> bool:
+        """A mote hears a neighbour's packet; whether it acknowledges it."""
+        station = self._stations[index]
+        if packet.hops >= self._spec.hops or len(station.queue) >= self._spec.queue:
+            self.counters.refused += 1
+            return False
+        if station.has_seen(packet):
+            self.counters.repeated += 1
+            return True
+        self.counters.passed_on += 1
+        first = packet.forwarder if packet.hops else self._motes[index].mote.number
+        self._put(
+            index,
+            _Packet(packet.reading, packet.at_tick, FORWARDED_TYPE, packet.hops + 1, first),
+            tick,
+            self._wake_ticks,
+        )
+        return True
+
+    def _arrives(self, sender: int, receiver: int) -> bool:
+        link = self._links.get((sender, receiver))
+        if link is None:
+            key = (*self._seed.spawn_key, sender, receiver)
+            rng = np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
+            link = self._links[sender, receiver] = RadioLink(self._radio, rng, self.air)
+        return link.receive_dbm(self._strengths_dbm[sender][receiver]) is not None
+
+    def _put(self, index: int, packet: _Packet, tick: int, after_ticks: int) -> None:
+        station = self._stations[index]
+        station.queue.append(packet)
+        if len(station.queue) == 1:
+            self._wake(index, tick + after_ticks)
+
+    def _wake(self, index: int, tick: int) -> None:
+        self._stations[index].due_tick = tick
+        if self._stations[index].queue:
+            heapq.heappush(self._wakes, (tick, index))
+
+    def _keep(self, index: int) -> None:
+        """There is no way for a mote's newest reading: it stays in its log."""
+        unsent = self._stations[index].unsent
+        unsent.append(self._motes[index].newest)
+        if len(unsent) > self._motes[index].log.capacity:
+            unsent.popleft()
+
+    def _catch_up(self, index: int, tick: int) -> None:
+        """There is a way again: an older reading may follow each new one."""
+        station = self._stations[index]
+        while station.unsent and len(station.queue) < self._spec.queue:
+            reading = self._motes[index].stored(station.unsent.popleft(), tick)
+            if reading is not None:
+                self._put(index, _Packet(reading, tick, STORED_TYPE), tick, self._gap_ticks)
+                return
+
+    # -- routes ---------------------------------------------------------------------------------------------
+
+    def _choose(self) -> None:
+        alive = [index for index, mote in enumerate(self._motes) if not mote.battery.is_flat]
+        flat = {index for index, mote in enumerate(self._motes) if mote.battery.is_flat}
+        near = [index for index in self._near(self._radio.sensitivity_dbm) if index not in flat]
+        for index in alive:
+            battery = self._motes[index].battery
+            battery.spend(MoteState.SEND, SHORT_S)
+            battery.spend(MoteState.LISTEN, SHORT_S * len(self._strengths_dbm[index]))
+        if not self._trees or self._made_for != (alive, near):
+            self._made_for = alive, near
+            self._trees = self._plan(alive, near)
+        self.next_hops = list(self._trees.pop(0))
+
+    def _plan(self, alive: list[int], near: list[int]) -> list[Tree]:
+        """Routes over good links; motes that have none to a base station use weaker ones."""
+        good_dbm = self._radio.sensitivity_dbm + GOOD_DB
+        well = set(self._near(good_dbm))
+        graph = LinkGraph([*self._linked(good_dbm, set()), [index for index in near if index in well]])
+        cut_off = set(alive) - graph.reachable(alive)
+        if cut_off:
+            graph = LinkGraph(
+                [*self._linked(good_dbm, cut_off), [index for index in near if index in well or index in cut_off]]
+            )
+        left_j = [mote.battery.left_share * self._energy.capacity_j for mote in self._motes]
+        return lifetime_routes(graph, left_j, alive, alive, self._energy, self._rate_hz, TREES).trees
+
+    def _linked(self, good_dbm: float, content: set[int]) -> list[list[int]]:
+        """Neighbours of each mote by good links; by any for those that are content with less, and between them."""
+        return [
+            sorted(
+                other
+                for other, strength_dbm in strengths.items()
+                if strength_dbm >= good_dbm or index in content or other in content
+            )
+            for index, strengths in enumerate(self._strengths_dbm)
+        ]
+
+
+def energy_of(radio: RadioModel, duty: float, capacity_mah: float) -> MoteEnergy:
+    """What a simulated mote's states and packets take, as routes are computed from it."""
+    send_w = CELL_V * MILLI * (CPU_ACTIVE_MA + send_ma(radio.transmit_dbm))
+    listen_w = CELL_V * MILLI * (CPU_IDLE_MA + RECEIVE_MA)
+    asleep_w = CELL_V * MILLI * SLEEP_MA
+    sense_w, log_w = CELL_V * MILLI * (CPU_ACTIVE_MA + SENSOR_BOARD_MA), CELL_V * MILLI * (CPU_ACTIVE_MA + LOG_WRITE_MA)
+    return MoteEnergy(
+        capacity_j=CELL_V * MILLI * capacity_mah * 3600.0,
+        asleep_w=asleep_w,
+        awake_w=(1.0 - duty) * asleep_w + duty * listen_w,
+        reading_j=sense_w * SENSE_S + log_w * LOG_S,
+        send_j=send_w * AIRTIME_S + listen_w * SHORT_S,
+        receive_j=listen_w * AIRTIME_S + send_w * SHORT_S,
+        hand_over_j=send_w * AIRTIME_S,
+        beacon_send_j=send_w * SHORT_S,
+        beacon_receive_j=listen_w * SHORT_S,
+    )
+
+
+def _strengths_dbm(motes: Sequence[Mote], radio: RadioModel, seed: np.random.SeedSequence) -> list[dict[int, float]]:
+    """Mean strength at which each mote hears others, of those that it hears at all; alike in both directions.
+
+    Shadowing belongs to the places of both ends, as between robots (`RobotAir`).
+    """
+    xs_m = np.array([mote.mote.place.x_m for mote in motes])
+    ys_m = np.array([mote.mote.place.y_m for mote in motes])
+    field_db = radio.static_db / np.sqrt(2.0)
+    shadow = ShadowField(field_db, radio.correlation_m, np.random.default_rng(seed)) if field_db > 0 else None
+    shadows_db = shadow.at(xs_m, ys_m) if shadow is not None else np.zeros(len(motes))
+    found: list[dict[int, float]] = []
+    for index in range(len(motes)):
+        distances_m = np.hypot(xs_m - xs_m[index], ys_m - ys_m[index])
+        strengths_dbm = radio.mean_rssi_dbm_of(distances_m) + shadows_db + shadows_db[index]
+        heard = np.flatnonzero(strengths_dbm >= radio.sensitivity_dbm).tolist()
+        found.append({other: float(strengths_dbm[other]) for other in heard if other != index})
+    return found

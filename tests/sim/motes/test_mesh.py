@@ -1,0 +1,224 @@
+"""Readings that simulated motes pass on to base stations, hop by hop."""
+
+from collections import Counter
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
+from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
+from robrain.protocol.tinyos.payloads import READING_TYPE, STORED_TYPE, ReadingPayload
+from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ARENA_RADIO_RX
+from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
+from robrain.sim.motes.mesh_spec import MeshSpec
+from robrain.sim.motes.mote import ArenaMote, MoteSpec
+from robrain.sim.motes.mote_power import MoteState
+from robrain.sim.motes.motes import MoteField, SensorNetwork
+from robrain.sim.motes.radio import RadioModel
+
+TICK_S = 0.02
+MESH = MeshSpec(hops=8, routes_s=5.0)
+RADIO = RadioModel(shadowing_db=0.0)
+STEP_M = 6.0
+"""Motes hear each other well up to 6.8 m, and not at all at 12 m."""
+
+
+def network(mesh: MeshSpec = MESH, radio: RadioModel = RADIO, **of_motes: float) -> SensorNetwork:
+    kind: dict[str, float] = {"jitter_s": 0.0, "drift_ppm": 0.0, "used_at_start_max": 0.0} | of_motes
+    quiet = FieldSpec(temperature=Levels(base=20.0, plume=9.0, noise=0.0))
+    return SensorNetwork(motes=MoteSpec(mesh=mesh, **kind), radio=radio, field=quiet)
+
+
+class Line:
+    """Motes on the floor, and a robot that can be moved."""
+
+    def __init__(
+        self, wire: Endpoint, motes: list[tuple[float, float]], spec: SensorNetwork, seed: int = 1, at_m: float = 0.0
+    ) -> None:
+        self.robot = Point2D(at_m, 0.0)
+        self._inbox = Inbox(1_000_000)
+        wire.subscribe(self._inbox, ARENA_RADIO_RX)
+        placed = [ArenaMote(name=f"m{n}", number=n, place=Point2D(*place)) for n, place in enumerate(motes, 1)]
+        field = Field(spec.field, [Plume(0.0, 0.0, 0.0, 0.0)], Point2D(-100.0, -100.0), (200.0, 200.0))
+        self.field = MoteField(placed, ["r1"], spec, field, wire, np.random.default_rng(seed), TICK_S)
+        self.ticks = 0
+
+    def run(self, seconds: float) -> list[tuple[ActiveMessage, ReadingPayload, int, int]]:
+        """Packets that the robot has heard: message, reading, first forwarder and hops (0 for the mote itself)."""
+        for _ in range(round(seconds / TICK_S)):
+            self.ticks += 1
+            self.field.step([self.robot])
+        heard = []
+        for received in self._inbox.drain():
+            message = ActiveMessage.unpack(received.message)
+            if message.type == FORWARDED_TYPE:
+                way = ForwardedPayload.unpack(message.payload)
+                heard.append((message, way.reading, way.forwarder, way.hops))
+            else:
+                heard.append((message, ReadingPayload.unpack(message.payload), 0, 0))
+        return heard
+
+
+@pytest.fixture
+def wire() -> Iterator[Endpoint]:
+    session = open_lockstep_session()
+    endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
+    yield endpoint
+    endpoint.close()
+    session.close()
+
+
+def a_line(count: int) -> list[tuple[float, float]]:
+    return [(STEP_M * index, 1.0) for index in range(count)]
+
+
+def test_readings_of_motes_that_no_base_station_hears_arrive_over_their_neighbours(wire):
+    heard = Line(wire, a_line(5), network()).run(60.0)
+    ways = {reading.mote: (forwarder, hops) for _, reading, forwarder, hops in heard}
+    assert ways == {1: (0, 0), 2: (0, 0), 3: (2, 1), 4: (3, 2), 5: (4, 3)}
+    numbers = {mote: {reading.sequence for _, reading, _, _ in heard if reading.mote == mote} for mote in ways}
+    assert all(set(range(13)) <= numbers[mote] for mote in ways)
+
+
+def test_motes_do_not_hear_each_other_by_default(wire):
+    line = Line(wire, a_line(5), network(MeshSpec()))
+    assert {reading.mote for _, reading, _, _ in line.run(60.0)} == {1, 2}
+    assert line.field.mesh is None
+
+
+def test_no_more_motes_pass_a_reading_on_than_allowed(wire):
+    line = Line(wire, a_line(5), network(MeshSpec(hops=1, routes_s=5.0)))
+    heard = line.run(120.0)
+    assert {reading.mote for _, reading, _, _ in heard} == {1, 2, 3}
+    assert line.field.mesh is not None
+    assert line.field.mesh.counters.refused > 0
+
+
+def test_a_forwarded_reading_tells_its_age_by_the_time_it_waited(wire):
+    heard = Line(wire, a_line(4), network()).run(60.0)
+    ages_ds = {hops: [] for hops in range(3)}
+    for _, reading, _, hops in heard:
+        ages_ds[hops].append(reading.age_ds)
+    assert [min(ages_ds[hops]) for hops in range(3)] == [0, 5, 10]
+
+
+def test_packets_between_motes_meet_the_radio_and_are_sent_again(wire):
+    near_the_edge = RadioModel(shadowing_db=5.0, static_share=0.0, sensitivity_dbm=-88.4)
+    line = Line(wire, a_line(4), network(radio=near_the_edge))
+    heard = line.run(400.0)
+    assert line.field.mesh is not None
+    counters, air = line.field.mesh.counters, line.field.mesh.air
+    assert air.crc_errors + air.lost > 0.02 * counters.sent
+    assert counters.repeated > 0
+    arrived = {reading.sequence for _, reading, _, _ in heard if reading.mote == 4}
+    assert len(arrived) >= 0.97 * 99
+    packets = Counter((reading.mote, reading.sequence) for message, reading, _, _ in heard if message.source == 2)
+    assert packets[4, 30] <= 3
+
+
+def test_who_passes_readings_on_spends_energy_on_it(wire):
+    states = {}
+    for hops in (0, 8):
+        line = Line(wire, a_line(3), network(MeshSpec(hops=hops, duty=0.0, routes_s=5.0)))
+        line.run(60.0)
+        states[hops] = [dict(mote.battery.state_s) for mote in line.field.motes]
+    more_s = [{state: states[8][index][state] - states[0][index][state] for state in MoteState} for index in range(3)]
+    assert more_s[1][MoteState.SEND] > 14 * 0.018  # fourteen readings of m3, and acknowledgements
+    assert more_s[1][MoteState.LISTEN] > more_s[0][MoteState.LISTEN] > 0.0
+    line = Line(wire, a_line(3), network(MeshSpec(hops=8, duty=0.05)))
+    line.run(60.0)
+    assert line.field.motes[0].battery.state_s[MoteState.LISTEN] > 0.045 * 60.0
+
+
+def test_motes_with_equal_energy_take_turns_and_one_with_little_is_spared(wire):
+    diamond = [(0.0, 1.0), (5.0, 3.0), (5.0, -3.0), (10.0, 0.0)]
+    ways = []
+    for used_s in (0.0, 90.0):
+        line = Line(wire, diamond, network(capacity_mah=0.5), at_m=-4.0)
+        line.field.motes[1].battery.spend(MoteState.LISTEN, used_s)
+        heard = line.run(160.0)
+        ways.append(Counter(forwarder for _, reading, forwarder, _ in heard if reading.mote == 4))
+    assert min(ways[0][2], ways[0][3]) > 10
+    assert ways[1][3] > 9 * ways[1][2]
+
+
+def test_a_mote_without_a_good_link_uses_a_weak_one_and_others_leave_such_links_alone(wire):
+    far = [(0.0, 1.0), (6.0, 1.0), (14.5, 1.0), (14.5, 4.0)]
+    line = Line(wire, far, network(radio=RadioModel(shadowing_db=1.0, static_share=0.0)), at_m=-2.0)
+    heard = line.run(200.0)
+    assert {forwarder for _, reading, forwarder, _ in heard if reading.mote == 3} == {2}
+    assert len({reading.sequence for _, reading, _, _ in heard if reading.mote == 3}) >= 45
+    assert line.field.mesh is not None
+    assert line.field.mesh.next_hops[:3] == [4, 0, 1]  # the robot, 8 m from m2, would hear it weakly
+
+
+def test_routes_lead_around_a_mote_that_has_died(wire):
+    diamond = [(0.0, 1.0), (5.0, 3.0), (5.0, -3.0), (10.0, 0.0)]
+    line = Line(wire, diamond, network(), at_m=-4.0)
+    line.run(30.0)
+    line.field.motes[1].battery.spend(MoteState.LISTEN, 1e9)
+    line.run(10.0)
+    heard = line.run(60.0)
+    assert {forwarder for _, reading, forwarder, _ in heard if reading.mote == 4} == {3}
+    assert len({reading.sequence for _, reading, _, _ in heard if reading.mote == 4}) >= 14
+
+
+def test_readings_wait_in_the_log_while_there_is_no_way_and_follow_later(wire):
+    line = Line(wire, a_line(3), network(), at_m=-60.0)
+    assert line.run(60.0) == []
+    line.robot = Point2D(-4.0, 0.0)
+    heard = line.run(100.0)
+    arrived = {reading.sequence for _, reading, _, _ in heard if reading.mote == 3}
+    assert set(range(30)) <= arrived
+    assert {message.type for message, _, _, _ in heard} == {READING_TYPE, STORED_TYPE, FORWARDED_TYPE}
+    old = [reading for _, reading, _, _ in heard if reading.mote == 3 and reading.sequence == 0]
+    assert 600 <= old[0].age_ds <= 750
+
+
+def test_a_mote_holds_no_more_readings_than_it_has_room_for_and_none_is_lost(wire):
+    line = Line(wire, a_line(6), network(MeshSpec(hops=8, queue=1, routes_s=5.0)))
+    heard = line.run(200.0)
+    assert line.field.mesh is not None
+    assert line.field.mesh.counters.refused > 0
+    assert max(len(station.queue) for station in line.field.mesh._stations) <= 1
+    numbers = {reading.sequence for _, reading, _, _ in heard if reading.mote == 6}
+    assert len(numbers) >= 35
+
+
+def test_equal_seeds_give_equal_packets_and_more_motes_leave_links_alone(wire):
+    lossy = RadioModel(shadowing_db=5.0)
+    runs = []
+    for seed in (1, 1, 2):
+        heard = Line(wire, a_line(4), network(radio=lossy), seed).run(60.0)
+        runs.append([(message.source, message.payload) for message, _, _, _ in heard])
+    assert runs[0] == runs[1] != runs[2]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"hops": -1}, {"hops": 256}, {"tries": 0}, {"queue": 0}, {"duty": 1.5}, {"wake_s": 0.0}]
+)
+def test_a_mesh_without_sense_is_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        MeshSpec(**wrong)
+
+
+def test_a_forwarded_reading_is_read_as_it_was_written():
+    reading = ReadingPayload(
+        mote=7, sequence=65535, oldest=12, age_ds=3, period_ds=40, voltage_mv=2900, quantity=1, value_centi=-5, x_dm=-1,
+        y_dm=9, rssi_dbm=-77,
+    )  # fmt: skip
+    way = ForwardedPayload(reading, 300, 4)
+    assert ForwardedPayload.unpack(way.pack()) == way
+    assert len(way.pack()) == 27
+    for wrong in (b"", b"123", way.pack()[:-1], way.pack() + b"1"):
+        with pytest.raises(BadPacket):
+            ForwardedPayload.unpack(wrong)
+    with pytest.raises(BadPacket, match="hops up to 255"):
+        msgspec.structs.replace(way, hops=256).pack()
