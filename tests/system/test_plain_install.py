@@ -65,6 +65,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("coordinator", [], "navigation"),
     ("bench log", ["room.clf"], "navigation"),
     ("bench exploration", [], "sim"),
+    ("bench leaderless", [], "sim"),
     ("bench motes", [], "sim"),
     ("bench mapping", [], "sim"),
     ("bench joining", [], "sim"),

@@ -33,6 +33,7 @@ LOOK_M = 1.5
 """A frontier is looked at from no farther away."""
 HALTED = "halted"
 EVERYWHERE_M = 1e6
+"""Robots within this distance are considered: all of the team."""
 DECIDE_PERIOD_S = 1.0
 """Period in which a robot that explores by its own choice decides anew, as a coordinator does by `revise_s`."""
 WHY = {
@@ -199,7 +200,9 @@ class ExploreBehavior(Behavior):
         if not self._travel.roams:
             self._revise()
         else:
-            any(goal not in self._spent and self._set_out(goal) for goal in self._frontiers())
+            for goal in self._frontiers():
+                if goal not in self._spent and self._set_out(goal):
+                    break
         if self._task is None:
             self.env.tasks.vacate(self.env.plugin)
 
