@@ -96,7 +96,10 @@ class TaskKept(InvariantJudge):
         self._summary_ns = time_ns
         self._may_lack |= self._summary_seq is not None and summary.seq not in (self._summary_seq + 1, 0)
         self._summary_seq = summary.seq
-        if self._is_complete and not self._changes.has_gap and not self._may_lack:
+        if self._changes.has_gap or self._may_lack:  # what is open, and at whom, is not known
+            self._since_ns.clear()
+            return
+        if self._is_complete:
             self._compare_counts(summary, time_ns)
         self._look_for_abandoned(summary, time_ns)
 

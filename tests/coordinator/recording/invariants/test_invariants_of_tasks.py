@@ -107,6 +107,21 @@ def test_changes_that_may_have_gone_unheard_with_summaries_are_no_lost_tasks() -
     assert [type(one) for one in lacking.found(Invariant.TASK_KEPT)] == [TasksForgotten]
 
 
+def test_a_task_is_not_abandoned_whose_end_may_have_gone_unheard() -> None:
+    def told_with(first_seq: int) -> Told:
+        told = given_to("r1")
+        told.say(TeamState(robots=[], tasks_open=1, seq=1))
+        told.states["r1"] = {}
+        for seq in range(first_seq, first_seq + 30):
+            told.has_coordinator = False
+            told.pass_time(0.5)
+            told.say(TeamState(robots=[], tasks_open=1, seq=seq))
+        return told
+
+    assert [type(one) for one in told_with(2).found(Invariant.TASK_KEPT)] == [TaskAbandoned]
+    assert told_with(9).found(Invariant.TASK_KEPT) == []
+
+
 def test_a_second_lost_task_is_told_apart_from_the_first() -> None:
     told = Told()
     told.pass_time(0.5)
