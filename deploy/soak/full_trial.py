@@ -8,11 +8,13 @@ from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.sim.faults.fault_spec import HARDWARE
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.stand_in.fault_script import FaultScript
 from robrain.sim.stand_in.judge import QUIET_S, Broken, Invariant, broken_in
 from robrain.sim.stand_in.operator import OPERATOR, PointOperator
+from robrain.sim.stand_in.promises import Promises
 from robrain.sim.stand_in.trial import Verdict, quiet
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.robot_specs import RobotSpec
@@ -55,7 +57,7 @@ def run_full_trial(
                 trial.tick()
         finally:
             run.close()
-    broken = [*broken_in(judging), *trial.unsettled()]
+    broken = [*broken_in(judging), *trial.unsettled(), *trial.lost()]
     return Verdict(broken=tuple(broken), sim_time_s=round(run.sim_time_s, 1), done=trial.done, lost=run.lost_by_faults)
 
 
@@ -66,6 +68,8 @@ class _Trial:
         self._run = run
         with run.acting(OPERATOR):
             self._operator = PointOperator(Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP), script)
+        self._script = script
+        self._promises = Promises({order.task.id: order.task for order in script.tasks}, self._operator)
         self._ticks = 0
         self._quiet_ns: int | None = None
         self._limit_s = script.faults_end_s + PATIENCE_S + TASK_S * len(script.tasks)
@@ -110,6 +114,16 @@ class _Trial:
             if not self._operator.is_content:
                 what += "; the operator still waits for answers"
             yield Broken(Invariant.UNSETTLED, round(self._run.sim_time_s, 1), what)
+
+    def lost(self) -> Iterator[Broken]:
+        """Promises that were not kept; a task may fail at a robot with broken hardware."""
+        may_fail = any(fault.kind in HARDWARE for fault in self._script.faults)
+        for task in self._operator.acknowledged:
+            record = self._run.coordinator.tasks.find(task)
+            if may_fail and record is not None and record.state in (TaskState.FAILED, TaskState.CANCELLED):
+                continue
+            if why := self._promises.why_broken(task, record):
+                yield Broken(Invariant.LOST, round(self._run.sim_time_s, 1), why)
 
     @property
     def _is_settled(self) -> bool:

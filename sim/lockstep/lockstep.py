@@ -300,18 +300,29 @@ class LockstepRun:
         index = next((index for index, host in enumerate(self.hosts) if host.name == robot), None)
         if index is None:
             raise KeyError(robot)
+        if self._faults is not None:
+            self._faults.kill(robot)
+            self._follow_faults()
+            return
         self._pauses.pop(index)
         self.hosts.pop(index).close()
 
     def end_coordinator(self) -> None:
         """Kill the coordinator, which runs: it leaves the wire without a word."""
         self.has_coordinator = False
+        if self._faults is not None:
+            self._faults.kill(COORDINATOR)
+            return
         self.coordinator.close()
         self._coordinator_wire.close()
         self._endpoints.remove(self._coordinator_wire)
 
     def begin_coordinator(self) -> None:
         """Start another one, on the journal of the one that was killed."""
+        if self._faults is not None:
+            self._faults.start_again(COORDINATOR)
+            self._follow_faults()
+            return
         journal = self.coordinator.tasks.journal
         self._coordinator_wire = self._endpoint(self._watcher.team)
         self.coordinator = Coordinator(self._coordinator_wire, journal, self._planning)

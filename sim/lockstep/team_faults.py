@@ -26,6 +26,9 @@ from robrain.sim.faults.process import Component, Process
 from robrain.sim.world.arena import Arena
 from robrain.sim.world.world import World
 
+BY_HAND = -1
+"""Number of a kill that is no fault of the scenario."""
+
 
 class Starts(NamedTuple):
     """How the run starts its components."""
@@ -112,6 +115,14 @@ class TeamFaults:
         if self._waits:
             self._note_moments(now_ns)
 
+    def kill(self, name: str) -> None:
+        """Kill a component that runs, besides the faults."""
+        self._processes[name].set(BY_HAND, _killed(name), begins=True)
+
+    def start_again(self, name: str) -> None:
+        """Start one that was killed by `kill`, unless a fault keeps it dead."""
+        self._processes[name].set(BY_HAND, _killed(name), begins=False)
+
     def close(self) -> None:
         """End all components."""
         for name in reversed(self._names):
@@ -163,6 +174,10 @@ class TeamFaults:
             if is_docked and not self._docked.get(name, False):
                 self._times.note(FaultMoment.DOCKED, name, now_ns)
             self._docked[name] = is_docked
+
+
+def _killed(name: str) -> FaultSpec:
+    return FaultSpec(robot=name, kind=FaultKind.KILL, at_s=0.0)
 
 
 class _Agent:

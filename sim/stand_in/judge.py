@@ -27,6 +27,7 @@ from robrain.protocol.wire.messages.robot_messages import TaskStatus
 from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR
 from robrain.sim.stand_in.operator import OPERATOR
+from robrain.sim.stand_in.promises import Promises
 from robrain.sim.stand_in.stand_in_run import TICK_S, StandInRun
 
 OVERLAP_S = 1.0
@@ -105,6 +106,7 @@ class Judge:
         script = run.script
         self._run = run
         self._asked = {order.task.id: order.task for order in script.tasks}
+        self._promises = Promises(self._asked, run.operator)
         self._events = Inbox(capacity=65536, border=Border())
         """By no clock: those of the components may differ from the run's."""
         self._as_recorded = Judging(judges=AS_RECORDED)
@@ -268,37 +270,14 @@ class Judge:
                 self._break(Invariant.TOO_EARLY, task_id, f"{robot} begins {task_id}, but {name} is not done")
 
     def _judge_end(self, task_id: str) -> None:
-        run = self._run
-        if run.coordinator is not None and run.coordinator.tasks.find(task_id) is None:
-            self._break(Invariant.LOST, task_id, f"{task_id} was acknowledged, and the coordinator does not know it")
-            return
-        if task_id not in self._ends:
-            return  # told already, as not settled
-        state, _, _ = self._ends[task_id]
-        if state is TaskState.DONE:
-            if task_id in run.operator.cancelled:
-                self._break(Invariant.LOST, task_id, f"{task_id} is done, although its cancellation was acknowledged")
-            if task_id not in self._done:
-                self._break(Invariant.NOT_DONE, task_id, f"{task_id} counts as done, and no robot has done it")
-        elif state is TaskState.CANCELLED:
-            if task_id not in run.operator.asked_to_cancel and not any(
-                self._may_fail(name) for name in self._asked[task_id].after
-            ):
-                self._break(Invariant.LOST, task_id, f"{task_id} is cancelled, and nobody asked for that")
-        elif not self._may_fail(task_id):
-            self._break(Invariant.LOST, task_id, f"{task_id} has failed without need: {self._why(task_id)}")
-
-    def _may_fail(self, task_id: str) -> bool:
-        """Whether a task, or one that it waits for, may end otherwise than done."""
-        task = self._asked[task_id]
-        if task.deadline_ns is not None or task_id in self._run.operator.asked_to_cancel:
-            return True
-        return any(self._may_fail(name) for name in task.after)
-
-    def _why(self, task_id: str) -> str:
         coordinator = self._run.coordinator
         record = None if coordinator is None else coordinator.tasks.find(task_id)
-        return "it is not known why" if record is None else record.why
+        if coordinator is None or (record is not None and task_id not in self._ends):
+            return  # told already, as not settled
+        if why := self._promises.why_broken(task_id, record):
+            self._break(Invariant.LOST, task_id, why)
+        elif self._ends[task_id][0] is TaskState.DONE and task_id not in self._done:
+            self._break(Invariant.NOT_DONE, task_id, f"{task_id} counts as done, and no robot has done it")
 
     # -- robots ---------------------------------------------------------------------------------------------
 

@@ -42,6 +42,9 @@ class TaskKept(InvariantJudge):
         self._changed_ns: dict[str, int] = {}
         self._begins_empty: bool | None = None
         self._summary_ns: int | None = None
+        self._summary_seq: int | None = None
+        self._may_lack = False
+        """Whether summaries are missing since the last change, so that changes may be as well."""
         self._too_few: tuple[int, int] | None = None
         """Tasks that are missing, and since when."""
         self._agreed_ns = start_ns
@@ -62,7 +65,7 @@ class TaskKept(InvariantJudge):
             return Missing.SUMMARIES
         if not self._is_complete:
             return Missing.START
-        return Missing.EVENTS if changes.has_gap else None
+        return Missing.EVENTS if changes.has_gap or self._may_lack else None
 
     @property
     def _is_complete(self) -> bool:
@@ -71,6 +74,7 @@ class TaskKept(InvariantJudge):
 
     def _take_event(self, event: TaskEvent, time_ns: int) -> None:
         self._changes.take(event, time_ns)
+        self._may_lack = False  # the number of this one tells
         self.cases = self._changes.tasks
         self._changed_ns[event.task.id] = time_ns
         if event.state.ended:
@@ -90,7 +94,12 @@ class TaskKept(InvariantJudge):
         if self._summary_ns is None or time_ns - self._summary_ns > AWAY_AFTER_NS:
             self._since_ns.clear()
         self._summary_ns = time_ns
-        if self._is_complete and not self._changes.has_gap:
+        self._may_lack |= self._summary_seq is not None and summary.seq not in (self._summary_seq + 1, 0)
+        self._summary_seq = summary.seq
+        if self._changes.has_gap or self._may_lack:  # what is open, and at whom, is not known
+            self._since_ns.clear()
+            return
+        if self._is_complete:
             self._compare_counts(summary, time_ns)
         self._look_for_abandoned(summary, time_ns)
 

@@ -178,3 +178,18 @@ def test_of_a_process_that_has_died_nothing_is_left(wire):
     assert [change.present for change in wire.presence.changes()] == [False]
     with pytest.raises(NobodyThere):
         wire.ask()
+
+
+def test_what_is_left_of_a_dead_process_says_and_asks_nothing_until_another_is_started(wire):
+    wire.exchange.drop("r1")
+    wire.say(2)
+    assert wire.heard() == []
+    with wire.exchange.acting(COORDINATOR):
+        wire.coordinator.answer(ROBOT_WITHDRAW, wire.take, robot="r2")
+    with wire.exchange.acting("r1"), pytest.raises(NobodyThere):
+        wire.robot.ask(ROBOT_WITHDRAW, WITHDRAWAL, robot="r2")
+    wire.exchange.begin_life("r1")
+    wire.say(1)
+    assert wire.heard() == [2]
+    with wire.exchange.acting("r1"):
+        assert wire.robot.ask(ROBOT_WITHDRAW, WITHDRAWAL, robot="r2").accepted

@@ -68,11 +68,15 @@ def test_faults_that_are_not_yet_due_change_nothing() -> None:
 
 def test_a_killed_agent_is_silent_stands_and_finds_its_place_when_it_is_started_again() -> None:
     told = Told(fault(FaultKind.KILL, until_s=5.0))
-    told.until(3.0)
+    told.until(2.0)
     assert [host.name for host in told.run.hosts] == ["r1"]
+    assert not len(told.run.arena._robots[1].bus.pending)  # nobody has told the wheels to stop
+    told.until(3.0)
     stood = told.run.arena.bodies[1].pose
     told.until(5.0)
     assert told.run.arena.bodies[1].pose.distance_m(stood) < 0.02
+    told.until(5.04)
+    assert [host.board.lost for host in told.run.hosts] == ["", "nobody has said where it starts"]
     told.until(20.0)
     since_s, until_s = told.silent_s("r2")
     assert (since_s, until_s) == (pytest.approx(2.0, abs=0.11), pytest.approx(5.0, abs=0.2))
@@ -213,4 +217,21 @@ def test_with_links_a_killed_agent_leaves_and_comes_back() -> None:
     assert [host.name for host in told.run.hosts] == ["r1"]
     told.until(9.0)
     assert told.silent_s("r2")[1] == pytest.approx(4.0, abs=0.2)
+    told.run.close()
+
+
+def test_components_are_also_switched_off_and_on_by_hand() -> None:
+    told = Told(fault(FaultKind.HANG, at_s=900.0))
+    told.until(1.0)
+    told.run.switch_off("r1")
+    told.run.end_coordinator()
+    told.until(2.0)
+    assert [host.name for host in told.run.hosts] == ["r2"]
+    assert not told.run.has_coordinator
+    told.run.begin_coordinator()
+    told.until(4.0)
+    assert told.run.has_coordinator
+    assert [robot.name for robot in told.latest[COORDINATOR].robots if robot.up] == ["r2"]
+    with pytest.raises(KeyError):
+        told.run.switch_off("r1")
     told.run.close()

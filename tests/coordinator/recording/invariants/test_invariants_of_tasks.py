@@ -23,6 +23,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.team_messages import TeamState
 from tests.coordinator.recording.invariants.told import Told, at_task
 
 QUEUED, OFFERED, RUNNING = TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING
@@ -82,6 +83,43 @@ def test_a_task_that_the_coordinator_no_longer_counts_is_lost_and_named() -> Non
     [breach] = told.ruling(Invariant.TASK_KEPT).breaches
     assert breach.text.endswith("the coordinator no longer knows door, which has not ended")
     assert 5.0 < breach.time_s < 7.0
+
+
+def test_changes_that_may_have_gone_unheard_with_summaries_are_no_lost_tasks() -> None:
+    # A recorder that takes them for messages from the future lacks both.
+    def told_with(seqs: list[int]) -> Told:
+        told = Told()
+        told.say(TeamState(robots=[], tasks_open=0, seq=0))
+        told.event("door", QUEUED)
+        for at, seq in enumerate(seqs):
+            told.now_s += 0.5
+            told.say(TeamState(robots=[], tasks_open=1 if at == 0 else 0, seq=seq))
+        return told
+
+    whole, lacking = told_with(list(range(1, 12))), told_with([1, *range(9, 20)])
+    assert [type(one) for one in whole.found(Invariant.TASK_KEPT)] == [TasksForgotten]
+    assert lacking.found(Invariant.TASK_KEPT) == []
+    assert lacking.ruling(Invariant.TASK_KEPT).missing is Missing.EVENTS
+    lacking.event("window", QUEUED)  # numbered without a gap: nothing was missed
+    for seq in range(20, 26):
+        lacking.now_s += 0.5
+        lacking.say(TeamState(robots=[], tasks_open=1, seq=seq))
+    assert [type(one) for one in lacking.found(Invariant.TASK_KEPT)] == [TasksForgotten]
+
+
+def test_a_task_is_not_abandoned_whose_end_may_have_gone_unheard() -> None:
+    def told_with(first_seq: int) -> Told:
+        told = given_to("r1")
+        told.say(TeamState(robots=[], tasks_open=1, seq=1))
+        told.states["r1"] = {}
+        for seq in range(first_seq, first_seq + 30):
+            told.has_coordinator = False
+            told.pass_time(0.5)
+            told.say(TeamState(robots=[], tasks_open=1, seq=seq))
+        return told
+
+    assert [type(one) for one in told_with(2).found(Invariant.TASK_KEPT)] == [TaskAbandoned]
+    assert told_with(9).found(Invariant.TASK_KEPT) == []
 
 
 def test_a_second_lost_task_is_told_apart_from_the_first() -> None:

@@ -1,0 +1,103 @@
+"""Fault scripts with the full stack."""
+
+import msgspec
+import pytest
+from typer.testing import CliRunner
+
+from robrain.cli import app
+from robrain.coordinator.recording.invariants import findings as recorded
+from robrain.coordinator.recording.invariants.judging import JUDGES
+from robrain.coordinator.recording.reader.checking import check_recording
+from robrain.deploy.errors import UsageError
+from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
+from robrain.deploy.soak.full_drawing import KNOWS, draw_full_script
+from robrain.deploy.soak.full_trial import run_full_trial
+from robrain.deploy.soak.planted import planted
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
+from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
+from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskOrder, script_json
+from robrain.sim.stand_in.judge import Invariant
+
+NEAR = Task(id="t1", kind="visit", place=Point2D(7.2, 3.0), service_s=12.0)
+CUT_OFF = FaultScript(
+    seed=1,
+    scenario="arena_small",
+    robots=(PointRobot(name="r1", place=Point2D(1.0, 1.0)), PointRobot(name="r2", place=Point2D(6.0, 3.0))),
+    tasks=(TaskOrder(at_s=0.5, task=NEAR),),
+    faults=(FaultSpec(robot="r2", kind=FaultKind.PARTITION, at_s=4.0, until_s=14.0),),
+)
+"""r2 is cut off while it is at the only task."""
+
+
+def test_a_robot_that_is_cut_off_leaves_its_task_to_another() -> None:
+    verdict = run_full_trial(CUT_OFF)
+    assert (verdict.broken, verdict.done) == ((), 1)
+    assert verdict.lost > 100
+
+
+def test_a_lease_that_is_not_kept_is_found() -> None:
+    with planted("lease_not_kept"):
+        broken = run_full_trial(CUT_OFF).broken
+    assert recorded.Invariant.TASK_AT_ONE in {one.invariant for one in broken}
+
+
+def test_a_forgotten_cancellation_is_found() -> None:
+    killed = FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=6.0, until_s=7.0)
+    late = msgspec.structs.replace(NEAR, earliest_ns=20_000_000_000)
+    script = msgspec.structs.replace(
+        CUT_OFF,
+        tasks=(TaskOrder(at_s=0.5, task=late),),
+        cancels=(CancelOrder(at_s=3.0, task="t1"),),
+        faults=(killed,),
+    )
+    assert run_full_trial(script).broken == ()
+    with planted("cancelled_forgotten"):
+        broken = run_full_trial(script).broken
+    assert Invariant.LOST in {one.invariant for one in broken}
+
+
+def test_halts_of_the_operator_reach_the_team_and_end() -> None:
+    script = msgspec.structs.replace(CUT_OFF, faults=(), halts=(HaltOrder(at_s=2.0, until_s=10.0),))
+    verdict = run_full_trial(script)
+    assert (verdict.broken, verdict.done) == ((), 1)
+    assert verdict.sim_time_s > run_full_trial(msgspec.structs.replace(script, halts=())).sim_time_s + 6.0
+
+
+def test_drawn_scripts_differ_by_seed_and_have_faults_of_all_sorts() -> None:
+    scripts = [draw_full_script(seed) for seed in range(60)]
+    assert scripts == [draw_full_script(seed) for seed in range(60)]
+    assert len({script_json(script) for script in scripts}) == 60
+    faults = [fault for script in scripts for fault in script.faults]
+    kinds = {fault.kind for fault in faults}
+    assert kinds >= set(FaultKind) - HARDWARE - {FaultKind.DRAIN}
+    assert len(kinds & HARDWARE) == 6
+    assert KNOWS not in {fault.robot for fault in faults if fault.kind is FaultKind.KILL}
+    assert {fault.robot for fault in faults if fault.kind is FaultKind.CLOCK_SKEW} == {COORDINATOR}
+
+
+def test_a_recording_of_a_trial_is_judged_alike(tmp_path) -> None:
+    file = tmp_path / "trial.mcap"
+    verdict = run_full_trial(draw_full_script(4), record=file)
+    assert verdict.broken == ()
+    checked = check_recording(file, surroundings=surroundings_of_recording(file))
+    assert [ruling.broken for ruling in checked.invariants] == [0] * len(JUDGES)
+
+
+def robrain(*words: object):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_the_command_runs_scripts_of_the_full_stack_and_one_again_from_its_file(tmp_path) -> None:
+    ended = robrain("soak", "--full", "--runs", 1, "--seed", 8, "--jobs", 1, "-o", tmp_path)
+    assert ended.exit_code == 0
+    assert "1 scripts, 0 broke an invariant; 6 tasks done" in ended.output
+    file = tmp_path / "cut_off.json"
+    file.write_bytes(script_json(CUT_OFF))
+    assert "no invariant broken" in robrain("soak", "--repeat", file).output
+
+
+@pytest.mark.parametrize("other", ["--planted", "--repeat=x.json"])
+def test_full_is_refused_where_it_says_nothing(other: str) -> None:
+    with pytest.raises(UsageError, match=r"^--full: expected neither --planted nor --repeat"):
+        CliRunner().invoke(app, ["soak", "--full", other], catch_exceptions=False)
