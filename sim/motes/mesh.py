@@ -40,6 +40,9 @@ GAP_S = 0.04
 """Between two packets of a mote that passes several on."""
 GOOD_DB = 5.0
 """Links count as good whose mean strength is so far above the sensitivity: by default, 99 of 100 packets arrive."""
+PAUSE_WAKES = 4
+"""First pause, in intervals of waking, after which a next hop that has left all tries unanswered is tried once more;
+each further pause is twice as long (chosen)."""
 TREES = 8
 """Routes that are computed at once and used in turn (chosen)."""
 SEEN = 128
@@ -61,8 +64,10 @@ class MeshCounters(msgspec.Struct):
     """Readings that a mote had taken in before: its acknowledgement was lost."""
     refused: int = 0
     """Packets for which a mote had no room."""
+    too_far: int = 0
+    """Readings dropped because enough motes had passed them on; their own motes keep them."""
     waits: int = 0
-    """Times that a mote found its next hop gone."""
+    """Pauses of motes whose next hop did not answer."""
 
 
 class _Packet(msgspec.Struct):
@@ -92,6 +97,8 @@ class _Station:
         self.due_tick = 0
         self.failed = 0
         """Packets in a row that were not acknowledged."""
+        self.paused_tick = 0
+        """Until then nothing is sent to the next hop, which has not answered or has no room."""
         self.unsent: deque[int] = deque()
         """Own readings in its log that it had no way for."""
         self.seen: dict[tuple[int, int], None] = {}
@@ -169,10 +176,11 @@ class MoteMesh:
         """A mote has just sent a reading of its own; whether a base station has heard it."""
         station = self._stations[index]
         packet = _Packet(ReadingPayload.unpack(message.payload), tick)
-        if is_heard or self._reach_next(index, packet, tick):
+        is_paused = tick < station.paused_tick
+        if is_heard or (not is_paused and self._reach_next(index, packet, tick)):
             station.failed = 0
             self._catch_up(index, tick)
-        elif self.next_hops[index] == NO_ROUTE or len(station.queue) >= self._spec.queue:
+        elif is_paused or self.next_hops[index] == NO_ROUTE or len(station.queue) >= self._spec.queue:
             self._keep(index)
         else:
             self._put(index, packet, tick, self._wake_ticks)
@@ -184,10 +192,15 @@ class MoteMesh:
         if not station.queue or mote.battery.is_flat:
             return
         hop = self.next_hops[index]
-        if hop == NO_ROUTE:
-            self._wake(index, tick + self._wake_ticks)
+        if hop == NO_ROUTE or tick < station.paused_tick:
+            self._wake(index, max(tick + self._wake_ticks, station.paused_tick))
             return
         packet = station.queue[0]
+        if packet.hops >= self._spec.hops and hop != self._sink:
+            self.counters.too_far += 1
+            station.queue.popleft()
+            self._wake(index, tick + self._gap_ticks)
+            return
         to = self._motes[hop].mote.number if hop != self._sink else None
         mote.battery.spend(MoteState.SEND, AIRTIME_S)
         message = packet.message(mote.mote.number, to, tick, self._tick_s)
@@ -198,9 +211,9 @@ class MoteMesh:
             return
         station.failed += 1
         if station.failed >= self._spec.tries:
-            station.failed = 0
             self.counters.waits += 1
-            self.next_hops[index] = NO_ROUTE
+            pause_ticks = (PAUSE_WAKES * self._wake_ticks) << (station.failed - self._spec.tries)
+            station.paused_tick = tick + min(pause_ticks, self._routes_ticks)
         self._wake(index, tick + self._wake_ticks)
 
     def _reach_next(self, index: int, packet: _Packet, tick: int) -> bool:
@@ -222,7 +235,7 @@ class MoteMesh:
     def _take(self, index: int, sender: int, packet: _Packet, tick: int) -> bool:
         """A mote hears a neighbour's packet; whether it acknowledges it."""
         station = self._stations[index]
-        if packet.hops >= self._spec.hops or len(station.queue) >= self._spec.queue:
+        if len(station.queue) >= self._spec.queue:
             self.counters.refused += 1
             return False
         if station.has_seen(packet):
@@ -286,7 +299,10 @@ class MoteMesh:
         if not self._trees or self._made_for != (alive, near):
             self._made_for = alive, near
             self._trees = self._plan(alive, near)
-        self.next_hops = list(self._trees.pop(0))
+        before, self.next_hops = self.next_hops, self._trees.pop(0)
+        for station, old, new in zip(self._stations, before, self.next_hops, strict=True):
+            if old != new:
+                station.failed = station.paused_tick = 0
 
     def _plan(self, alive: list[int], near: list[int]) -> list[Tree]:
         """Routes over good links; motes that have none to a base station use weaker ones."""

@@ -17,7 +17,7 @@ class MeshSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     hops: int = 0
     """Largest number of motes that pass a reading on; 0: motes do not hear each other."""
     tries: int = 4
-    """Packets in a row that a next hop may leave unacknowledged before the mote waits for new routes."""
+    """Packets in a row that a next hop may leave unacknowledged before the mote pauses, each time for longer."""
     queue: int = 16
     """Readings that a mote holds to pass them on; it acknowledges none while it has no room."""
     duty: float = 0.01

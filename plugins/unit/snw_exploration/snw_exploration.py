@@ -191,7 +191,7 @@ class SNwExploration(Unit):
         if is_new:
             record.readings += 1
             self._counts.readings += 1
-            self._tell_team(wire_reading(reading, self.env.robot, packet.stamp_ns))
+            self._tell_team(record, wire_reading(reading, self.env.robot, packet.stamp_ns))
         else:
             self._counts.repeated += 1
         self.measured.notify(
@@ -219,19 +219,21 @@ class SNwExploration(Unit):
             return
         record.readings += 1
         self._counts.readings += 1
-        self._tell_team(wire_reading(forwarded.reading, self.env.robot, stamp_ns, forwarded))
+        self._tell_team(record, wire_reading(forwarded.reading, self.env.robot, stamp_ns, forwarded))
 
-    def _tell_team(self, reading: MoteReading) -> None:
+    def _tell_team(self, record: MoteRecord, reading: MoteReading) -> None:
+        if record.publisher is None:
+            record.publisher = self.env.wire.publisher(MOTE_READING, mote=record.name)
         if self._store is None:
-            self._put(reading)
+            record.publisher.put(reading)
         else:
             self._store.tell(reading)
 
     def _put(self, reading: MoteReading) -> None:
-        record = self._wanted(reading.mote)
-        if record.publisher is None:
-            record.publisher = self.env.wire.publisher(MOTE_READING, mote=record.name)
-        record.publisher.put(reading)
+        """Put a reading that was stored on the wire."""
+        publisher = self._wanted(reading.mote).publisher
+        assert publisher is not None  # made before the reading was given to the store
+        publisher.put(reading)
 
     def _answer(self, record: MoteRecord, now_ns: int) -> None:
         """Say what there is to say, while the mote listens."""

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from robrain.coordinator.rules.rule import Area, EventCondition, ReadingCondition, Rule, TaskOrder
+from robrain.coordinator.rules.rule_watch import RuleWatch
 from robrain.coordinator.rules.rule_words import waits_for
 
 ORDER = TaskOrder(kind="visit", place_m=(1.0, 2.0))
@@ -39,3 +40,8 @@ def test_a_rule_about_readings_tells_quantity_threshold_and_where(condition: dic
 def test_a_rule_about_events_tells_plugin_event_and_value(condition: dict[str, Any], words: str) -> None:
     rule = Rule(name="seen", event=EventCondition(plugin="monitor", event="changed", **condition), task=ORDER)
     assert waits_for(rule) == f"{words}; then visit"
+
+
+def test_what_a_rule_waits_for_is_published_with_what_it_has_done() -> None:
+    rule = Rule(name="air", reading=ReadingCondition(quantity="co2", above=900), task=ORDER)
+    assert RuleWatch(rule, (), (), 0).status(lambda task: True).waits == "co2 above 900; then visit"

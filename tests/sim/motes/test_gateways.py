@@ -152,6 +152,22 @@ def test_a_robot_that_is_a_gateway_stores_what_it_collects_out_of_reach_of_the_c
         assert {one.name for one in heard.run.coordinator.mote_field.state.gateways} == {"r1"}
 
 
+def test_a_coordinator_that_begins_anew_is_told_what_was_sensed_while_there_was_none() -> None:
+    with islands(links=False).team(seed=3) as team:
+        run = team.transport.run
+        team.run_for(20.0)
+        before = own_numbers(run, "m12")
+        run.end_coordinator()
+        team.run_for(30.0)
+        run.begin_coordinator()
+        team.run_for(10.0)
+        lives = run.coordinator.mote_field.ledger.motes
+        assert set(lives) >= NORTH
+        first, newest = max(before), max(own_numbers(run, "m12"))
+        assert lives["m12"].arrived >= newest - first - 1 >= 7
+        assert run.coordinator.mote_field.state.delivery_ratio > 0.95
+
+
 def test_equal_seeds_have_equal_digests_with_gateways_mesh_and_cuts() -> None:
     scenario = islands().replace(time_limit_s=30.0)
     one, other = (scenario.run(until_explored=1.0) for _ in range(2))

@@ -17,11 +17,12 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_RADIO_RX
 from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
+from robrain.sim.motes.mesh import SHORT_S
 from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.motes.mote import ArenaMote, MoteSpec
 from robrain.sim.motes.mote_power import MoteState
 from robrain.sim.motes.motes import MoteField, SensorNetwork
-from robrain.sim.motes.radio import RadioModel
+from robrain.sim.motes.radio import AIRTIME_S, RadioModel
 
 TICK_S = 0.02
 MESH = MeshSpec(hops=8, routes_s=5.0)
@@ -98,7 +99,8 @@ def test_no_more_motes_pass_a_reading_on_than_allowed(wire):
     heard = line.run(120.0)
     assert {reading.mote for _, reading, _, _ in heard} == {1, 2, 3}
     assert line.field.mesh is not None
-    assert line.field.mesh.counters.refused > 0
+    assert line.field.mesh.counters.too_far > 20
+    assert {hops for _, _, _, hops in heard} == {0, 1}
 
 
 def test_a_forwarded_reading_tells_its_age_by_the_time_it_waited(wire):
@@ -124,14 +126,18 @@ def test_packets_between_motes_meet_the_radio_and_are_sent_again(wire):
 
 
 def test_who_passes_readings_on_spends_energy_on_it(wire):
-    states = {}
+    states, passed_on = {}, 0
     for hops in (0, 8):
         line = Line(wire, a_line(3), network(MeshSpec(hops=hops, duty=0.0, routes_s=5.0)))
         line.run(60.0)
         states[hops] = [dict(mote.battery.state_s) for mote in line.field.motes]
+        passed_on = line.field.mesh.counters.passed_on if line.field.mesh is not None else 0
     more_s = [{state: states[8][index][state] - states[0][index][state] for state in MoteState} for index in range(3)]
     assert more_s[1][MoteState.SEND] > 14 * 0.018  # fourteen readings of m3, and acknowledgements
-    assert more_s[1][MoteState.LISTEN] > more_s[0][MoteState.LISTEN] > 0.0
+    assert more_s[0][MoteState.LISTEN] > 0.0
+    # The middle mote has heard readings, and the beacons of one neighbour more, twelve times.
+    heard_s = more_s[1][MoteState.LISTEN] - more_s[0][MoteState.LISTEN]
+    assert heard_s == pytest.approx(passed_on * AIRTIME_S + 12 * SHORT_S)
     line = Line(wire, a_line(3), network(MeshSpec(hops=8, duty=0.05)))
     line.run(60.0)
     assert line.field.motes[0].battery.state_s[MoteState.LISTEN] > 0.045 * 60.0
@@ -168,6 +174,25 @@ def test_routes_lead_around_a_mote_that_has_died(wire):
     heard = line.run(60.0)
     assert {forwarder for _, reading, forwarder, _ in heard if reading.mote == 4} == {3}
     assert len({reading.sequence for _, reading, _, _ in heard if reading.mote == 4}) >= 14
+
+
+def test_a_mote_whose_next_hop_has_died_tries_it_ever_less_often_until_there_are_new_routes(wire):
+    diamond = [(0.0, 1.0), (5.0, 3.0), (5.0, -3.0), (10.0, 0.0)]
+    line = Line(wire, diamond, network(MeshSpec(hops=8, routes_s=60.0)), at_m=-4.0)
+    line.run(30.0)
+    mesh = line.field.mesh
+    assert mesh is not None
+    hop = mesh.next_hops[3]
+    assert hop in (1, 2)
+    line.field.motes[hop].battery.spend(MoteState.LISTEN, 1e9)
+    before = mesh.counters.sent
+    line.run(29.0)
+    of_the_other = 8  # its readings, by way of m1
+    probes = 4  # after pauses of 2, 4, 8 and 16 s
+    assert mesh.counters.sent - before <= MESH.tries + 2 + probes + of_the_other
+    assert 3 <= mesh.counters.waits <= 1 + probes
+    heard = line.run(40.0)
+    assert {reading.sequence for _, reading, _, _ in heard if reading.mote == 4} >= set(range(8, 20))
 
 
 def test_readings_wait_in_the_log_while_there_is_no_way_and_follow_later(wire):
