@@ -8,6 +8,8 @@ import logging
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
+import msgspec
+
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
 from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
@@ -63,7 +65,7 @@ class TaskLifecycle:
         self._book = book
         self._roster = roster
         self._capabilities = capabilities
-        self._since_ns = wire.clock.now_ns()
+        self._since_ns = self._set_back_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
         self.backoff = self._backoff = Backoff()
@@ -75,6 +77,7 @@ class TaskLifecycle:
     def clock_set_back(self, now_ns: int) -> None:
         """Times that lie ahead now count as now."""
         self._since_ns = min(self._since_ns, now_ns)
+        self._set_back_ns = now_ns
         self._withdrawn_ns.clear()
 
     # -- hearing --------------------------------------------------------------------------------------------
@@ -192,6 +195,8 @@ class TaskLifecycle:
             task_id = record.task.id
             if record.robot.startswith(MEMBER_PREFIX):
                 return  # handled by the motes' desk
+            if record.changed_ns > now_ns:  # before the clock was set back
+                record = msgspec.structs.replace(record, changed_ns=self._set_back_ns)
             if record.robot:
                 move = reconcile(record, self._roster.robots.get(record.robot), now_ns, self._since_ns)
                 if move is not None and move.state is TaskState.QUEUED:

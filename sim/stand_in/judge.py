@@ -11,10 +11,8 @@ from enum import StrEnum
 import msgspec
 
 from robrain.coordinator.recording.invariants import findings as recorded
-from robrain.coordinator.recording.invariants.halts import Halts
 from robrain.coordinator.recording.invariants.judging import Judging
 from robrain.coordinator.recording.invariants.task_at_one import TaskAtOne
-from robrain.coordinator.recording.invariants.task_kept import TaskKept
 from robrain.coordinator.recording.invariants.task_once import TaskOnce
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -44,8 +42,9 @@ PATIENCE_S = 120.0
 TASK_S = 40.0
 """Time for everything to settle after the last fault: so long, and so much for each task of a robot that is left."""
 QUIET_S = STRAY_S + 1.0
-AS_RECORDED = (TaskKept, TaskAtOne, TaskOnce, Halts)
-"""What is judged by messages alone is judged here as `robrain check` does; the rest is what only this judge sees."""
+AS_RECORDED = (TaskAtOne, TaskOnce)
+"""Judged here as by `robrain check`. Tasks kept and halts are not: on a full disk tasks stand still for longer than
+that allows, and a point goes on at once after a halt."""
 
 
 class Invariant(StrEnum):
