@@ -9,6 +9,7 @@ import pytest
 from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.manifest import find_manifests, read_manifest
+from robrain.deploy.commands.terminal import clock_of
 from robrain.protocol.can.frames import database
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -57,7 +58,7 @@ def test_scenario_of_the_tutorial_runs_as_printed(tmp_path: Path) -> None:
     (printed,) = re.findall(r"^```text\n(.*?)\n```$", page, re.DOTALL | re.MULTILINE)
     (tmp_path / "two_rooms.toml").write_text(text, encoding="utf-8")
     result = Scenario.from_file(tmp_path / "two_rooms.toml").run()
-    assert printed.startswith(f"{result.explored_fraction:.1%} explored in 00:{result.sim_time_s:02.0f} ")
+    assert printed.startswith(f"{result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)} ")
     narrow = text.replace("to_m = [5.0, 2.2]", "to_m = [5.0, 3.15]")
     assert narrow != text
     (tmp_path / "narrow.toml").write_text(narrow, encoding="utf-8")
