@@ -21,7 +21,7 @@ from robrain.deploy.bench.instances import team_problem
 from robrain.protocol.model.consensus.negotiation import Negotiation
 from robrain.protocol.model.consensus.route_scorer import Drive, RouteScorer, Stop
 
-SIZES = ((5, 50, 1.0), (10, 100, 0.5))
+SIZES = ((5, 50, 1.0), (10, 100, 0.3))
 """Robots, tasks, and the share of the problems that are measured."""
 TIGHTNESS = 0.75
 ROUNDS = 800
