@@ -90,7 +90,7 @@ def allocation(
 @bench_app.command(help=BENCHES["consensus"])
 def consensus(
     sizes: Annotated[int, typer.Option(help="How many of the sizes 5 × 50, 10 × 100.")] = 2,
-    seeds: Annotated[int, typer.Option(help="Number of problems of 5 × 50; half as many of 10 × 100.")] = 10,
+    seeds: Annotated[int, typer.Option(help="Number of problems of 5 × 50; three tenths of it of 10 × 100.")] = 10,
     as_json: JsonOption = False,
 ) -> None:
     """Measure allocation by consensus."""

@@ -17,7 +17,7 @@ from zlib import crc32
 from robrain.protocol.model.consensus.ballot import TASKS_MAX, Ballot, Standing
 from robrain.protocol.model.consensus.bidder import Bidder, Scorer
 
-RELEASED_MIN, RELEASED_MAX = 5, 15
+RELEASED_MIN, RELEASED_MAX = 5, 25
 """Tasks released around a place in a round (measured: `robrain bench consensus`)."""
 SLACK = 0.01
 """Share of its worth by which an allocation may be worse than the best at first, and still be gone on from; none in the
