@@ -13,7 +13,7 @@ from robrain.plugins.behavior.explore.team_choice import ALONE, IDLE, TeamChoice
 from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
-from robrain.protocol.exploration.strategies import AUTO, STRATEGIES, strategy_of
+from robrain.protocol.exploration.strategies import JOINT, STRATEGIES, strategy_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
@@ -57,8 +57,9 @@ class ExploreBehavior(Behavior):
         """A goal is reached when no frontier remains within this distance of it."""
         alone_s: float = 3.0
         """After this time without a message from a coordinator the robot chooses frontiers itself."""
-        exploration: Name = AUTO
-        """Name of the exploration strategy by which it does so, as in `[planning]`; the same for all robots."""
+        exploration: Name = JOINT
+        """Name of the exploration strategy by which it does so, as in `[planning]`; the same for all robots. Not `auto`:
+        `tours` would be compiled on the way, which stops a live robot for seconds."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
