@@ -58,8 +58,8 @@ class ExploreBehavior(Behavior):
         alone_s: float = 3.0
         """After this time without a message from a coordinator the robot chooses frontiers itself."""
         exploration: Name = JOINT
-        """Name of the exploration strategy by which it does so, as in `[planning]`; the same for all robots. Not `auto`:
-        `tours` would be compiled on the way, which stops a live robot for seconds."""
+        """Name of the exploration strategy by which it does so, as in `[planning]`; the same for all robots. Not
+        `auto`: `tours` would be compiled on the way, which stops a live robot for seconds."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
