@@ -27,7 +27,7 @@ TOURS: Final = "tours"
 
 
 AUTO: Final = "auto"
-"""The default: `tours` for one or two robots, `joint` for more."""
+"""`tours` for one or two robots, `joint` for more."""
 
 
 class Strategy(Protocol):
