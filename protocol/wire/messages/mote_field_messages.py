@@ -1,7 +1,9 @@
 """How a field of motes is doing, as the coordinator tells it."""
 
+from typing import Annotated
+
 import msgspec
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET, Meta, UnsetType
 
 from robrain.protocol.model.ranges import Count, Name, Quantity, Stamp
 
@@ -57,9 +59,9 @@ class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
     """Readings that have arrived over other motes; absent, as the next two, if there are none."""
     hops: Quantity | UnsetType = UNSET
     """Mean number of motes that have passed such a reading on."""
-    forwarders: list[ForwarderCount] | UnsetType = UNSET
+    forwarders: Annotated[list[ForwarderCount], Meta(max_length=1000)] | UnsetType = UNSET
     """Motes that passed most of them on first, most readings first."""
-    gateways: list[GatewayCount] | UnsetType = UNSET
+    gateways: Annotated[list[GatewayCount], Meta(max_length=1000)] | UnsetType = UNSET
     """The gateways, by name; absent if there are none."""
 
     @property
