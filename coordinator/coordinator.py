@@ -366,7 +366,7 @@ class Coordinator:
     def _under_way(self, up: list[Robot], now_ns: int) -> dict[str, Point2D]:
         """Goals of the robots that explore and may get another, by name, if it is time to revise goals.
 
-        A robot alone keeps its goal: nobody else takes away what it is bound for.
+        A robot that is alone keeps its goal, since no other robot can explore it first.
         """
         period_s = self.planning.policy.revise_s
         if not period_s or now_ns < self._revise_due_ns or len(up) < 2:

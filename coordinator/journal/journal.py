@@ -58,6 +58,7 @@ class Journal:
         path: of the file, made if there is none; None keeps the journal in memory, for lockstep.
         factory: makes the connection.
         sync: see `DiskSync`.
+        lock_timeout_s: how long to wait for another process that has it open; `LOCK_TIMEOUT_S` if None.
 
     Raises:
         JournalLocked: another coordinator writes it.
@@ -71,6 +72,7 @@ class Journal:
         *,
         factory: type[sqlite3.Connection] = sqlite3.Connection,
         sync: Sync = os.fdatasync,
+        lock_timeout_s: float | None = None,
     ) -> None:
         self.path = path
         self.wrong: dict[str, str] = {}
@@ -78,6 +80,7 @@ class Journal:
         self.told: list[str] = []
         """What there is to tell of the opening: a damaged file, and what of it was read."""
         self._factory = factory
+        self._lock_timeout_s = LOCK_TIMEOUT_S if lock_timeout_s is None else lock_timeout_s
         self._ends = 0
         self._db = self._open_or_salvage()
         self._disk = None if path is None else DiskSync(path.with_name(f"{path.name}-wal"), sync)
@@ -357,7 +360,9 @@ class Journal:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 if not self.path.exists():
                     take_its_place(self.path)
-            connection = sqlite3.connect(where, timeout=LOCK_TIMEOUT_S, isolation_level=None, factory=self._factory)
+            connection = sqlite3.connect(
+                where, timeout=self._lock_timeout_s, isolation_level=None, factory=self._factory
+            )
         except (OSError, sqlite3.OperationalError) as error:
             text = f"cannot be opened: {error}; is the folder there, and may it be written?"
             raise JournalError(self.path, text) from error

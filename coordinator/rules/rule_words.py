@@ -3,7 +3,7 @@
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule
 
 NAMED = 3
-"""Motes or robots that are named; of more, their number is told."""
+"""Most motes or robots listed by name; longer lists end with the number of the rest."""
 
 
 def waits_for(rule: Rule) -> str:

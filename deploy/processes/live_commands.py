@@ -123,7 +123,8 @@ def _open_journal(path: Path, should_stop: Callable[[], bool], *, stands_by: boo
     is_told = False
     while not should_stop():
         try:
-            return Journal(path)
+            # One that stands by may not wait inside: it would take that for a hang of its own.
+            return Journal(path, lock_timeout_s=0.0 if stands_by else None)
         except JournalLocked as error:
             if not stands_by:
                 raise

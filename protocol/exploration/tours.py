@@ -14,7 +14,7 @@ from robrain.protocol.exploration.situation import Choice, Situation
 LEAST_WEIGHT_M2 = 0.3
 """Every frontier counts as if this much more were unknown beyond it, so that none is left for ever (chosen)."""
 UNKNOWN_LIMIT_M2 = 12.0
-"""Most unknown floor that a frontier counts for (chosen): beyond it nobody knows what there is."""
+"""Most unknown floor that a frontier counts for (chosen), since the estimate says little beyond it."""
 STAY_M = 4.0
 """Way that a robot could make in the time that a frontier takes it (chosen)."""
 FAR_M = 40.0

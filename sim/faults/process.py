@@ -57,7 +57,7 @@ class Process:
         clock: of the run.
         exchange: of the run.
         start: makes the component; called at the start and at each restart.
-        end: called with a component that was killed, when nobody hears it any more.
+        end: called with a component that was killed, once its messages are no longer delivered.
 
     """
 

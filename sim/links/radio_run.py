@@ -25,7 +25,7 @@ class RadioRun:
 
     Args:
         world: with `links`.
-        session: of the run, which nobody else can join; nothing is declared on it yet.
+        session: of the run, which no other process can join; nothing is declared on it yet.
         clock: of the run.
 
     """

@@ -280,7 +280,10 @@ class LockstepRun:
         return 0 if exchange is None else exchange.lost
 
     def acting(self, party: str) -> AbstractContextManager[None]:
-        """What a script declares and says within the block is that party's to faults of the wire; else nobody's."""
+        """Within the block, faults of the wire treat what a script declares and sends as that party's.
+
+        Elsewhere it belongs to no party and is not affected.
+        """
         exchange = None if self._faults is None else self._faults.exchange
         return nullcontext() if exchange is None else exchange.acting(party)
 

@@ -45,7 +45,7 @@ class TeamFaults:
 
     Args:
         world: with faults.
-        session: of the run, which nobody else can join; nothing is declared on it yet.
+        session: of the run, which no other process can join; nothing is declared on it yet.
         clock: of the run.
 
     """

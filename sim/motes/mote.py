@@ -82,7 +82,7 @@ class MoteSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Motes beside which a gateway stands, with mains power and a radio of the team's network; and robots that are
     gateways. A gateway stores readings while it does not hear the coordinator."""
     gateway_readings: int = 4096
-    """Number of readings that a gateway stores; of more, the oldest of the mote with the most is dropped."""
+    """Number of readings that a gateway stores. When it is full, the oldest of the mote with the most is dropped."""
 
     def __post_init__(self) -> None:
         check_within(self, PERIOD_MIN_S, PERIOD_MAX_S, "period_s")

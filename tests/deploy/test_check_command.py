@@ -196,7 +196,9 @@ def test_without_the_simulator_all_but_walls_is_judged(run: Path, monkeypatch: p
     monkeypatch.delitem(sys.modules, "robrain.deploy.recordings.scenario_surroundings")
     monkeypatch.delitem(sys.modules, "robrain.sim.scenarios.scenario")
     monkeypatch.setitem(sys.modules, "pymunk", None)
-    for name in [name for name in sys.modules if name.startswith("robrain.sim.")]:
+    for name in sorted((name for name in sys.modules if name.startswith("robrain.sim.")), reverse=True):
+        package, _, last = name.rpartition(".")
+        monkeypatch.setattr(sys.modules[package], last, sys.modules[name])  # put back afterwards, as an import sets it
         monkeypatch.delitem(sys.modules, name)
     assert ruling(run, Invariant.WALLS).missing is Missing.SIMULATOR
     assert ruling(run, Invariant.TASK_KEPT).standing is Standing.KEPT

@@ -7,14 +7,14 @@ from robrain.protocol.wire.messages.mote_field_messages import GatewayCount, Mot
 from robrain.protocol.wire.messages.rule_messages import RuleStatus
 
 WELL, POOR = 0.95, 0.8
-"""Shares of readings that arrive, and of floor that is told of: good from the first, bad below the second (chosen)."""
+"""Thresholds of the delivery ratio and of the coverage: good from the first, bad below the second (chosen)."""
 RULES = 50
 GATEWAYS = 20
 FORWARDERS = 6
 
 
 def field_html(view: TeamView) -> str:
-    """How the mote field is doing, as figures; empty if nobody keeps it."""
+    """How the mote field is doing, as figures; empty if the coordinator does not manage it."""
     field = view.team.mote_field if view.team is not None else None
     if view.team is None or not isinstance(field, MoteFieldState):
         return ""

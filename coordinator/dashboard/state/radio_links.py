@@ -112,7 +112,7 @@ def robot_pairs(view: TeamView, now_s: float) -> dict[tuple[str, str], float]:
 
 
 def mote_routes(view: TeamView) -> list[tuple[Point2D, Point2D]]:
-    """From each mote to the mote or gateway that takes its readings, as its latest reading tells."""
+    """From each mote to the mote or gateway that takes its readings, according to its latest reading."""
     lines = []
     for mote in view.motes.values():
         following = view.motes.get(mote.next_hop)

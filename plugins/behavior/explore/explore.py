@@ -217,7 +217,7 @@ class ExploreBehavior(Behavior):
         place = Point2D(pose.x_m, pose.y_m)
         mates = travel.teammates.mates(place, EVERYWHERE_M)
         if own is not None and not mates:
-            return  # nobody else takes away what it is bound for
+            return  # no other robot can explore its goal first
         goal = self._team.choose(place, travel.driver.radius_m(), own, mates, now_ns)
         if goal is not None and not self._set_out(goal):
             self._team.note_failure(goal, now_ns)

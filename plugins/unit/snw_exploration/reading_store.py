@@ -28,7 +28,7 @@ class ReadingStore:
 
     Args:
         wire: the gateway's endpoint.
-        capacity: readings that it keeps; of more, the oldest of the mote with the most is dropped.
+        capacity: most readings that it keeps. When it is full, the oldest of the mote with the most is dropped.
         put: puts a reading on the wire.
 
     """

@@ -330,7 +330,7 @@ class SNwExploration(Unit):
 
 
 def wire_reading(reading: ReadingPayload, via: str, stamp_ns: int, way: ForwardedPayload | None = None) -> MoteReading:
-    """A reading as the team is told it.
+    """A reading as it is published to the team.
 
     Args:
         reading: as the base station heard it.

@@ -23,7 +23,7 @@ def spread(traversable: NDArray[np.bool_], cost: NDArray[np.float32], sources: N
     Sources (K, 2) that are untraversable or outside are passed over. See `path_planning.distance_field`.
     """
     height, width = traversable.shape
-    wide = width + 2  # a border that nobody can cross spares the test for the edge
+    wide = width + 2  # a border of untraversable cells: neighbours need no check against the edges
     half = np.full((height + 2) * wide, np.inf, np.float32)
     least, most = np.inf, 0.0
     for row in range(height):
