@@ -289,8 +289,10 @@ class Driver(Unit):
     def _set_out(self, path: Path) -> None:
         self._action = None
         self._to_turn_rad = 0.0
-        self._path = path
+        before, self._path = self._path, path
         path.forget_progress()
+        if before is not None and path.is_narrow and before.is_narrow:
+            path.take_progress(before, self._moc.pose())
         if self._motion is Motion.STANDING:
             self._motion = Motion.DRIVING
             self.env.hurry()
@@ -405,7 +407,9 @@ class Driver(Unit):
         """Drive one period through a narrow place or up to one; `free_m` is the room ahead for normal driving."""
         way, limits = self._way, self.parameters
         found = squeeze(self._lookout, pose, heading_rad, path.along_rad(pose), self._moc.radius_m())
-        is_stuck = path.is_stuck(pose, self.env.clock.now_ns()) and not path.is_at_goal(pose)
+        if is_there := path.is_at_goal(pose):
+            path.forget_progress()
+        is_stuck = not is_there and path.is_stuck(pose, self.env.clock.now_ns())
         self._gap_m = found.gap_m if is_stuck else None
         self._note("" if not is_stuck else IN_THE_WAY if found.gap_m is None else TOO_NARROW)
         if way.speed > SLOW_M_S:

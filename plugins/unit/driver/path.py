@@ -18,6 +18,8 @@ TANGENT_M = 0.2
 MOVED_M = 0.05
 STUCK_NS = 3_000_000_000
 """A robot that has not moved by `MOVED_M` for this long does not fit; creeping takes a third of the time."""
+SAME_WAY_RAD = math.radians(60.0)
+"""Two paths whose next points lie within this angle lead on the same way."""
 LOOK_AHEAD_M = 1.5
 """Corners farther off do not matter yet at any speed of a small robot."""
 
@@ -107,6 +109,19 @@ class Path:
     def to_turn_rad(self, pose: Pose2D, bearing_rad: float) -> float:
         """How far to turn to look where it should, with the target at `bearing_rad` of the robot's frame."""
         return bearing_rad if self.yaw_rad is None else wrap_angle_rad(self.yaw_rad - pose.yaw_rad)
+
+    def take_progress(self, before: "Path", pose: Pose2D) -> None:
+        """Go on with the `is_stuck` of the path before if both lead on the same way from `pose`.
+
+        A behavior that plans anew every two seconds would never learn that the robot is stuck otherwise.
+        """
+        self.pass_points(pose)
+        turned_rad = wrap_angle_rad(self._bearing_rad(pose) - before._bearing_rad(pose))
+        if abs(turned_rad) < SAME_WAY_RAD:
+            self._moved_from, self._moved_ns = before._moved_from, before._moved_ns
+
+    def _bearing_rad(self, pose: Pose2D) -> float:
+        return math.atan2(self.target.y_m - pose.y_m, self.target.x_m - pose.x_m)
 
     def forget_progress(self) -> None:
         """Start over with `is_stuck`: the robot sets out, or is not in a narrow place."""

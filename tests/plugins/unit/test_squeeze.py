@@ -107,6 +107,18 @@ def test_before_a_gap_that_is_too_narrow_the_robot_stands_and_tells_its_width(st
     assert one.collisions == 0
 
 
+def test_a_robot_that_is_given_the_same_way_again_and_again_tells_that_it_is_too_narrow(stage):
+    one = Squeezing(stage, two_rooms(0.4))
+    told_m = set()
+    for _ in range(8):
+        one.follow((1.5, 1.0), (2.7, 1.0), (END.x_m, END.y_m))
+        one.run(2.0)
+        told_m.add(one.driver.gap_m())
+    assert one.pose.x_m < 1.6
+    assert max(width_m or 0.0 for width_m in told_m) == pytest.approx(0.4, abs=0.03)
+    assert one.driver.blocked_s() > 2.0
+
+
 def test_something_in_a_narrow_place_is_no_gap_that_is_too_narrow(stage):
     plan = two_rooms(0.6)
     occupied = plan.occupied.copy()
