@@ -9,7 +9,7 @@ import msgspec
 from robrain.coordinator.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
-from robrain.protocol.exploration.strategies import JOINT, STRATEGIES
+from robrain.protocol.exploration.strategies import AUTO, JOINT, STRATEGIES
 from robrain.protocol.exploration.strategies import NEAREST as NEAREST_STRATEGY
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.objective import Objective
@@ -39,7 +39,7 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """What plans are optimised for."""
     method: Name = OPTIMAL
     """Name of the allocator that makes the plans, stock or an entry point `robrain.allocators`; `nearest` for none."""
-    exploration: Name = JOINT
+    exploration: Name = AUTO
     """Name of the exploration strategy: stock, or an entry point `robrain.exploration_strategies`."""
     revise_s: float = 1.0
     """Period, seconds, in which the exploring robots of a team of two or more may be given another goal; 0: a robot

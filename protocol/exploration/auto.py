@@ -1,4 +1,4 @@
-"""By tours as long as few robots explore, else jointly.
+"""The default: by tours as long as few robots explore, else jointly.
 
 One or two robots have to see everything themselves, so the order of all frontiers matters. A larger team has robots
 enough to be sent to what matters now, and much of what lies behind falls to others.

@@ -27,7 +27,7 @@ TOURS: Final = "tours"
 
 
 AUTO: Final = "auto"
-"""`tours` for one or two robots, `joint` for more."""
+"""The default: `tours` for one or two robots, `joint` for more."""
 
 
 class Strategy(Protocol):

@@ -7,14 +7,16 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.bench.exploration import ExplorationPlan, by_group, choose, figures, run_bench, table
 from robrain.deploy.bench.exploration_runs import FULL, IDEAL, ExplorationCase, ExplorationRun, bound_s, run_case
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.floor_plan import FloorPlan
 
+DEFAULT = PlanningPolicy().exploration
 SMALL = ExplorationCase(
-    map="arena_small", path="", robots=2, seed=3, strategy="joint", motion=IDEAL, time_limit_s=120.0
+    map="arena_small", path="", robots=2, seed=3, strategy=DEFAULT, motion=IDEAL, time_limit_s=120.0
 )
 
 
@@ -23,7 +25,7 @@ def chosen(**options: object) -> ExplorationPlan:
         "maps": "arena_small",
         "robots": "2",
         "seeds": "3",
-        "strategies": "joint",
+        "strategies": DEFAULT,
         "motions": IDEAL,
         "near": None,
         "jobs": 1,
@@ -49,7 +51,14 @@ def test_every_map_comes_with_every_team_strategy_motion_and_seed() -> None:
 
 
 def test_by_default_all_strategies_are_compared() -> None:
-    assert {case.strategy for case in chosen(strategies=None).cases} >= {"nearest", "minpos", "burgard", "joint"}
+    assert {case.strategy for case in chosen(strategies=None).cases} >= {
+        "nearest",
+        "minpos",
+        "burgard",
+        "joint",
+        "tours",
+        "auto",
+    }
 
 
 @pytest.mark.parametrize(
@@ -138,4 +147,4 @@ def test_the_file_has_all_runs_and_figures(tmp_path: Path, capsys: pytest.Captur
     run_bench(plan, tmp_path / "out.json")
     told = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
     assert [run["case"]["robots"] for run in told["runs"]] == [1, 2]
-    assert "arena_small, 2 robots, joint, ideal: 90 % after" in capsys.readouterr().out
+    assert f"arena_small, 2 robots, {DEFAULT}, ideal: 90 % after" in capsys.readouterr().out

@@ -27,7 +27,10 @@ from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 
-DRAWING = FloorDrawing(size_m=(6.0, 5.0), blocks=(Block(x_m=2.5, y_m=1.5, width_m=1.0, height_m=1.0),))
+DRAWING = FloorDrawing(
+    size_m=(14.0, 6.0),
+    blocks=(Block(x_m=2.5, y_m=1.5, width_m=1.0, height_m=1.0), Block(x_m=7.0, y_m=0.0, width_m=0.5, height_m=4.0)),
+)
 LENGTH_S = 14.0
 
 
