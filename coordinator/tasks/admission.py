@@ -9,16 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.protocol.model.tasks.stock_kinds import check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
-from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.messages.message import JsonSchema
-from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.reason import said
 from robrain.protocol.wire.reasons.tasks import (
     AfterEnded,
@@ -36,32 +34,6 @@ if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it
 NO_SCHEMAS: Mapping[str, Sequence[JsonSchema]] = MappingProxyType({})
 GATHERING = "visit"
 """Plugin that robots need in addition, to gather for a task for several."""
-
-
-def with_times(asked: TaskSubmission, now_ns: int) -> Task:
-    """The submitted task, with relative times converted to stamps (ValueError if that is impossible)."""
-    times: dict[str, int] = {}
-    for name, in_s in (("earliest_ns", asked.earliest_in_s), ("deadline_ns", asked.deadline_in_s)):
-        if in_s is None:
-            continue
-        if not 0 <= in_s < 1e9:
-            raise ValueError(f"expected {name.replace('_ns', '_in_s')} from 0 to 1e9, got {in_s}")
-        times[name] = now_ns + to_ns(in_s)
-    # Built anew, because a task checks itself when it is built, not when it is replaced.
-    return msgspec.convert({**msgspec.to_builtins(asked.task), **times}, Task) if times else asked.task
-
-
-def difference(asked: bytes, asked_before: bytes) -> str:
-    """Describe in words where two submissions of one id differ; empty if they are the same.
-
-    Args:
-        asked: the new one.
-        asked_before: the accepted one.
-
-    """
-    new, old = (_flat(msgspec.json.decode(text or b"{}")) for text in (asked, asked_before))
-    names = [name for name in sorted({**new, **old}) if new.get(name) != old.get(name)]
-    return ", ".join(f"{name} is {_word(old.get(name))}, not {_word(new.get(name))}" for name in names)
 
 
 def why_impossible(
@@ -205,16 +177,3 @@ def _why_waits_for_itself(task: Task, others: Mapping[str, TaskRecord]) -> str:
         if name in others:
             waiting += [(further, name) for further in others[name].task.after]
     return ""
-
-
-def _flat(value: object, name: str = "") -> dict[str, object]:
-    if not isinstance(value, dict):
-        return {name: value}
-    found: dict[str, object] = {}
-    for key, part in value.items():
-        found |= _flat(part, key if name in ("", "task", "parameters") else f"{name}.{key}")
-    return found
-
-
-def _word(value: object) -> str:
-    return "unset" if value is None else msgspec.json.encode(value).decode()

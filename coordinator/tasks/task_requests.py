@@ -7,7 +7,7 @@ import msgspec
 
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.tasks.admission import difference, why_impossible, with_times
+from robrain.coordinator.tasks.admission import why_impossible
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap
@@ -62,15 +62,14 @@ class TaskRequests:
     def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
         asked = request.asked
-        word = msgspec.json.encode(msgspec.structs.replace(asked, by=""))
         known = self._book.find(asked.task.id)
         if known is not None:
-            differs = difference(word, self._book.journal.asked(asked.task.id))
+            differs = asked.differs_from(self._book.journal.asked(asked.task.id))
             if differs or known.own:
                 text = f"there is another task {asked.task.id}: {differs or 'one of the coordinator itself'}"
                 raise CallError(ErrorCode.REFUSED, text, differs)
             return self._once_on_disk(known)
-        return self._once_on_disk(self.admit(asked, asked.by or request.by, word))
+        return self._once_on_disk(self.admit(asked, asked.by or request.by, asked.word))
 
     def admit(
         self,
@@ -95,10 +94,10 @@ class TaskRequests:
 
         """
         try:
-            task = with_times(asked, self._clock.now_ns())
+            task = asked.task_at(self._clock.now_ns())
         except (ValueError, msgspec.ValidationError) as error:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"task {asked.task.id}: {error}") from error
-        why = self._why_impossible(task)
+        why = self.why_impossible(task)
         if why:
             raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {why}", why)
         try:
@@ -118,7 +117,8 @@ class TaskRequests:
 
         return Deferred(record, when)
 
-    def _why_impossible(self, task: Task) -> str:
+    def why_impossible(self, task: Task) -> str:
+        """Why a task can never be done, in words; empty if it may be possible."""
         others: dict[str, TaskRecord] = {}
         waiting = list(task.after)
         while waiting:

@@ -19,6 +19,7 @@ from robrain.protocol.model.ranges import (
     Text,
 )
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.reasons.robots import RobotReason
@@ -38,6 +39,34 @@ class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
     """Seconds after the coordinator accepts it, in place of the task's `earliest_ns`."""
     deadline_in_s: Seconds | None = None
     """Seconds after the coordinator accepts it, in place of the task's `deadline_ns`."""
+
+    def task_at(self, now_ns: int) -> Task:
+        """The task with stamps instead of times that count from its acceptance (ValueError if that is impossible)."""
+        times: dict[str, int] = {}
+        for name, in_s in (("earliest_ns", self.earliest_in_s), ("deadline_ns", self.deadline_in_s)):
+            if in_s is None:
+                continue
+            if not 0 <= in_s < 1e9:
+                raise ValueError(f"expected {name.replace('_ns', '_in_s')} from 0 to 1e9, got {in_s}")
+            times[name] = now_ns + to_ns(in_s)
+        # Built anew, because a task checks itself when it is built, not when it is replaced.
+        return msgspec.convert({**msgspec.to_builtins(self.task), **times}, Task) if times else self.task
+
+    def differs_from(self, before: bytes) -> str:
+        """Where this submission differs from one of the same id, in words; empty if they are the same.
+
+        Args:
+            before: that one, as `word` gives it.
+
+        """
+        new, old = (_flat(msgspec.json.decode(text or b"{}")) for text in (self.word, before))
+        names = [name for name in sorted({**new, **old}) if new.get(name) != old.get(name)]
+        return ", ".join(f"{name} is {_shown(old.get(name))}, not {_shown(new.get(name))}" for name in names)
+
+    @property
+    def word(self) -> bytes:
+        """What is asked for, whoever asks, as JSON."""
+        return msgspec.json.encode(msgspec.structs.replace(self, by=""))
 
 
 class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -181,3 +210,16 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     """When they were judged; 0 if never."""
     changes: Annotated[list[TaskChange], Meta(max_length=100_000)] = []
     """The last ones, oldest first."""
+
+
+def _flat(value: object, name: str = "") -> dict[str, object]:
+    if not isinstance(value, dict):
+        return {name: value}
+    found: dict[str, object] = {}
+    for key, part in value.items():
+        found |= _flat(part, key if name in ("", "task", "parameters") else f"{name}.{key}")
+    return found
+
+
+def _shown(value: object) -> str:
+    return "unset" if value is None else msgspec.json.encode(value).decode()

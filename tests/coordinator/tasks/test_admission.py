@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.tasks.admission import difference, why_dependency_ended, why_impossible, with_times
+from robrain.coordinator.tasks.admission import why_dependency_ended, why_impossible
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -108,10 +108,10 @@ def test_a_circle_of_tasks_that_wait_for_each_other_is_refused() -> None:
 
 def test_times_may_be_given_from_now_on() -> None:
     asked = TaskSubmission(task=visit(priority=2.0), earliest_in_s=1.5, deadline_in_s=60.0)
-    task = with_times(asked, NOW_NS)
+    task = asked.task_at(NOW_NS)
     assert (task.earliest_ns, task.deadline_ns) == (NOW_NS + to_ns(1.5), NOW_NS + to_ns(60.0))
     assert (task.id, task.priority, task.place) == ("t1", 2.0, Point2D(1.0, 1.0))
-    assert with_times(TaskSubmission(task=task), NOW_NS) is task
+    assert TaskSubmission(task=task).task_at(NOW_NS) is task
 
 
 @pytest.mark.parametrize(
@@ -124,14 +124,14 @@ def test_times_may_be_given_from_now_on() -> None:
 )
 def test_times_that_make_no_sense_are_named(times, named: str) -> None:
     with pytest.raises((ValueError, msgspec.ValidationError), match=named):
-        with_times(TaskSubmission(task=visit(), **times), NOW_NS)
+        TaskSubmission(task=visit(), **times).task_at(NOW_NS)
 
 
 def test_the_difference_of_two_submissions_is_told_field_by_field() -> None:
-    one = msgspec.json.encode(TaskSubmission(task=visit(priority=2.0, needs=("camera",)), deadline_in_s=5.0))
-    other = msgspec.json.encode(TaskSubmission(task=visit(1.0, 2.0)))
-    assert difference(one, one) == ""
-    assert difference(other, one) == (
+    one = TaskSubmission(task=visit(priority=2.0, needs=("camera",)), deadline_in_s=5.0)
+    other = TaskSubmission(task=visit(1.0, 2.0), by="somebody else")
+    assert one.differs_from(one.word) == ""
+    assert other.differs_from(one.word) == (
         'deadline_in_s is 5.0, not unset, needs is ["camera"], not unset, place.y_m is 1.0, not 2.0,'
         " priority is 2.0, not unset"
     )
