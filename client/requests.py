@@ -5,18 +5,24 @@ from typing import Any
 
 import msgspec
 
-from robrain.client.members import no_robot
+from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.wire.hub import teams_there, wrong_team
+from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.wire.topic import Q, Query, R
-from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_SUBMIT, TASK_SUBMIT
 
 ASK_TIMEOUT_S = 2.0
 ROBOT_TIMEOUT_S = 10.0
 """Minimum time limit for a robot's answer; its host may be busy."""
 AGAIN_S = 0.25
+KEPT_S = 5.0
+"""How long to wait until more than half of the team has a task; robots tell each other five times a second."""
+SHOWN_WHYS = 3
 _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
 
 
@@ -53,6 +59,45 @@ class Requests:
                 if error.code not in _NOT_NOW or transport.elapsed_s() >= gives_up_s:
                     raise
             transport.pass_time(AGAIN_S)
+
+    def submit(self, asked: TaskSubmission) -> TaskRecord:
+        """Submit a task to the coordinator, or to a robot if there is none and robots go on without.
+
+        Raises:
+            CallError: it is refused.
+            NobodyThere: no coordinator answers, and no robot takes the task in.
+
+        """
+        try:
+            return self.coordinator(TASK_SUBMIT, asked)
+        except NobodyThere as error:
+            return self.submit_to_robots(asked, error)
+
+    def submit_to_robots(self, asked: TaskSubmission, no_coordinator: NobodyThere) -> TaskRecord:
+        """Submit a task to the first robot that takes it in; errors as those of `submit`."""
+        why: list[str] = []
+        for robot in team_found(self._wire).robots:
+            try:
+                return self._submit_to_robot(asked, robot)
+            except (CallError, NobodyThere) as error:
+                why.append(f"{robot}: {error}")
+        raise NobodyThere("; ".join([str(no_coordinator), *why[:SHOWN_WHYS]]))
+
+    def _submit_to_robot(self, asked: TaskSubmission, robot: str) -> TaskRecord:
+        """Repeat a submission until more than half of the team has the task."""
+        transport = self._transport
+        gives_up_s = transport.elapsed_s() + KEPT_S
+        while True:
+            taken = self.robot(ROBOT_SUBMIT, asked, robot)
+            if taken.is_kept:
+                break
+            if transport.elapsed_s() >= gives_up_s:
+                known_to = ", ".join(taken.known_to)
+                raise CallError(ErrorCode.FAILED, f"task {taken.task.id} may be lost: only {known_to} has it")
+            transport.pass_time(AGAIN_S)
+        known_to = ", ".join(taken.known_to)
+        why = f"there is no coordinator; {known_to} took it in"
+        return TaskRecord(task=taken.task, state=TaskState.QUEUED, by=asked.by, why=cut(why))
 
     def robot(self, topic: Query[Q, R], request: Q | None, robot: str) -> R:
         """Query a robot.

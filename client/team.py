@@ -34,7 +34,7 @@ from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.host_queries import (
     HOST_COMMAND,
     HOST_HOLD,
@@ -183,6 +183,8 @@ class Team:
     ) -> TaskRecord:
         """Submit a task; submitting the same task with the same id again returns the same answer.
 
+        If there is no coordinator, and robots go on without, one of them takes it in and tells the others.
+
         Args:
             task: a kind, such as `visit`, with the arguments below; or a whole task, with only the times.
             id: the task's name; None for a new one, such as `visit-3`.
@@ -199,7 +201,7 @@ class Team:
         Raises:
             BadTask: a field is missing or invalid.
             CallError: the task is refused, for example because no robot does its kind; the text says why.
-            NobodyThere: no coordinator answers.
+            NobodyThere: no coordinator answers, and no robot takes the task in.
 
         """
         optional = {
@@ -216,7 +218,7 @@ class Team:
                 names = ", ".join(sorted([*given, *(["id"] if id is not None else []), *(parameters or {})]))
                 raise BadTask(f"task {task.id} is whole already: leave out {names}")
             asked = TaskSubmission(task=task, by=self.by, earliest_in_s=earliest_s, deadline_in_s=deadline_s)
-            return self._requests.coordinator(TASK_SUBMIT, asked)
+            return self._requests.submit(asked)
         times = {"earliest_in_s": earliest_s, "deadline_in_s": deadline_s}
         given |= {name: value for name, value in times.items() if value is not None}
         if twice := sorted({*given, "id"} & (parameters or {}).keys()):
@@ -225,13 +227,18 @@ class Team:
 
         asked = msgspec.structs.replace(submission_of(task, {**given, "id": task if id is None else id}), by=self.by)
         if id is not None:
-            return self._requests.coordinator(TASK_SUBMIT, asked)
+            return self._requests.submit(asked)
+
+        def named(task_id: str) -> TaskSubmission:
+            return msgspec.structs.replace(asked, task=msgspec.structs.replace(asked.task, id=task_id))
 
         def submit(task_id: str) -> TaskRecord:
-            named = msgspec.structs.replace(asked.task, id=task_id)
-            return self._requests.coordinator(TASK_SUBMIT, msgspec.structs.replace(asked, task=named))
+            return self._requests.coordinator(TASK_SUBMIT, named(task_id))
 
-        return self._fresh_ids.submit(task, submit, self.by)
+        try:
+            return self._fresh_ids.submit(task, submit, self.by)
+        except NobodyThere as error:  # which ids the coordinator has is not known: one that nobody else makes
+            return self._requests.submit_to_robots(named(f"{task}-{self._wire.clock.now_ns():x}"), error)
 
     def cancel(self, task: TaskName, why: str = "") -> TaskRecord:
         """Cancel a task; its robot stops it (CallError if it has already ended)."""

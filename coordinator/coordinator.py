@@ -226,7 +226,7 @@ class Coordinator:
             return
         if received.topic is ROBOT_BALLOT:
             with self.lifecycle.as_far_as_written(now_ns):
-                if take_in(self.tasks, received.message):
+                if take_in(self.tasks, received.message, self._requests.why_impossible):
                     self._decide_due_ns = now_ns
             return
         state: RobotState = received.message

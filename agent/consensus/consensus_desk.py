@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from robrain.agent.board import Board
 from robrain.agent.consensus.known_tasks import KnownTasks
+from robrain.agent.consensus.task_intake import Known, TaskIntake
 from robrain.agent.consensus.task_scorer import task_scorer
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.consensus.negotiation import Negotiation
@@ -19,10 +20,12 @@ from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.consensus_messages import TaskDone, TaskHeld, TeamBallot
+from robrain.protocol.wire.messages.consensus_messages import TaskDone, TaskHeld, TaskTaken, TeamBallot
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
 from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import Occupied
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
@@ -82,6 +85,7 @@ class ConsensusDesk:
         self.is_leaderless = False
         """Whether this robot and more than half of the team allocate tasks by themselves."""
         self._robot, self._board, self._desk, self._chargers = robot, board, desk, chargers
+        self._intake = TaskIntake(robot, self.known, desk)
         self._inbox = Inbox(capacity=4096)
         for topic in (COORDINATOR_STATE, TASK_EVENT, ROBOT_BALLOT):
             wire.subscribe(self._inbox, topic)
@@ -123,9 +127,20 @@ class ConsensusDesk:
         if self.is_leaderless:
             self._desk.trusted_ns = now_ns
             self._allocate(now_ns, may_begin=may_begin)
-        if (is_alone or now_ns < self._tell_until_ns) and now_ns >= self._due_ns:
+        has_to_tell = is_alone or now_ns < self._tell_until_ns or bool(self.known.asked)
+        if has_to_tell and now_ns >= self._due_ns:
             self._due_ns = now_ns + PERIOD_NS
             self._send(is_alone=is_alone)
+
+    def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
+        """Take in a task while nobody coordinates (CallError if it is refused, in words)."""
+        if not self.is_leaderless and asked.task.id not in self.known.asked:
+            why = "a coordinator is heard: submit it there"
+            if self._was_alone and not self._has_quorum():
+                why = f"it hears {1 + len(self._mates)} of {len(self._everyone())} robots, which is not more than half"
+            raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
+        self._due_ns = now_ns  # the others must know at once
+        return self._intake.take(asked, now_ns, self._said_known(), len(self._everyone()))
 
     def is_telling(self, now_ns: int) -> bool:
         """Whether a coordinator has just returned, and may not know yet what was done without it."""
@@ -158,6 +173,9 @@ class ConsensusDesk:
 
     def _hear_mate(self, said: TeamBallot, now_ns: int) -> None:
         self._mates[said.robot] = _Mate(now_ns, said)
+        if now_ns - self._heard_ns > SILENT_NS:  # else the coordinator is told, and has the last word
+            for asked in said.asked:
+                self.known.ask(asked)
         self.known.note_done(said.done)
         if not said.hears_coordinator:
             self._tell_until_ns = max(self._tell_until_ns, now_ns + ANSWER_NS)
@@ -176,7 +194,13 @@ class ConsensusDesk:
                 self._not_mine[status.id] = now_ns + AGAIN_NS
 
     def _has_quorum(self) -> bool:
-        return 2 * (1 + len(self._mates)) > len(self._team | {self._robot, *self._mates})
+        return 2 * (1 + len(self._mates)) > len(self._everyone())
+
+    def _everyone(self) -> frozenset[str]:
+        return self._team | {self._robot, *self._mates}
+
+    def _said_known(self) -> Known:
+        return {name: mate.said.known for name, mate in self._mates.items()}
 
     # -- deciding -------------------------------------------------------------------------------------------
 
@@ -260,6 +284,8 @@ class ConsensusDesk:
             hears_coordinator=not is_alone,
             held=self._held(),
             done=list(self.known.done.values()),
+            known=self.known.known(),
+            asked=self._intake.to_tell(self._said_known(), everything=not is_alone),
         )
         self._tell.put(said)
 

@@ -1,11 +1,16 @@
-"""The tasks that a robot knows to be open: a bounded copy of the coordinator's, kept by listening."""
+"""The tasks that a robot knows to be open: a bounded copy of the coordinator's, kept by listening.
+
+While there is no coordinator, tasks that robots have taken in are among them.
+"""
 
 from collections.abc import Iterable
 from typing import NamedTuple
 
+import msgspec
+
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.consensus_messages import ENDS_MAX, TaskDone
+from robrain.protocol.wire.messages.consensus_messages import ASKED_MAX, ENDS_MAX, TaskAsked, TaskDone, TaskKnown
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 
 TASKS_MAX = 256
@@ -23,26 +28,50 @@ class KnownTask(NamedTuple):
 
 
 class KnownTasks:
-    """Open tasks, and those done that no coordinator is known to have noted."""
+    """Open tasks, and what no coordinator is known to have noted: tasks that were done or that robots have taken in."""
 
     def __init__(self) -> None:
         self.open: dict[str, KnownTask] = {}
         self.done: dict[str, TaskDone] = {}
+        self.asked: dict[str, TaskAsked] = {}
 
     @property
     def is_full(self) -> bool:
         """Whether no further task may be done, as its end might be forgotten."""
         return len(self.done) >= ENDS_MAX
 
+    @property
+    def may_be_asked(self) -> bool:
+        """Whether there is room for a task that a robot takes in."""
+        return len(self.asked) < ASKED_MAX and len(self.open) < TASKS_MAX
+
     def hear(self, event: TaskEvent) -> None:
         """Take in what the coordinator says of a task."""
         task = event.task
+        self.asked.pop(task.id, None)
         if event.state.ended:
             self.open.pop(task.id, None)
             self.done.pop(task.id, None)
         elif task.kind not in OWN_KINDS and (task.id in self.open or len(self.open) < TASKS_MAX):
             robot = "" if event.state is TaskState.QUEUED else event.robot
             self.open[task.id] = KnownTask(task, robot)
+
+    def ask(self, asked: TaskAsked) -> None:
+        """Take in a task that a robot has taken in; of two with one id the first heard stays."""
+        task_id = asked.submission.task.id
+        if task_id in self.open or not self.may_be_asked:
+            return
+        try:
+            task = asked.submission.task_at(asked.at_ns)
+        except (ValueError, msgspec.ValidationError):
+            return  # what the robot that is asked refuses in words; a mate does not say so
+        if task.kind not in OWN_KINDS:
+            self.open[task_id] = KnownTask(task, "")
+            self.asked[task_id] = asked
+
+    def known(self) -> list[TaskKnown]:
+        """Names of the tasks that robots have taken in."""
+        return [TaskKnown(id=task_id, at_ns=one.at_ns) for task_id, one in self.asked.items()]
 
     def note_done(self, done: Iterable[TaskDone]) -> None:
         """Tasks were done; of two robots that did one the first heard counts."""

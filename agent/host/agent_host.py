@@ -41,10 +41,12 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, 
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.consensus_messages import TaskTaken
 from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.plugin_messages import LogRecord, PluginInfo
 from robrain.protocol.wire.messages.robot_messages import PluginFault, RobotState
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
 from robrain.protocol.wire.reasons.offers import RobotHalted
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
@@ -55,6 +57,7 @@ from robrain.protocol.wire.topics import (
     ROBOT_OFFER,
     ROBOT_PLUGINS,
     ROBOT_STATE,
+    ROBOT_SUBMIT,
     ROBOT_WITHDRAW,
 )
 
@@ -182,6 +185,7 @@ class AgentHost:
         wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.SHARED, at_once=AT_ONCE, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_COSTS, self._costs, serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_SUBMIT, self._submitted, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
         wire.token(ROBOT_ALIVE, robot=robot)
 
@@ -307,6 +311,12 @@ class AgentHost:
         now_ns = self.clock.now_ns()
         reason = None if self._consensus is None else self._consensus.why_not_now(request.asked.task.id, now_ns)
         return self.desk.offer(request.asked, now_ns) if reason is None else TaskAnswer.refused(reason)
+
+    def _submitted(self, request: Request[TaskSubmission]) -> TaskTaken:
+        if self._consensus is None:
+            why = f"{self.name} takes tasks from a coordinator alone: its file has no `consensus = true`"
+            raise CallError(ErrorCode.REFUSED, f"task {request.asked.task.id} is refused: {why}", why)
+        return self._consensus.submit(request.asked, self.clock.now_ns())
 
     def _costs(self, request: Request[CostsRequest]) -> list[TaskCost]:
         return [self.desk.cost(task) for task in request.asked.tasks]

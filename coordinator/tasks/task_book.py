@@ -115,6 +115,10 @@ class TaskBook:
         for record in self.journal.last_changed(count):
             self._tell(record.event)
 
+    def tell(self, record: TaskRecord) -> None:
+        """Publish a task's last change again, for somebody who has missed it."""
+        self._tell(record.event)
+
     # -- changing -------------------------------------------------------------------------------------------
 
     def add(

@@ -1,19 +1,30 @@
 """Takes in what robots did about tasks while they heard no coordinator."""
 
+from collections.abc import Callable
+
+import msgspec
+
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.consensus_messages import TeamBallot
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.consensus_messages import TaskAsked, TeamBallot
 from robrain.protocol.wire.reasons.reason import Said
 
 
-def take_in(book: TaskBook, said: TeamBallot) -> bool:
+def take_in(book: TaskBook, said: TeamBallot, why_impossible: Callable[[Task], str]) -> bool:
     """Note a robot's tasks, and the ends that it tells of, that no coordinator decided on; whether anything is new.
+
+    Args:
+        book: of the coordinator's tasks.
+        said: by a robot.
+        why_impossible: why a task can never be done; empty if it may be possible.
 
     Raises:
         JournalUnwritable: what could not be written is told again with the next ballot.
 
     """
     version = book.version
+    new = [task for asked in said.asked if (task := _accept(book, said.robot, asked)) is not None]
     for done in said.done:
         book.note_done_by_team(
             done.id, done.robot, done.epoch, Said(f"{done.robot} did it while it heard no coordinator")
@@ -22,4 +33,23 @@ def take_in(book: TaskBook, said: TeamBallot) -> bool:
         record = book.find(held.id)
         if record is not None and record.state is TaskState.QUEUED:
             book.adopt(held.id, said.robot, held.epoch, Said(f"{said.robot} began it while it heard no coordinator"))
+    for task in new:
+        record = book.find(task.id)
+        if record is not None and record.state is TaskState.QUEUED and (why := why_impossible(task)):
+            book.move(task.id, TaskState.FAILED, Said(cut(why)))
     return book.version != version
+
+
+def _accept(book: TaskBook, robot: str, asked: TaskAsked) -> Task | None:
+    """Put a task that robots have taken in into the book; None if it is there, which the robots are told again."""
+    submission = asked.submission
+    record = book.find(submission.task.id)
+    if record is not None:
+        book.tell(record)
+        return None
+    try:
+        task = submission.task_at(asked.at_ns)
+    except (ValueError, msgspec.ValidationError):
+        return None  # no robot of ours has taken that in
+    book.add(task, by=submission.by, asked=submission.word, reason=Said(f"{robot} had no coordinator and took it in"))
+    return task

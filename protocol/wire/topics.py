@@ -166,15 +166,17 @@ ROBOT_CALL = Query(
 )
 
 
-def _robot_task(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_only: bool = False) -> Query[Q, R]:
+def _robot_task(verb: str, request: type[Q], reply: type[R], doc: str, **more: Any) -> Query[Q, R]:
     return Query(name=f"robot_{verb}", pattern=f"robot/{{robot}}/task/{verb}", doc=doc, by=Role.ROBOT, request=request,
-                 reply=reply, urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only)  # fmt: skip
+                 reply=reply, urgency=Urgency.INTERACTIVE_HIGH, **more)  # fmt: skip
 
 
 ROBOT_OFFER = _robot_task("offer", offer_messages.TaskOffer, offer_messages.TaskAnswer,
                           "The coordinator offers a task with its fencing epoch and lease")  # fmt: skip
 ROBOT_WITHDRAW = _robot_task("withdraw", offer_messages.TaskWithdrawal, offer_messages.TaskAnswer,
                              "The coordinator takes a task back")  # fmt: skip
+ROBOT_SUBMIT = _robot_task("submit", TaskSubmission, consensus_messages.TaskTaken, "Do this, while nobody coordinates",
+                           errors=(ErrorCode.REFUSED,))  # fmt: skip
 ROBOT_COSTS = _robot_task("costs", CostsRequest, list[TaskCost],
                           "What tasks would take at their places, by its own plugins", reads_only=True)  # fmt: skip
 ROBOT_FOREIGN = Token(

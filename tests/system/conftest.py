@@ -10,8 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import zenoh
 
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import HUB_VARIABLE
+from robrain.protocol.wire.session import open_session
 from tests.own_hub import OwnHub
 from tests.system.prefork import OWN_INTERPRETER, ForkedCommand, PreforkServer
 from tests.waiting import PATIENCE_S
@@ -162,3 +166,19 @@ def commands(tmp_path: Path) -> Iterator[Commands]:
     found = Commands(tmp_path)
     yield found
     found.stop_all()
+
+
+@pytest.fixture
+def hub() -> Iterator[zenoh.Session]:
+    """A hub of the test's own."""
+    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def wire(hub: zenoh.Session) -> Iterator[Endpoint]:
+    """What a member of the hub's team hears and says."""
+    wire = Endpoint(hub, "default", WallClock(), Drive.LIVE)
+    yield wire
+    wire.close()

@@ -9,11 +9,9 @@ import pytest
 
 from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_PLANNING,
@@ -28,21 +26,6 @@ from tests.waiting import PATIENCE_S, has_ended, until
 pytestmark = pytest.mark.system
 
 POLICY = '[planning]\nmethod = "greedy"\nobjective = "lifetime"\n'
-
-
-@pytest.fixture
-def hub():
-    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    yield session
-    session.close()
-
-
-@pytest.fixture
-def team(hub):
-    """What a member of the team hears and says."""
-    wire = Endpoint(hub, "default", WallClock(), Drive.LIVE)
-    yield wire
-    wire.close()
 
 
 def start(commands, hub, *words: str):
@@ -60,26 +43,26 @@ def planner_of(pid: int) -> int:
     return 0
 
 
-def test_it_plans_as_its_file_says_except_for_what_the_command_line_does(commands, hub, team):
+def test_it_plans_as_its_file_says_except_for_what_the_command_line_does(commands, hub, wire):
     (commands.folder / "team.toml").write_text(POLICY)
     coordinator = start(commands, hub, "--planning", "team.toml", "--objective", "makespan")
     commands.line_with(coordinator, "coordinator: of team default")
-    status = until_answered(lambda: team.ask(COORDINATOR_PLANNING))
+    status = until_answered(lambda: wire.ask(COORDINATOR_PLANNING))
     assert (status.method, str(status.objective)) == ("greedy", "makespan")
 
 
-def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, team):
+def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, wire):
     summaries = Inbox()
-    team.subscribe(summaries, COORDINATOR_STATE)
-    presence = team.watch(COORDINATOR_ALIVE)
+    wire.subscribe(summaries, COORDINATOR_STATE)
+    presence = wire.watch(COORDINATOR_ALIVE)
     cells = PatchCells(0, 0, np.full((10, 10), FREE), 1)
     patch = to_message("r1", GridGeometry(0.1, 0.0, 0.0, 40, 40), cells)
     # A patch may be taken in before the token of its robot is; as that appears, the robot is asked for its whole map.
-    team.answer(ROBOT_MAP_WHOLE, lambda _: patch, robot="r1")
-    team.token(ROBOT_ALIVE, robot="r1")
+    wire.answer(ROBOT_MAP_WHOLE, lambda _: patch, robot="r1")
+    wire.token(ROBOT_ALIVE, robot="r1")
     start(commands, hub)
     until(lambda: (list(presence.changes()), presence.present)[1])
-    team.publisher(ROBOT_MAP, robot="r1").put(patch)
+    wire.publisher(ROBOT_MAP, robot="r1").put(patch)
     known_m2 = until(lambda: [m for one in summaries.drain() if (m := one.message.known_area_m2) > 0.0])
     assert known_m2[-1] == pytest.approx(1.0)
 

@@ -7,10 +7,8 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import WallClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskSubmission
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import TASK_LIST, TASK_SUBMIT
 from tests.asking import until_answered
 from tests.waiting import PATIENCE_S
@@ -21,20 +19,6 @@ UP = "coordinator: of team default; Ctrl-C"
 BY = "coordinator: standing by for the coordinator of team default"
 TAKEN_OVER_S = 1.5
 """Robots keep their tasks while their coordinator is silent for this long."""
-
-
-@pytest.fixture
-def hub():
-    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    yield session
-    session.close()
-
-
-@pytest.fixture
-def wire(hub):
-    wire = Endpoint(hub, "default", WallClock(), Drive.LIVE)
-    yield wire
-    wire.close()
 
 
 @pytest.fixture

@@ -6,11 +6,18 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.consensus.ballot import Ballot
-from robrain.protocol.model.ranges import Epoch, Name
+from robrain.protocol.model.ranges import Epoch, Name, Names, Stamp
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages.message import Message
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
 
 ENDS_MAX = 256
 """Tasks done without a coordinator that a robot remembers; with so many it begins no other (chosen)."""
+
+ASKED_MAX = 64
+"""Tasks taken in without a coordinator that a robot remembers; with so many it takes in no other (chosen)."""
+ASKED_TOLD = 8
+"""Of these in one ballot in full."""
 
 
 class TaskHeld(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,6 +40,34 @@ class TaskDone(msgspec.Struct, frozen=True, kw_only=True):
     """With which that robot began it."""
 
 
+class TaskAsked(msgspec.Struct, frozen=True, kw_only=True):
+    """A task that a robot has taken in while it heard no coordinator."""
+
+    submission: TaskSubmission
+    at_ns: Stamp
+    """When, by that robot's clock: the submission's times count from then."""
+
+
+class TaskKnown(msgspec.Struct, frozen=True, kw_only=True):
+    """Names a `TaskAsked` that a robot has."""
+
+    id: Name
+    """Id of the task."""
+    at_ns: Stamp
+    """When it was taken in."""
+
+
+class TaskTaken(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot's answer to who submits a task to it. The same submission again has a newer answer."""
+
+    task: Task
+    """As it was taken in."""
+    known_to: Names
+    """The robots that have it, sorted."""
+    is_kept: bool
+    """Whether more than half of the team has it: it is not lost with this robot."""
+
+
 class TeamBallot(Message, frozen=True, kw_only=True):
     """A robot's part in the allocation of tasks without a coordinator: 5 Hz while it hears none."""
 
@@ -46,6 +81,11 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     """Tasks that the robot does or holds."""
     done: Annotated[list[TaskDone], Meta(max_length=ENDS_MAX)] = msgspec.field(default_factory=list)
     """All that the robot knows of, also those that others did."""
+    known: Annotated[list[TaskKnown], Meta(max_length=ASKED_MAX)] = msgspec.field(default_factory=list)
+    """Tasks taken in without a coordinator that the robot has, whoever took them in, and that none is known to have
+    noted."""
+    asked: Annotated[list[TaskAsked], Meta(max_length=ASKED_TOLD)] = msgspec.field(default_factory=list)
+    """Those among them that somebody may not have yet."""
 
     def __post_init__(self) -> None:
         if self.ballot.robot != self.robot:

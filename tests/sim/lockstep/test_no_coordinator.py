@@ -1,6 +1,9 @@
 """Simulated robots whose coordinator is killed: they do the open tasks, each once; one that returns takes that in."""
 
+import pytest
+
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.errors import NobodyThere
 from tests.agent.consensus.leaderless import pass_time, team_of
 
 PLACES = ((2.0, 2.6), (1.5, 1.0), (1.0, 1.6), (2.2, 2.0), (1.0, 2.5), (1.8, 2.2))
@@ -36,3 +39,29 @@ def test_without_consensus_simulated_robots_drop_what_they_do() -> None:
         assert status is not None
         assert status.state is TaskState.CANCELLED
         assert watch.ballots == 0
+
+
+def test_a_task_that_is_submitted_without_a_coordinator_is_done_once_and_noted_by_one_that_comes() -> None:
+    with team_of(3) as (team, run, watch):
+        pass_time(team, watch, 10.0)
+        run.end_coordinator()
+        pass_time(team, watch, 3.0)
+        record = team.submit("visit", place=PLACES[0], service_s=2.0)
+        name = record.task.id
+        assert record.state is TaskState.QUEUED
+        assert record.why.startswith("there is no coordinator; r1, r")
+        pass_time(team, watch, 40.0, until=lambda: bool(watch.done))
+        run.begin_coordinator()
+        pass_time(team, watch, 2.0)
+        assert team.get(name).state is TaskState.DONE
+        pass_time(team, watch, 5.0)
+        assert watch.done == {name: 1}
+
+
+def test_robots_without_consensus_say_that_they_take_none() -> None:
+    with team_of(2, consensus=False) as (team, run, watch):
+        pass_time(team, watch, 5.0)
+        run.end_coordinator()
+        pass_time(team, watch, 3.0)
+        with pytest.raises(NobodyThere, match=r"no coordinator .* answers.*r1: .*`consensus = true`"):
+            team.submit("visit", place=PLACES[0])

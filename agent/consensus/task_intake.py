@@ -1,0 +1,104 @@
+"""Tasks that are submitted to a robot, because nobody coordinates.
+
+The robot tells the others in its ballots. Whoever has submitted a task repeats that until more than half of the team
+has the task: then some robot of any group that allocates tasks has it.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from robrain.agent.consensus.known_tasks import OWN_KINDS, KnownTasks
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.tasks.stock_kinds import check_parameters
+from robrain.protocol.model.tasks.task import BadParameters, Task
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
+from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.messages.consensus_messages import ASKED_TOLD, TaskAsked, TaskKnown, TaskTaken
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
+
+Known = Mapping[str, Sequence[TaskKnown]]
+"""What each of the other robots has said that it has."""
+
+
+class TaskIntake:
+    """Takes tasks in, and knows which robots have them.
+
+    Args:
+        robot: the robot's name.
+        known: the tasks that it knows.
+        desk: of its behaviors.
+
+    """
+
+    def __init__(self, robot: str, known: KnownTasks, desk: TaskDesk) -> None:
+        self._robot, self._known, self._desk = robot, known, desk
+        self._told = 0
+
+    def take(self, asked: TaskSubmission, now_ns: int, mates: Known, team: int) -> TaskTaken:
+        """Take a task in, and say who has it.
+
+        Args:
+            asked: what is submitted; the same as before changes nothing.
+            now_ns: the time.
+            mates: what the others have.
+            team: number of robots of the team.
+
+        Raises:
+            CallError: it is refused, in words.
+
+        """
+        task_id = asked.task.id
+        before = self._known.asked.get(task_id)
+        if before is None:
+            self._check(asked, now_ns)
+            before = TaskAsked(submission=asked, at_ns=now_ns)
+            self._known.ask(before)
+        elif differs := asked.differs_from(before.submission.word):
+            raise CallError(ErrorCode.REFUSED, f"there is another task {task_id}: {differs}", differs)
+        name = TaskKnown(id=task_id, at_ns=before.at_ns)
+        known_to = sorted([self._robot, *(mate for mate, known in mates.items() if name in known)])
+        task = before.submission.task_at(before.at_ns)
+        return TaskTaken(task=task, known_to=known_to, is_kept=2 * len(known_to) > team)
+
+    def to_tell(self, mates: Known, *, everything: bool) -> list[TaskAsked]:
+        """The tasks to tell in full in the next ballot: those that some robot has not, or all, some at a time."""
+        asked = self._known.asked
+        if not asked:
+            return []
+        there = [{(one.id, one.at_ns) for one in known} for known in mates.values()]
+        missing = [
+            one
+            for task_id, one in asked.items()
+            if everything or not all((task_id, one.at_ns) in known for known in there)
+        ]
+        begin = self._told % len(missing) if missing else 0
+        self._told = begin + ASKED_TOLD
+        return [*missing[begin:], *missing[:begin]][:ASKED_TOLD]
+
+    def _check(self, asked: TaskSubmission, now_ns: int) -> None:
+        task_id = asked.task.id
+        try:
+            check_name("task", task_id)
+            task = asked.task_at(now_ns)
+            check_parameters(task)
+        except (ValueError, BadName, BadParameters, msgspec.ValidationError) as error:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"task {task_id}: {error}") from error
+        if why := self._why_not(task, now_ns):
+            raise CallError(ErrorCode.REFUSED, f"task {task_id} is refused: {why}", why)
+
+    def _why_not(self, task: Task, now_ns: int) -> str:
+        if task.id in self._known.open:
+            return "there is a task of that name"
+        if task.kind in OWN_KINDS:
+            return f"only a coordinator makes tasks to {task.kind}"
+        if task.robots > 1:
+            return f"it takes {task.robots} robots at a time, which only a coordinator brings together"
+        if not self._desk.can(task):
+            return f"{self._robot} has no behavior for tasks to {task.kind}"
+        if task.deadline_ns is not None and task.deadline_ns <= now_ns:
+            return f"its deadline was {to_seconds(now_ns - task.deadline_ns):.1f} s ago"
+        if not self._known.may_be_asked:
+            return "robots remember no more tasks until a coordinator notes them"
+        return ""

@@ -1,0 +1,41 @@
+"""`robrain task add` in a team that never had a coordinator; one that is started later knows how the task ended."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.waiting import until
+
+pytestmark = pytest.mark.system
+
+
+def test_a_task_is_taken_in_by_robots_done_and_noted_by_a_coordinator_that_is_started_later(
+    commands, tmp_path: Path
+) -> None:
+    words = ("arena_small", "--robots", "2", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
+    arena = commands.start("arena", *words)
+    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
+    for name in ("r1", "r2"):
+        path = commands.folder / f"{name}.toml"
+        path.write_text(path.read_text().replace("[robot]\n", "[robot]\nconsensus = true\n"))
+        commands.line_with(commands.start("agent", f"{name}.toml"), f"agent: {name} is up")
+
+    def task(*words: str):
+        return commands.run("task", *words, "--connect", endpoint)
+
+    def added():
+        done = task("add", "visit", "--at", "2,1", "--json")
+        return done if done.returncode == 0 else None
+
+    record = json.loads(until(added, "nobody takes the task in", pause_s=0.5).stdout)
+    assert record["state"] == "queued"
+    assert record["why"] in {f"there is no coordinator; {who} took it in" for who in ("r1, r2", "r2, r1")}
+    coordinator = commands.start("coordinator", "--connect", endpoint)
+    commands.line_with(coordinator, "coordinator: of team default")
+
+    def ended():
+        listed = json.loads(task("list", "--json").stdout)
+        return [one for one in listed if one["task"]["id"] == record["task"]["id"] and one["state"] == "done"]
+
+    assert len(until(ended, "the task is not done", pause_s=0.5)) == 1
