@@ -44,6 +44,7 @@ class TaskAsked(msgspec.Struct, frozen=True, kw_only=True):
     """A task that a robot has taken in while it heard no coordinator."""
 
     submission: TaskSubmission
+    """What is asked for."""
     at_ns: Stamp
     """When, by that robot's clock: the submission's times count from then."""
 

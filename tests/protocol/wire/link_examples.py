@@ -2,7 +2,9 @@
 
 from robrain.protocol.model.consensus.ballot import Ballot, Bid, Heard, Standing
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages import arena_messages, consensus_messages
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
 
 STAMP = {"stamp_ns": 1_500_000_000, "seq": 3}
 EXAMPLES_OF_LINKS = [
@@ -23,6 +25,13 @@ EXAMPLES_OF_LINKS = [
         hears_coordinator=False,
         held=[consensus_messages.TaskHeld(id="t3", epoch=5)],
         done=[consensus_messages.TaskDone(id="t2", robot="r2", epoch=4)],
+        known=[consensus_messages.TaskKnown(id="t4", at_ns=1_400_000_000)],
+        asked=[
+            consensus_messages.TaskAsked(
+                submission=TaskSubmission(task=Task(id="t4", kind="visit", place=Point2D(1.0, 2.0)), by="ann"),
+                at_ns=1_400_000_000,
+            )
+        ],
     ),
     arena_messages.ArenaLinks(
         **STAMP,
