@@ -15,7 +15,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, HUB_VARIABLE
+from robrain.protocol.wire.session import open_lockstep_session
 from tests.own_hub import OwnHub
 from tests.real_maps import WHY_NOT
 
@@ -71,3 +74,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     if left_out:
         terminalreporter.section("real maps", sep="!", yellow=True, bold=True)
         terminalreporter.line(f"{left_out} tests were NOT RUN: {WHY_NOT}", yellow=True, bold=True)
+
+
+@pytest.fixture
+def wire() -> Iterator[Endpoint]:
+    """An endpoint in lockstep on a session of the test's own."""
+    session = open_lockstep_session()
+    endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
+    yield endpoint
+    endpoint.close()
+    session.close()

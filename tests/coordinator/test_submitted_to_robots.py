@@ -43,6 +43,11 @@ def kept(lost: LostTeam, asked: TaskSubmission, robot: int = 0) -> TaskTaken:
     raise AssertionError(f"only {taken.known_to} has {asked.task.id}")
 
 
+def halt(lost: LostTeam, *, halted: bool) -> None:
+    for robot in lost.robots:
+        robot.halted = halted
+
+
 def why_refused(robot: TeamRobot, asked: TaskSubmission) -> str:
     with pytest.raises(CallError) as refused:
         submit(robot, asked)
@@ -81,14 +86,12 @@ def test_a_team_that_never_had_a_coordinator_does_it_too(lost: LostTeam) -> None
 def test_a_coordinator_that_comes_before_it_is_begun_has_it_done_like_any_other(lost: LostTeam) -> None:
     lost.kill()
     lost.run(3.0)
-    for robot in lost.robots:
-        robot.halted = True
+    halt(lost, halted=True)
     kept(lost, visit(earliest_ns=0))
     lost.revive()
     lost.run(2.0)
     assert lost.journal.find("t1").state in {TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING}
-    for robot in lost.robots:
-        robot.halted = False
+    halt(lost, halted=False)
     lost.run(20.0)
     assert lost.states()["t1"] is TaskState.DONE
     assert lost.done == {"t1": 1}
@@ -97,11 +100,9 @@ def test_a_coordinator_that_comes_before_it_is_begun_has_it_done_like_any_other(
 def test_the_death_of_the_robot_that_took_it_in_loses_nothing(lost: LostTeam) -> None:
     lost.kill()
     lost.run(3.0)
-    for robot in lost.robots:
-        robot.halted = True
+    halt(lost, halted=True)
     kept(lost, visit())
-    for robot in lost.robots:
-        robot.halted = False
+    halt(lost, halted=False)
     dead = lost.robots[0]
     dead.stopped = True
     lost.run(30.0)
@@ -153,13 +154,11 @@ def test_what_can_never_be_done_fails_in_words_when_a_coordinator_notes_it(lost:
 def test_a_robot_that_missed_the_end_is_told_again_and_does_not_begin_it(lost: LostTeam) -> None:
     lost.kill()
     lost.run(3.0)
-    for robot in lost.robots:
-        robot.halted = True
+    halt(lost, halted=True)
     kept(lost, visit())
     late = lost.robots[2]
     held = late.consensus.known.asked["t1"]
-    for robot in lost.robots:
-        robot.halted = False
+    halt(lost, halted=False)
     lost.revive()
     lost.run(20.0)
     assert not any(robot.consensus.known.asked for robot in lost.robots)
@@ -215,8 +214,7 @@ def test_a_submission_that_makes_no_sense_names_its_key(lost: LostTeam, asked: T
 def test_robots_remember_so_many_and_no_more_and_all_of_them_come_to_all(lost: LostTeam) -> None:
     lost.kill()
     lost.run(3.0)
-    for robot in lost.robots:
-        robot.halted = True
+    halt(lost, halted=True)
     names = [f"t{number}" for number in range(ASKED_MAX)]
     for name in names:
         submit(lost.robots[0], visit(name))

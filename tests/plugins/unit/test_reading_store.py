@@ -1,7 +1,5 @@
 """Readings that have come over other motes, and readings that wait for the team's network."""
 
-from collections.abc import Iterator
-
 import pytest
 
 from robrain.plugins.unit.snw_exploration.reading_store import FORWARD_NS, ReadingStore
@@ -9,10 +7,8 @@ from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity, ReadingPayload
-from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE
 from tests.plugins.unit.test_motes import Talk, asked, packet
 
@@ -88,15 +84,6 @@ class Net:
 
     def numbers(self, mote: str) -> list[int | None]:
         return [reading.sequence for reading in self.told if reading.mote == mote]
-
-
-@pytest.fixture
-def wire() -> Iterator[Endpoint]:
-    session = open_lockstep_session()
-    endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
-    yield endpoint
-    endpoint.close()
-    session.close()
 
 
 def test_readings_are_told_at_once_while_there_is_a_coordinator(wire) -> None:

@@ -1,7 +1,6 @@
 """Readings that simulated motes pass on to base stations, hop by hop."""
 
 from collections import Counter
-from collections.abc import Iterator
 
 import msgspec
 import numpy as np
@@ -11,10 +10,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import READING_TYPE, STORED_TYPE, ReadingPayload
-from robrain.protocol.wire.clock import VirtualClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_RADIO_RX
 from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
 from robrain.sim.motes.mesh import SHORT_S
@@ -65,15 +62,6 @@ class Line:
             else:
                 heard.append((message, ReadingPayload.unpack(message.payload), 0, 0))
         return heard
-
-
-@pytest.fixture
-def wire() -> Iterator[Endpoint]:
-    session = open_lockstep_session()
-    endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
-    yield endpoint
-    endpoint.close()
-    session.close()
 
 
 def a_line(count: int) -> list[tuple[float, float]]:

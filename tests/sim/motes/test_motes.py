@@ -1,5 +1,4 @@
 from collections import Counter
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -18,10 +17,8 @@ from robrain.protocol.tinyos.payloads import (
     RequestPayload,
     SequenceRange,
 )
-from robrain.protocol.wire.clock import VirtualClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
 from robrain.sim.motes.mote import ArenaMote, MoteSpec, ReadingLog
@@ -81,15 +78,6 @@ class Floor:
     ) -> None:
         raw = payload if isinstance(payload, bytes) else payload.pack()
         self._senders[by].put_bytes(ActiveMessage(type=kind, payload=raw, source=0, destination=to).pack())
-
-
-@pytest.fixture
-def wire() -> Iterator[Endpoint]:
-    session = open_lockstep_session()
-    endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
-    yield endpoint
-    endpoint.close()
-    session.close()
 
 
 def sensed(heard: list[tuple[int, ReadingPayload]], mote: int = 1) -> list[ReadingPayload]:
