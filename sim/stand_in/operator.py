@@ -36,6 +36,7 @@ class PointOperator:
         self.halt: HaltOrder | None = None
         """The halt that is in force, by what it has said."""
         self._wire = wire
+        self._after = {order.task.id: order.task.after for order in script.tasks}
         self._submits = sorted(script.tasks, key=lambda order: order.at_s)
         self._cancels = sorted(script.cancels, key=lambda order: order.at_s)
         self._halts = sorted(script.halts, key=lambda order: order.at_s)
@@ -82,12 +83,16 @@ class PointOperator:
         except NobodyThere:
             return False
         except CallError as error:
-            if error.code is not ErrorCode.REFUSED or not self.asked_to_cancel.intersection(task.after):
+            if error.code is not ErrorCode.REFUSED or not self._waits_for_cancelled(task.after):
                 return False
             self.refused[task.id] = error.message
             return True
         self.acknowledged[task.id] = now_ns
         return True
+
+    def _waits_for_cancelled(self, after: tuple[str, ...]) -> bool:
+        """Whether one of these tasks, or one that it waits for, was to be cancelled: whatever waits for it is over."""
+        return any(name in self.asked_to_cancel or self._waits_for_cancelled(self._after.get(name, ())) for name in after)
 
     def _cancel(self, task_id: str, now_ns: int) -> bool:
         if task_id in self.refused:

@@ -12,7 +12,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.stand_in.errors import ScriptError
-from robrain.sim.stand_in.fault_script import FaultScript, HaltOrder, PointRobot, TaskOrder, read_script, script_json
+from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskOrder, read_script, script_json
 from robrain.sim.stand_in.judge import Invariant, Judge
 from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.stand_in_run import StandInRun
@@ -54,6 +54,13 @@ def test_a_team_without_faults_does_all_its_tasks(method):
     verdict = run_trial(msgspec.structs.replace(TEAM, method=method))
     assert verdict.broken == ()
     assert verdict.done == 4
+
+
+def test_the_operator_gives_up_what_waits_for_a_task_that_waits_for_a_cancelled_one():
+    tasks = (visit("t1", 9.0, 9.0), visit("t2", 1.0, 1.0, after=("t1",)), visit("t3", 2.0, 1.0, 5.0, after=("t2",)))
+    script = msgspec.structs.replace(TEAM, tasks=tasks, cancels=(CancelOrder(at_s=1.0, task="t1"),))
+    verdict = run_trial(script)
+    assert (verdict.broken, verdict.done) == ((), 0)
 
 
 FAULTS = {

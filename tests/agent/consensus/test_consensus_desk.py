@@ -1,0 +1,236 @@
+"""One robot's part in allocation without a coordinator, with the others' words written by hand."""
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from robrain.agent.board import Board
+from robrain.agent.consensus.consensus_desk import AGAIN_NS, GOES_ON_S, TELLING, ConsensusDesk, chargers_in
+from robrain.agent.consensus.known_tasks import TASKS_MAX, KnownTasks
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.consensus.ballot import Ballot
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.consensus_messages import ENDS_MAX, TaskDone, TaskHeld, TeamBallot
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskEvent
+from robrain.protocol.wire.messages.team_messages import RobotSummary, TeamState
+from robrain.protocol.wire.reasons.offers import Occupied
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
+
+STEP_S = 0.1
+CHARGERS = [Point2D(9.0, 9.0), Point2D(1.0, 1.0)]
+
+
+def visit(name: str, x_m: float = 2.0, **fields: Any) -> Task:
+    return Task(**{"id": name, "kind": "visit", "place": Point2D(x_m, 0.0), **fields})
+
+
+class OneRobot:
+    """Robot r1 with its desk; a coordinator and mates say what a test has them say."""
+
+    def __init__(self) -> None:
+        self.session = open_lockstep_session()
+        self.clock = VirtualClock()
+        self.wire = Endpoint(self.session, "test", self.clock, Drive.LOCKSTEP)
+        self.board, self.desk = Board(), TaskDesk()
+        self.board.pose = Pose2D(0.0, 0.0, 0.0)
+        self.begun: list[str] = []
+        for kind in ("visit", "recharge"):
+            self.desk.register(kind, self._accept, lambda _why: None)
+        self.consensus = ConsensusDesk(self.wire, "r1", self.board, self.desk, CHARGERS)
+        self.says: dict[str, dict[str, Any]] = {}
+        """What each mate says with each step."""
+        self.is_coordinated = True
+        self._ballots = {name: self.wire.publisher(ROBOT_BALLOT, robot=name) for name in ("r2", "r3")}
+        self._summaries, self._events = self.wire.publisher(COORDINATOR_STATE), self.wire.publisher(TASK_EVENT)
+        self._inbox = Inbox(every=True)
+        self.wire.subscribe(self._inbox, ROBOT_BALLOT, robot="r1")
+
+    def _accept(self, task: Task) -> TaskAnswer:
+        self.begun.append(task.id)
+        return TaskAnswer(accepted=True)
+
+    def run(self, seconds: float, *, team: tuple[str, ...] = ("r1", "r2", "r3")) -> list[TeamBallot]:
+        """What the robot says meanwhile."""
+        for _ in range(round(seconds / STEP_S)):
+            self.clock.advance_to(self.clock.now_ns() + to_ns(STEP_S))
+            if self.is_coordinated:
+                robots = [RobotSummary(name=name, up=True, age_s=0.1) for name in team]
+                self._summaries.put(TeamState(robots=robots))
+            for number, (name, words) in enumerate(self.says.items()):
+                said = Ballot(robot=name, number=self.clock.now_ns() // 1000 + number)
+                self._ballots[name].put(TeamBallot(robot=name, ballot=said, **words))
+            self.consensus.step(self.clock.now_ns(), may_begin=True)
+        return [received.message for received in self._inbox.drain()]
+
+    def tell(self, task: Task, state: TaskState = TaskState.QUEUED, robot: str = "") -> None:
+        self._events.put(TaskEvent(task=task, state=state, robot=robot))
+
+    def close(self) -> None:
+        self.wire.close()
+        self.session.close()
+
+
+@pytest.fixture
+def one() -> Iterator[OneRobot]:
+    robot = OneRobot()
+    yield robot
+    robot.close()
+
+
+def alone(one: OneRobot, **words: Any) -> None:
+    """No coordinator any more, and two mates."""
+    one.run(1.0)
+    one.is_coordinated = False
+    one.says = {"r2": dict(words), "r3": {}}
+    one.run(2.0)
+
+
+def test_a_team_of_two_that_is_cut_in_half_allocates_nothing_on_either_side(one: OneRobot) -> None:
+    one.run(1.0, team=("r1", "r2"))
+    one.tell(visit("t1"))
+    one.is_coordinated = False
+    one.run(10.0)
+    assert not one.consensus.is_leaderless
+    assert one.begun == []
+
+
+def test_nothing_is_allocated_before_a_coordinator_could_have_been_heard(one: OneRobot) -> None:
+    one.is_coordinated = False
+    one.says = {"r2": {}}
+    one.run(1.4)
+    assert not one.consensus.is_leaderless
+    one.run(0.3)
+    assert one.consensus.is_leaderless
+
+
+def test_a_leaderless_robot_keeps_its_lease_as_if_it_heard_a_coordinator(one: OneRobot) -> None:
+    alone(one)
+    assert one.desk.trusted_ns == one.clock.now_ns()
+
+
+def test_five_ballots_a_second_without_a_coordinator_and_for_two_seconds_after_it_returns(one: OneRobot) -> None:
+    assert one.run(2.0) == []
+    alone(one)
+    assert len(one.run(4.0)) == 20
+    one.is_coordinated, one.says = True, {}
+    told = one.run(1.9)
+    assert 9 <= len(told) <= 10
+    assert {ballot.hears_coordinator for ballot in told} == {True}
+    one.run(0.3)
+    assert one.run(3.0) == []
+
+
+def test_for_a_second_after_it_returns_a_coordinator_is_told_and_not_obeyed(one: OneRobot) -> None:
+    alone(one)
+    one.is_coordinated = True
+    one.run(0.1)
+    begun_ns = one.clock.now_ns()
+    assert one.consensus.why_not_now("t1", begun_ns) == TELLING
+    assert one.consensus.is_telling(begun_ns + to_ns(1.0) - 1)
+    assert not one.consensus.is_telling(begun_ns + to_ns(1.0))
+
+
+def test_a_task_that_a_mate_does_or_has_done_is_refused_with_its_name(one: OneRobot) -> None:
+    for name in ("t1", "t2"):
+        one.tell(visit(name))
+    alone(one, held=[TaskHeld(id="t1", epoch=4)], done=[TaskDone(id="t2", robot="r3", epoch=5)])
+    now_ns = one.clock.now_ns()
+    assert one.consensus.why_not_now("t1", now_ns) == Occupied("consensus", "r2 is at it")
+    assert one.consensus.why_not_now("t2", now_ns) == Occupied("consensus", "r3 has done it")
+    assert one.consensus.why_not_now("t3", now_ns) is None
+
+
+def test_the_task_of_a_robot_that_vanished_is_free_when_that_has_let_it_go(one: OneRobot) -> None:
+    one.run(1.0)
+    one.tell(visit("t1"), TaskState.RUNNING, "r9")
+    alone(one)
+    one.run(GOES_ON_S - 5.0)
+    assert not one.consensus._free(one.clock.now_ns())
+    one.run(9.0)
+    assert [task.id for task in one.consensus._free(one.clock.now_ns())] == ["t1"]
+
+
+def test_what_the_robot_could_not_do_it_does_not_bid_for_until_half_a_minute_later(one: OneRobot) -> None:
+    one.tell(visit("t1"))
+    alone(one)
+    one.consensus._begin(visit("t1"), one.clock.now_ns())
+    one.run(0.5)
+    one.desk.end("t1", TaskState.FAILED, "blocked")
+    one.run(0.5)
+    failed_ns = one.clock.now_ns()
+    assert failed_ns < one.consensus._not_mine["t1"] <= failed_ns + AGAIN_NS
+    one.consensus._open({"t1": visit("t1")}, frozenset(), failed_ns)
+    assert not one.consensus._negotiation.bidder.scorer._stops
+    one.consensus._open({"t1": visit("t1")}, frozenset(), failed_ns + AGAIN_NS + 1)
+    assert list(one.consensus._negotiation.bidder.scorer._stops) == ["t1"]
+
+
+def test_a_robot_that_does_not_know_where_it_is_bids_for_nothing(one: OneRobot) -> None:
+    alone(one)
+    one.board.lost = "it was carried off"
+    one.consensus._open({"t1": visit("t1")}, frozenset(), one.clock.now_ns())
+    assert not one.consensus._negotiation.bidder.scorer._stops
+
+
+@pytest.mark.parametrize(("soc", "charges"), [(0.5, ["recharge-r1-1", "recharge-r1-2"]), (0.91, [])])
+def test_a_robot_for_which_there_is_nothing_charges_at_the_nearest_charger(
+    one: OneRobot, soc: float, charges: list[str]
+) -> None:
+    one.board.battery = SimpleNamespace(soc=soc)
+    one.consensus._charge()
+    if charges:
+        one.desk.end("recharge-r1-1", TaskState.DONE, "full")
+        one.consensus._charge()
+    assert one.begun == charges
+
+
+def test_chargers_are_those_of_the_plugin_home() -> None:
+    assert chargers_in({"home": {"chargers": [{"x_m": 1.0, "y_m": 2.0}]}}) == [Point2D(1.0, 2.0)]
+    assert chargers_in({}) == []
+
+
+# -- what it knows ------------------------------------------------------------------------------------------------
+
+
+def heard(task: Task, state: TaskState = TaskState.QUEUED, robot: str = "") -> TaskEvent:
+    return TaskEvent(task=task, state=state, robot=robot)
+
+
+def test_a_robot_remembers_so_many_open_tasks_and_goes_on_hearing_of_those() -> None:
+    known = KnownTasks()
+    for number in range(TASKS_MAX + 5):
+        known.hear(heard(visit(f"t{number}")))
+    assert len(known.open) == TASKS_MAX
+    known.hear(heard(visit("t0"), TaskState.RUNNING, "r2"))
+    assert known.open["t0"].robot == "r2"
+    assert not known.may_be_asked
+    known.hear(heard(visit("t0"), TaskState.DONE, "r2"))
+    assert known.may_be_asked
+
+
+def test_tasks_that_a_coordinator_makes_for_itself_are_not_remembered() -> None:
+    known = KnownTasks()
+    known.hear(heard(visit("explore-1", kind="explore")))
+    assert known.open == {}
+
+
+def test_a_task_is_not_ready_before_its_time_nor_at_its_deadline() -> None:
+    known = KnownTasks()
+    known.hear(heard(visit("t1", earliest_ns=10, deadline_ns=20)))
+    assert [bool(known.ready(now_ns)) for now_ns in (9, 10, 19, 20)] == [False, True, True, False]
+
+
+def test_so_many_ends_are_remembered_and_then_no_task_is_begun(one: OneRobot) -> None:
+    known = one.consensus.known
+    for number in range(ENDS_MAX):
+        known.done[f"d{number}"] = TaskDone(id=f"d{number}", robot="r2", epoch=1)
+    assert known.is_full
+    known.done.pop("d0")
+    assert not known.is_full
