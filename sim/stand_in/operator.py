@@ -92,7 +92,8 @@ class PointOperator:
 
     def _waits_for_cancelled(self, after: tuple[str, ...]) -> bool:
         """Whether one of these tasks, or one that it waits for, was to be cancelled: whatever waits for it is over."""
-        return any(name in self.asked_to_cancel or self._waits_for_cancelled(self._after.get(name, ())) for name in after)
+        before = self._after
+        return any(name in self.asked_to_cancel or self._waits_for_cancelled(before.get(name, ())) for name in after)
 
     def _cancel(self, task_id: str, now_ns: int) -> bool:
         if task_id in self.refused:

@@ -9,15 +9,19 @@ import pytest
 from robrain.agent.board import Board
 from robrain.agent.consensus.consensus_desk import AGAIN_NS, GOES_ON_S, TELLING, ConsensusDesk, chargers_in
 from robrain.agent.consensus.known_tasks import TASKS_MAX, KnownTasks
+from robrain.agent.consensus.task_scorer import task_scorer
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.consensus.ballot import Ballot
+from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.consensus_messages import ENDS_MAX, TaskDone, TaskHeld, TeamBallot
+from robrain.protocol.wire.messages.consensus_messages import ENDS_MAX, TaskDone, TaskHeld, TaskKnown, TeamBallot
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskEvent
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
 from robrain.protocol.wire.messages.team_messages import RobotSummary, TeamState
 from robrain.protocol.wire.reasons.offers import Occupied
 from robrain.protocol.wire.session import open_lockstep_session
@@ -194,6 +198,39 @@ def test_a_robot_for_which_there_is_nothing_charges_at_the_nearest_charger(
 def test_chargers_are_those_of_the_plugin_home() -> None:
     assert chargers_in({"home": {"chargers": [{"x_m": 1.0, "y_m": 2.0}]}}) == [Point2D(1.0, 2.0)]
     assert chargers_in({}) == []
+
+
+def test_half_of_the_team_is_not_enough_to_keep_a_task(one: OneRobot) -> None:
+    intake, asked = one.consensus._intake, TaskSubmission(task=visit("t1"))
+    taken = intake.take(asked, 5, {}, 2)
+    assert (taken.known_to, taken.is_kept) == (["r1"], False)
+    told = {"r2": [TaskKnown(id="t1", at_ns=5)], "r3": [TaskKnown(id="t1", at_ns=6)]}
+    taken = intake.take(asked, 9, told, 3)
+    assert (taken.known_to, taken.is_kept) == (["r1", "r2"], True), "another task of that name does not count"
+    assert intake.take(asked, 9, told, 4).is_kept is False
+
+
+def test_a_name_that_the_coordinator_has_given_is_refused_and_a_deadline_that_is_now(one: OneRobot) -> None:
+    one.tell(visit("t1"))
+    alone(one)
+    with pytest.raises(CallError, match="t1 is refused: there is a task of that name"):
+        one.consensus.submit(TaskSubmission(task=visit("t1")), one.clock.now_ns())
+    with pytest.raises(CallError, match=r"t2 is refused: its deadline was 0.0 s ago"):
+        one.consensus.submit(TaskSubmission(task=visit("t2", deadline_ns=one.clock.now_ns())), one.clock.now_ns())
+
+
+# -- what tasks are worth ------------------------------------------------------------------------------------------
+
+
+def test_a_task_that_cannot_be_reached_before_its_deadline_is_worth_nothing_and_a_nearer_one_is() -> None:
+    now_ns = to_ns(1000.0)
+    tasks = [
+        visit("near", 10.0, deadline_ns=now_ns + to_ns(16.0)),
+        visit("far", 11.0, deadline_ns=now_ns + to_ns(16.0)),
+    ]
+    scorer = task_scorer(tasks, Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, now_ns, lambda _: Work())
+    assert scorer.value(["near"]) > 0
+    assert not scorer.value(["far"]) > 0
 
 
 # -- what it knows ------------------------------------------------------------------------------------------------

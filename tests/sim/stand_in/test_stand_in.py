@@ -12,7 +12,15 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.stand_in.errors import ScriptError
-from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskOrder, read_script, script_json
+from robrain.sim.stand_in.fault_script import (
+    CancelOrder,
+    FaultScript,
+    HaltOrder,
+    PointRobot,
+    TaskOrder,
+    read_script,
+    script_json,
+)
 from robrain.sim.stand_in.judge import Invariant, Judge
 from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.stand_in_run import StandInRun
