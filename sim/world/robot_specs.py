@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from robrain.agent.host.agent_host import stock_place
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
+from robrain.agent.manifest import read_manifest
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -223,12 +225,8 @@ def _around(plan: FloorPlan, poses: Mapping[int, Pose2D], radii_m: Sequence[floa
     return FloorPlan(occupied, plan.resolution_m, plan.origin_x_m, plan.origin_y_m, plan.name)
 
 
+@cache
 def _requirements() -> dict[str, set[str]]:
-    """The stock plugins, and what each requires."""
-    folders = PluginFolders([stock_place()])
-    found: dict[str, set[str]] = {}
-    for name in folders.find():
-        manifest = folders.read(name)
-        assert manifest is not None  # it was found
-        found[name] = set(manifest.tag.requires)
-    return found
+    """The stock plugins, and what each requires; they are the same as long as the process lives."""
+    found = PluginFolders([stock_place()]).find()
+    return {name: set(read_manifest(path).tag.requires) for name, path in found.items()}
