@@ -15,6 +15,11 @@ if TYPE_CHECKING:  # a robot that does not navigate has no arrays
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
     from robrain.protocol.model.numeric.kernel_array import Floats
 
+IDLE = "idle"
+"""What a robot does that does nothing."""
+HALTED = "halted"
+"""What a halted robot does; its host writes it."""
+
 
 class Board:
     """Facts about the robot, each written by the one plugin that knows it.
@@ -66,3 +71,4 @@ class Board:
         self.battery: BatteryState | None = None
         self.energy: EnergyModel | None = None
         self.behavior = ""
+        """What the robot does; the behavior that drives writes it."""

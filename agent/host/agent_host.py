@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 import zenoh
 
-from robrain.agent.board import Board
+from robrain.agent.board import HALTED, IDLE, Board
 from robrain.agent.consensus.consensus_desk import GOES_ON_S, TELLING, ConsensusDesk, chargers_in
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginMissing, RobotFileError
@@ -203,6 +203,9 @@ class AgentHost:
                 wire.serve()
         if self._registry.halted:
             self.desk.halted()
+            self.board.behavior = HALTED
+        elif self.board.behavior == HALTED:  # what it did before is over
+            self.board.behavior = IDLE
         if self._consensus is not None:
             self._consensus.step(now_ns, may_begin=not self._registry.halted)
         self.desk.check_lease(now_ns)

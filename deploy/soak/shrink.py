@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import msgspec
 
-from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, TaskOrder
 
 TRIALS_MAX = 300
@@ -109,8 +109,11 @@ def _without_absent(order: TaskOrder, ids: set[str]) -> TaskOrder:
 
 
 def _with_robots(script: FaultScript, robots: Sequence[object]) -> FaultScript | None:
-    """A script with these robots; None if a fault is of one that is left out."""
+    """A script with these robots; None if a fault is of one that is left out, or if none of them stays alive."""
     kept = tuple(robot for robot in script.robots if any(robot is one for one in robots))
+    dead = {fault.robot for fault in script.faults if fault.kind is FaultKind.KILL and fault.until_s is None}
+    if all(robot.name in dead for robot in kept):
+        return None  # that nobody does the tasks then is no fault
     try:
         return msgspec.structs.replace(script, robots=kept)
     except ValueError:

@@ -8,8 +8,9 @@ from collections import deque
 
 import numpy as np
 
+from robrain.agent.board import HALTED, IDLE
 from robrain.agent.plugin import Behavior, external
-from robrain.plugins.behavior.explore.team_choice import ALONE, IDLE, TeamChoice
+from robrain.plugins.behavior.explore.team_choice import ALONE, TeamChoice
 from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
@@ -31,7 +32,6 @@ LOOK_PERIOD_S = 3.0
 """Period, while the robot searches for itself, of looking for a frontier to explore instead."""
 LOOK_M = 1.5
 """A frontier is looked at from no farther away."""
-HALTED = "halted"
 EVERYWHERE_M = 1e6
 """Robots within this distance are considered: all of the team."""
 DECIDE_PERIOD_S = 1.0
@@ -106,8 +106,6 @@ class ExploreBehavior(Behavior):
 
     def step(self) -> None:
         tasks, own = self.env.tasks, self.env.plugin
-        if self.env.board.behavior == HALTED:  # it is no more, or there would be no step
-            self.env.board.behavior = IDLE
         if self._is_own and not tasks.occupies(own):  # a task has come, or another behavior: the wheels are its own
             self._task, self._is_own = None, False
             self._travel.forget()

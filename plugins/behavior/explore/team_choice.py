@@ -8,7 +8,7 @@ to give way.
 
 from collections.abc import Sequence
 
-from robrain.agent.board import Board
+from robrain.agent.board import IDLE, Board
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.exploration.explorer import Explorer, Scout
 from robrain.protocol.exploration.situation import Busy
@@ -18,8 +18,6 @@ from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 
 ALONE = "explore alone"
 """What the board says of a robot that explores by its own choice."""
-IDLE = "idle"
-"""What the board says of a robot whose behaviors have nothing to do."""
 
 
 class OwnFloor:

@@ -157,6 +157,21 @@ def test_a_halted_robot_says_so_and_takes_no_tasks(robot):
     assert "the robot is halted" in robot.wire.ask(ROBOT_OFFER, offer, robot="r1").why
 
 
+def test_what_a_robot_did_before_a_halt_is_over_and_it_is_idle_afterwards(robot):
+    inbox = Inbox()
+    robot.wire.subscribe(inbox, ROBOT_STATE)
+    robot.hosts[-1].board.behavior = "recharge"
+    halt(robot, halted=True)
+    robot.tick(6)
+    assert inbox.drain()[-1].message.behavior == "halted"
+    halt(robot, halted=False)
+    robot.tick(6)
+    assert inbox.drain()[-1].message.behavior == "idle"
+    robot.hosts[-1].board.behavior = "visit"
+    robot.tick(6)
+    assert inbox.drain()[-1].message.behavior == "visit"
+
+
 # -- who may end it -----------------------------------------------------------------------------------------
 
 

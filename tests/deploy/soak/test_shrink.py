@@ -1,6 +1,7 @@
 import msgspec
 
 from robrain.deploy.soak.shrink import Shrinker
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.stand_in.script_drawing import draw_script
 
 SCRIPT = next(script for script in map(draw_script, range(100)) if len(script.faults) >= 6 and script.halts)
@@ -29,6 +30,14 @@ def test_robots_that_are_not_needed_are_left_out():
     shrunk = Shrinker(lambda script: True).shrink(SCRIPT)
     assert len(shrunk.robots) == 1
     assert (shrunk.faults, shrunk.tasks) == ((), ())
+
+
+def test_a_robot_that_stays_alive_is_left_in():
+    first, *others = SCRIPT.robots
+    dead = FaultSpec(robot=first.name, kind=FaultKind.KILL, at_s=1.0)
+    script = msgspec.structs.replace(SCRIPT, faults=(dead,), robots=(first, others[0]))
+    shrunk = Shrinker(lambda script: dead in script.faults).shrink(script)
+    assert [robot.name for robot in shrunk.robots] == [first.name, others[0].name]
 
 
 def test_faults_are_made_as_short_as_they_can_be():

@@ -71,6 +71,14 @@ def test_the_operator_gives_up_what_waits_for_a_task_that_waits_for_a_cancelled_
     assert (verdict.broken, verdict.done) == ((), 0)
 
 
+def test_a_robot_that_was_halted_while_it_charged_is_given_tasks_afterwards():
+    robots = (PointRobot(name="r1", place=Point2D(7.0, 4.0), soc=0.33),)
+    tasks = (visit("t1", 12.0, 9.0, 0.5), visit("t2", 15.0, 9.0, 0.5))
+    halts = (HaltOrder(at_s=24.0, until_s=48.0),)
+    verdict = run_trial(msgspec.structs.replace(TEAM, robots=robots, tasks=tasks, halts=halts, method=AUCTION))
+    assert (verdict.broken, verdict.done) == ((), 2)
+
+
 FAULTS = {
     "coordinator killed": FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=3.0, until_s=4.0),
     "coordinator hangs": FaultSpec(robot=COORDINATOR, kind=FaultKind.HANG, at_s=3.0, until_s=9.0),
