@@ -153,7 +153,8 @@ class Battery:
             current_a = (behind_v - math.sqrt(room)) / (2.0 * resistance_ohm)
             self.delivered_j += (behind_v - current_a * resistance_ohm) * current_a * duration_s
         else:
-            current_a = -self._charging_a(-lacking_w, behind_v, resistance_ohm)
+            room_c = max(0.0, self.capacity_c - self._available_c - self._bound_c)
+            current_a = -min(self._charging_a(-lacking_w, behind_v, resistance_ohm), room_c / duration_s)
         self.delivered_j += min(load_w, supply_w) * duration_s
         self.current_a = current_a
         self.voltage_v = behind_v - current_a * resistance_ohm
