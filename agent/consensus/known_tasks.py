@@ -10,7 +10,14 @@ import msgspec
 
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.consensus_messages import ASKED_MAX, ENDS_MAX, TaskAsked, TaskDone, TaskKnown
+from robrain.protocol.wire.messages.consensus_messages import (
+    ASKED_BYTES_MAX,
+    ASKED_MAX,
+    ENDS_MAX,
+    TaskAsked,
+    TaskDone,
+    TaskKnown,
+)
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 
 TASKS_MAX = 256
@@ -59,7 +66,7 @@ class KnownTasks:
     def ask(self, asked: TaskAsked) -> None:
         """Take in a task that a robot has taken in; of two with one id the first heard stays."""
         task_id = asked.submission.task.id
-        if task_id in self.open or not self.may_be_asked:
+        if task_id in self.open or not self.may_be_asked or len(asked.submission.word) > ASKED_BYTES_MAX:
             return
         try:
             task = asked.submission.task_at(asked.at_ns)

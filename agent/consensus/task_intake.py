@@ -15,7 +15,13 @@ from robrain.protocol.model.tasks.task import BadParameters, Task
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.consensus_messages import ASKED_TOLD, TaskAsked, TaskKnown, TaskTaken
+from robrain.protocol.wire.messages.consensus_messages import (
+    ASKED_BYTES_MAX,
+    ASKED_TOLD,
+    TaskAsked,
+    TaskKnown,
+    TaskTaken,
+)
 from robrain.protocol.wire.messages.task_messages import TaskSubmission
 
 Known = Mapping[str, Sequence[TaskKnown]]
@@ -85,6 +91,9 @@ class TaskIntake:
             check_parameters(task)
         except (ValueError, BadName, BadParameters, msgspec.ValidationError) as error:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"task {task_id}: {error}") from error
+        if len(asked.word) > ASKED_BYTES_MAX:
+            text = f"task {task_id}: expected at most {ASKED_BYTES_MAX} bytes of JSON, got {len(asked.word)}"
+            raise CallError(ErrorCode.BAD_ARGUMENTS, text)
         if why := self._why_not(task, now_ns):
             raise CallError(ErrorCode.REFUSED, f"task {task_id} is refused: {why}", why)
 

@@ -18,6 +18,8 @@ ASKED_MAX = 64
 """Tasks taken in without a coordinator that a robot remembers; with so many it takes in no other (chosen)."""
 ASKED_TOLD = 8
 """Of these in one ballot in full."""
+ASKED_BYTES_MAX = 8192
+"""Longest submission among them, as JSON: ballots must not grow beyond what others accept (chosen)."""
 
 
 class TaskHeld(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,7 +19,15 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.consensus_messages import ENDS_MAX, TaskDone, TaskHeld, TaskKnown, TeamBallot
+from robrain.protocol.wire.messages.consensus_messages import (
+    ASKED_MAX,
+    ENDS_MAX,
+    TaskAsked,
+    TaskDone,
+    TaskHeld,
+    TaskKnown,
+    TeamBallot,
+)
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskEvent
 from robrain.protocol.wire.messages.task_messages import TaskSubmission
 from robrain.protocol.wire.messages.team_messages import RobotSummary, TeamState
@@ -256,6 +264,24 @@ def test_tasks_that_a_coordinator_makes_for_itself_are_not_remembered() -> None:
     known = KnownTasks()
     known.hear(heard(visit("explore-1", kind="explore")))
     assert known.open == {}
+
+
+def test_what_is_too_large_to_be_told_to_others_is_not_remembered() -> None:
+    known = KnownTasks()
+    for name, needs in (("t1", 10), ("t2", 200)):
+        known.ask(TaskAsked(submission=TaskSubmission(task=visit(name, needs=("camera" * 10,) * needs)), at_ns=5))
+    assert list(known.asked) == ["t1"]
+
+
+def test_as_many_tasks_as_large_as_robots_remember_make_no_ballot_that_is_too_large(one: OneRobot) -> None:
+    alone(one)
+    for number in range(ASKED_MAX):
+        task = visit(f"{number:060}", needs=("camera" * 10,) * 60, after=tuple(f"{other:060}" for other in range(60)))
+        one.consensus.submit(TaskSubmission(task=task), one.clock.now_ns())
+    for number in range(ENDS_MAX):
+        one.consensus.known.done[f"{number:060}"] = TaskDone(id=f"{number:060}", robot="r" * 60, epoch=2**50)
+    largest = max(len(ROBOT_BALLOT.payloads.write(ballot)) for ballot in one.run(3.0))
+    assert 50_000 < largest < 0.8 * ROBOT_BALLOT.payloads.max_bytes
 
 
 def test_a_task_is_not_ready_before_its_time_nor_at_its_deadline() -> None:
