@@ -37,6 +37,9 @@ every 20 ms, its last state may be 100 ms old, and a summary may be in flight (c
 FORGOTTEN_S = 1.0
 """A robot that does not report its assigned task for this long has lost it, for example in a restart."""
 
+OFFER_ARRIVES_S = 0.5
+"""An offer that is older and not accepted was lost, so it ends nothing that the robot should not do."""
+
 
 class Move(NamedTuple):
     """A record's next state."""
@@ -85,12 +88,13 @@ def _confirmed(record: TaskRecord) -> Move | None:
     return Move(TaskState.RUNNING, ContactBack()) if record.state is TaskState.LOST_CONTACT else None
 
 
-def strays(robot: Robot, records: Sequence[TaskRecord]) -> list[TaskStatus]:
+def strays(robot: Robot, records: Sequence[TaskRecord], now_ns: int) -> list[TaskStatus]:
     """Return the tasks that a robot does or holds and should not.
 
     Args:
         robot: a present one.
         records: the open tasks that the book has for it.
+        now_ns: the time.
 
     """
     state = robot.state
@@ -100,7 +104,11 @@ def strays(robot: Robot, records: Sequence[TaskRecord]) -> list[TaskStatus]:
     at, held = state.task, state.next_task
     # An offer of another task replaces the running one by itself. A held task, however, waits for the end of the
     # running one.
-    is_to_end = not records or (held is not None and all(_is(record, held) for record in records))
+    is_to_end = all(
+        (held is not None and _is(record, held))
+        or (record.state is TaskState.OFFERED and now_ns - record.changed_ns > to_ns(OFFER_ARRIVES_S))
+        for record in records
+    )
     if at is not None and not at.state.ended and is_to_end and not _has(records, at):
         found.append(at)
     if held is not None and not _has(records, held):

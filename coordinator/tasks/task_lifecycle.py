@@ -301,7 +301,7 @@ class TaskLifecycle:
         for robot in self._roster.up(now_ns):
             if robot.state is None or (robot.state.task is None and robot.state.next_task is None):
                 continue
-            for status in strays(robot, self._book.bound_to(robot.name)):
+            for status in strays(robot, self._book.bound_to(robot.name), now_ns):
                 told = (robot.name, status.id, status.epoch)
                 if now_ns - self._withdrawn_ns.get(told, -WITHDRAW_AGAIN_NS) < WITHDRAW_AGAIN_NS:
                     continue

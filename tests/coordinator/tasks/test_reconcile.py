@@ -2,7 +2,15 @@
 
 import pytest
 
-from robrain.coordinator.tasks.reconcile import FORGOTTEN_S, FREE_AFTER_S, LEASE_S, Move, reconcile, strays
+from robrain.coordinator.tasks.reconcile import (
+    FORGOTTEN_S,
+    FREE_AFTER_S,
+    LEASE_S,
+    OFFER_ARRIVES_S,
+    Move,
+    reconcile,
+    strays,
+)
 from robrain.coordinator.team.roster import LOST_AFTER_S, Robot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -119,13 +127,15 @@ def test_a_coordinator_that_begins_anew_does_not_take_a_running_task_for_forgott
 
 
 def test_a_robot_is_told_to_stop_what_nobody_wants_of_it() -> None:
-    assert strays(robot(0.0, None), []) == []
-    assert strays(robot(0.0, status(TaskState.DONE)), []) == []
+    assert strays(robot(0.0, None), [], 0) == []
+    assert strays(robot(0.0, status(TaskState.DONE)), [], 0) == []
     old = status(epoch=3)
-    assert strays(robot(0.0, old), []) == [old]
-    assert strays(robot(0.0, status()), [record(TaskState.RUNNING)]) == []
-    # The book has just given it another task: that offer takes the place of what it is at.
-    assert strays(robot(0.0, old), [record(TaskState.OFFERED)]) == []
+    assert strays(robot(0.0, old), [], 0) == [old]
+    assert strays(robot(0.0, status()), [record(TaskState.RUNNING)], 0) == []
+    # The book has just given it another task: that offer takes the place of what it is at, unless it is lost.
+    assert strays(robot(0.0, old), [record(TaskState.OFFERED)], to_ns(OFFER_ARRIVES_S)) == []
+    assert strays(robot(0.0, old), [record(TaskState.OFFERED)], to_ns(OFFER_ARRIVES_S) + 1) == [old]
+    assert strays(robot(0.0, old), [record(TaskState.RUNNING)], to_ns(9.0)) == []
 
 
 # -- the next task -------------------------------------------------------------------------------------------------
@@ -157,12 +167,12 @@ def test_a_task_that_ended_before_the_one_that_runs_is_left_to_the_robots_word()
 
 
 def test_what_a_robot_holds_and_should_not_is_taken_back() -> None:
-    assert strays(robot(0.0, status(), HELD), []) == [status(), HELD]
+    assert strays(robot(0.0, status(), HELD), [], 0) == [status(), HELD]
     held = status(TaskState.OFFERED, epoch=9, task_id="t2")
-    assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING)]) == [held]
-    assert strays(robot(0.0, OTHER, HELD), [record(TaskState.OFFERED)]) == [OTHER]  # the one it is at was called off
+    assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING)], 0) == [held]
+    assert strays(robot(0.0, OTHER, HELD), [record(TaskState.OFFERED)], 0) == [OTHER]  # the one it is at was called off
     after = TaskRecord(
         task=Task(id="t2", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.OFFERED, robot="r1", epoch=9
     )
-    assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING), after]) == []
-    assert strays(robot(0.0, status()), [record(TaskState.RUNNING), after]) == []  # it is on its way
+    assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING), after], 0) == []
+    assert strays(robot(0.0, status()), [record(TaskState.RUNNING), after], 0) == []  # it is on its way
