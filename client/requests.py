@@ -81,7 +81,10 @@ class Requests:
                 return self._submit_to_robot(asked, robot)
             except (CallError, NobodyThere) as error:
                 why.append(f"{robot}: {error}")
-        raise NobodyThere("; ".join([str(no_coordinator), *why[:SHOWN_WHYS]]))
+        try:  # one may have come meanwhile, and may have noted what a robot took in
+            return self._wire.ask(TASK_SUBMIT, asked, timeout_s=ASK_TIMEOUT_S)
+        except NobodyThere:
+            raise NobodyThere("; ".join([str(no_coordinator), *why[:SHOWN_WHYS]])) from None
 
     def _submit_to_robot(self, asked: TaskSubmission, robot: str) -> TaskRecord:
         """Repeat a submission until more than half of the team has the task."""

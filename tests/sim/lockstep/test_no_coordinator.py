@@ -2,6 +2,7 @@
 
 import pytest
 
+from robrain.client.members import team_found
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.errors import NobodyThere
 from tests.agent.consensus.leaderless import pass_time, team_of
@@ -56,6 +57,21 @@ def test_a_task_that_is_submitted_without_a_coordinator_is_done_once_and_noted_b
         assert team.get(name).state is TaskState.DONE
         pass_time(team, watch, 5.0)
         assert watch.done == {name: 1}
+
+
+def test_a_coordinator_that_comes_while_robots_are_asked_takes_the_task(monkeypatch) -> None:
+    def found(wire):
+        run.begin_coordinator()
+        return team_found(wire)
+
+    with team_of(2, consensus=False) as (team, run, watch):
+        pass_time(team, watch, 5.0)
+        run.end_coordinator()
+        pass_time(team, watch, 3.0)
+        monkeypatch.setattr("robrain.client.requests.team_found", found)
+        record = team.submit("visit", place=PLACES[0])
+        assert record.why == ""
+        assert team.get(record.task.id).task == record.task
 
 
 def test_robots_without_consensus_say_that_they_take_none() -> None:
