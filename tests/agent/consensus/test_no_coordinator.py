@@ -1,22 +1,11 @@
 """The coordinator is killed: robots with consensus do what is open, each task once, and tell one that returns."""
 
-from collections.abc import Iterator
-
 import pytest
 
 from robrain.agent.consensus.consensus_desk import TELLING
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.team_robots import LostTeam
-
-
-@pytest.fixture
-def lost() -> Iterator[LostTeam]:
-    with open_lockstep_session() as session:
-        team = LostTeam(session, 3)
-        yield team
-        team.close()
 
 
 def test_orphaned_tasks_are_done_once_each(lost: LostTeam) -> None:

@@ -1,7 +1,5 @@
 """Tasks are submitted to robots while nobody coordinates: each is done once, and a coordinator that comes notes it."""
 
-from collections.abc import Iterator
-
 import msgspec
 import pytest
 
@@ -10,18 +8,9 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.consensus_messages import ASKED_MAX, ASKED_TOLD, TaskTaken
 from robrain.protocol.wire.messages.task_messages import TaskSubmission
-from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.team_robots import LostTeam, TeamRobot
 
 ALL = ["r1", "r2", "r3"]
-
-
-@pytest.fixture
-def lost() -> Iterator[LostTeam]:
-    with open_lockstep_session() as session:
-        team = LostTeam(session, 3)
-        yield team
-        team.close()
 
 
 def visit(name: str = "t1", **fields: object) -> TaskSubmission:
