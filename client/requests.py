@@ -65,7 +65,7 @@ class Requests:
 
         Raises:
             CallError: it is refused.
-            NobodyThere: no coordinator answers, and no robot takes the task in.
+            NobodyThere: no coordinator answers, and no robot accepts the task.
 
         """
         try:
@@ -74,14 +74,14 @@ class Requests:
             return self.submit_to_robots(asked, error)
 
     def submit_to_robots(self, asked: TaskSubmission, no_coordinator: NobodyThere) -> TaskRecord:
-        """Submit a task to the first robot that takes it in; errors as those of `submit`."""
+        """Submit a task to the first robot that accepts it; errors as those of `submit`."""
         why: list[str] = []
         for robot in team_found(self._wire).robots:
             try:
                 return self._submit_to_robot(asked, robot)
             except (CallError, NobodyThere) as error:
                 why.append(f"{robot}: {error}")
-        try:  # one may have come meanwhile, and may have noted what a robot took in
+        try:  # a coordinator may have started since, and have what a robot accepted
             return self._wire.ask(TASK_SUBMIT, asked, timeout_s=ASK_TIMEOUT_S)
         except NobodyThere:
             raise NobodyThere("; ".join([str(no_coordinator), *why[:SHOWN_WHYS]])) from None
@@ -99,7 +99,7 @@ class Requests:
                 raise CallError(ErrorCode.FAILED, f"task {taken.task.id} may be lost: only {known_to} has it")
             transport.pass_time(AGAIN_S)
         known_to = ", ".join(taken.known_to)
-        why = f"there is no coordinator; {known_to} took it in"
+        why = f"there is no coordinator; {known_to} accepted it"
         return TaskRecord(task=taken.task, state=TaskState.QUEUED, by=asked.by, why=cut(why))
 
     def robot(self, topic: Query[Q, R], request: Q | None, robot: str) -> R:

@@ -183,7 +183,7 @@ class Team:
     ) -> TaskRecord:
         """Submit a task; submitting the same task with the same id again returns the same answer.
 
-        If there is no coordinator, and robots go on without, one of them takes it in and tells the others.
+        If there is no coordinator, and robots go on without, one of them accepts it and tells the others.
 
         Args:
             task: a kind, such as `visit`, with the arguments below; or a whole task, with only the times.
@@ -201,7 +201,7 @@ class Team:
         Raises:
             BadTask: a field is missing or invalid.
             CallError: the task is refused, for example because no robot does its kind; the text says why.
-            NobodyThere: no coordinator answers, and no robot takes the task in.
+            NobodyThere: no coordinator answers, and no robot accepts the task.
 
         """
         optional = {
@@ -237,7 +237,7 @@ class Team:
 
         try:
             return self._fresh_ids.submit(task, submit, self.by)
-        except NobodyThere as error:  # which ids the coordinator has is not known: one that nobody else makes
+        except NobodyThere as error:  # the coordinator's ids are not known: use a unique one
             return self._requests.submit_to_robots(named(f"{task}-{self._wire.clock.now_ns():x}"), error)
 
     def cancel(self, task: TaskName, why: str = "") -> TaskRecord:

@@ -133,7 +133,7 @@ class ConsensusDesk:
             self._send(is_alone=is_alone)
 
     def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
-        """Take in a task while nobody coordinates (CallError if it is refused, in words)."""
+        """Accept a task without a coordinator (CallError if it is refused, in words)."""
         if not self.is_leaderless and asked.task.id not in self.known.asked:
             why = "a coordinator is heard: submit it there"
             if self._was_alone and not self._has_quorum():
@@ -173,7 +173,7 @@ class ConsensusDesk:
 
     def _hear_mate(self, said: TeamBallot, now_ns: int) -> None:
         self._mates[said.robot] = _Mate(now_ns, said)
-        if now_ns - self._heard_ns > SILENT_NS:  # else the coordinator is told, and has the last word
+        if now_ns - self._heard_ns > SILENT_NS:  # otherwise the coordinator decides about them
             for asked in said.asked:
                 self.known.ask(asked)
         self.known.note_done(said.done)

@@ -1,6 +1,6 @@
 """The tasks that a robot knows to be open: a bounded copy of the coordinator's, kept by listening.
 
-While there is no coordinator, tasks that robots have taken in are among them.
+Without a coordinator, tasks that robots have accepted are among them.
 """
 
 from collections.abc import Iterable
@@ -35,7 +35,7 @@ class KnownTask(NamedTuple):
 
 
 class KnownTasks:
-    """Open tasks, and what no coordinator is known to have noted: tasks that were done or that robots have taken in."""
+    """Open tasks, and what no coordinator is known to have noted: tasks that were done or that robots have accepted."""
 
     def __init__(self) -> None:
         self.open: dict[str, KnownTask] = {}
@@ -49,7 +49,7 @@ class KnownTasks:
 
     @property
     def may_be_asked(self) -> bool:
-        """Whether there is room for a task that a robot takes in."""
+        """Whether there is room for a task that a robot accepts."""
         return len(self.asked) < ASKED_MAX and len(self.open) < TASKS_MAX
 
     def hear(self, event: TaskEvent) -> None:
@@ -64,7 +64,7 @@ class KnownTasks:
             self.open[task.id] = KnownTask(task, robot)
 
     def ask(self, asked: TaskAsked) -> None:
-        """Take in a task that a robot has taken in; of two with one id the first heard stays."""
+        """Remember a task that a robot has accepted; of two with one id the first heard stays."""
         task_id = asked.submission.task.id
         if task_id in self.open or not self.may_be_asked or len(asked.submission.word) > ASKED_BYTES_MAX:
             return
@@ -77,7 +77,7 @@ class KnownTasks:
             self.asked[task_id] = asked
 
     def known(self) -> list[TaskKnown]:
-        """Names of the tasks that robots have taken in."""
+        """Names of the tasks that robots have accepted."""
         return [TaskKnown(id=task_id, at_ns=one.at_ns) for task_id, one in self.asked.items()]
 
     def note_done(self, done: Iterable[TaskDone]) -> None:

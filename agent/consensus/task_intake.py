@@ -1,7 +1,7 @@
-"""Tasks that are submitted to a robot, because nobody coordinates.
+"""Tasks that are submitted to a robot, because there is no coordinator.
 
-The robot tells the others in its ballots. Whoever has submitted a task repeats that until more than half of the team
-has the task: then some robot of any group that allocates tasks has it.
+The robot tells the others in its ballots. The client repeats the submission until more than half of the team has the
+task: then some robot of any group that allocates tasks has it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ Known = Mapping[str, Sequence[TaskKnown]]
 
 
 class TaskIntake:
-    """Takes tasks in, and knows which robots have them.
+    """Accepts tasks, and knows which robots have them.
 
     Args:
         robot: the robot's name.
@@ -43,7 +43,7 @@ class TaskIntake:
         self._told = 0
 
     def take(self, asked: TaskSubmission, now_ns: int, mates: Known, team: int) -> TaskTaken:
-        """Take a task in, and say who has it.
+        """Accept a task, and say which robots have it.
 
         Args:
             asked: what is submitted; the same as before changes nothing.

@@ -116,7 +116,7 @@ class TaskBook:
             self._tell(record.event)
 
     def tell(self, record: TaskRecord) -> None:
-        """Publish a task's last change again, for somebody who has missed it."""
+        """Publish a task's last change again, for robots that have missed it."""
         self._tell(record.event)
 
     # -- changing -------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ def take_in(book: TaskBook, said: TeamBallot, why_impossible: Callable[[Task], s
 
 
 def _accept(book: TaskBook, robot: str, asked: TaskAsked) -> Task | None:
-    """Put a task that robots have taken in into the book; None if it is there, which the robots are told again."""
+    """Add a task that robots have accepted to the book. None if it is there already; robots are told again."""
     submission = asked.submission
     record = book.find(submission.task.id)
     if record is not None:
@@ -50,6 +50,6 @@ def _accept(book: TaskBook, robot: str, asked: TaskAsked) -> Task | None:
     try:
         task = submission.task_at(asked.at_ns)
     except (ValueError, msgspec.ValidationError):
-        return None  # no robot of ours has taken that in
-    book.add(task, by=submission.by, asked=submission.word, reason=Said(f"{robot} had no coordinator and took it in"))
+        return None  # no robot has accepted that
+    book.add(task, by=submission.by, asked=submission.word, reason=Said(f"{robot} had no coordinator and accepted it"))
     return task

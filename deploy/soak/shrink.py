@@ -113,7 +113,7 @@ def _with_robots(script: FaultScript, robots: Sequence[object]) -> FaultScript |
     kept = tuple(robot for robot in script.robots if any(robot is one for one in robots))
     dead = {fault.robot for fault in script.faults if fault.kind is FaultKind.KILL and fault.until_s is None}
     if all(robot.name in dead for robot in kept):
-        return None  # that nobody does the tasks then is no fault
+        return None  # tasks stay undone then, whatever the code does
     try:
         return msgspec.structs.replace(script, robots=kept)
     except ValueError:

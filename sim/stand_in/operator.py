@@ -91,7 +91,7 @@ class PointOperator:
         return True
 
     def _waits_for_cancelled(self, after: tuple[str, ...]) -> bool:
-        """Whether one of these tasks, or one that it waits for, was to be cancelled: whatever waits for it is over."""
+        """Whether one of these tasks, or one that it waits for, was to be cancelled; others then end as well."""
         before = self._after
         return any(name in self.asked_to_cancel or self._waits_for_cancelled(before.get(name, ())) for name in after)
 

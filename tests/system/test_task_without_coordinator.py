@@ -28,9 +28,9 @@ def test_a_task_is_taken_in_by_robots_done_and_noted_by_a_coordinator_that_is_st
         done = task("add", "visit", "--at", "2,1", "--json")
         return done if done.returncode == 0 else None
 
-    record = json.loads(until(added, "nobody takes the task in", pause_s=0.5).stdout)
+    record = json.loads(until(added, "no robot accepts the task", pause_s=0.5).stdout)
     assert record["state"] == "queued"
-    assert record["why"] in {f"there is no coordinator; {who} took it in" for who in ("r1, r2", "r2, r1")}
+    assert record["why"] in {f"there is no coordinator; {who} accepted it" for who in ("r1, r2", "r2, r1")}
     coordinator = commands.start("coordinator", "--connect", endpoint)
     commands.line_with(coordinator, "coordinator: of team default")
 

@@ -15,7 +15,7 @@ ENDS_MAX = 256
 """Tasks done without a coordinator that a robot remembers; with so many it begins no other (chosen)."""
 
 ASKED_MAX = 64
-"""Tasks taken in without a coordinator that a robot remembers; with so many it takes in no other (chosen)."""
+"""Most tasks that a robot remembers as accepted without a coordinator; it then accepts no other (chosen)."""
 ASKED_TOLD = 8
 """Of these in one ballot in full."""
 ASKED_BYTES_MAX = 8192
@@ -43,7 +43,7 @@ class TaskDone(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskAsked(msgspec.Struct, frozen=True, kw_only=True):
-    """A task that a robot has taken in while it heard no coordinator."""
+    """A task that a robot has accepted while it heard no coordinator."""
 
     submission: TaskSubmission
     """What is asked for."""
@@ -57,14 +57,14 @@ class TaskKnown(msgspec.Struct, frozen=True, kw_only=True):
     id: Name
     """Id of the task."""
     at_ns: Stamp
-    """When it was taken in."""
+    """When it was accepted."""
 
 
 class TaskTaken(msgspec.Struct, frozen=True, kw_only=True):
     """A robot's answer to who submits a task to it. The same submission again has a newer answer."""
 
     task: Task
-    """As it was taken in."""
+    """As it was accepted."""
     known_to: Names
     """The robots that have it, sorted."""
     is_kept: bool
@@ -85,10 +85,10 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     done: Annotated[list[TaskDone], Meta(max_length=ENDS_MAX)] = msgspec.field(default_factory=list)
     """All that the robot knows of, also those that others did."""
     known: Annotated[list[TaskKnown], Meta(max_length=ASKED_MAX)] = msgspec.field(default_factory=list)
-    """Tasks taken in without a coordinator that the robot has, whoever took them in, and that none is known to have
+    """Tasks accepted without a coordinator, by any robot, that this robot has and that no coordinator is known to have
     noted."""
     asked: Annotated[list[TaskAsked], Meta(max_length=ASKED_TOLD)] = msgspec.field(default_factory=list)
-    """Those among them that somebody may not have yet."""
+    """Those among them that other robots may not have yet."""
 
     def __post_init__(self) -> None:
         if self.ballot.robot != self.robot:

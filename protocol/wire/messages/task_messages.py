@@ -65,7 +65,7 @@ class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def word(self) -> bytes:
-        """What is asked for, whoever asks, as JSON."""
+        """What is asked for, without the name of who asks, as JSON."""
         return msgspec.json.encode(msgspec.structs.replace(self, by=""))
 
 
