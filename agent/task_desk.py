@@ -25,7 +25,15 @@ from robrain.protocol.wire.messages.cost_messages import TaskCost
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.team_messages import TeamState
-from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, NotAtTask, Occupied, OfferRefusal
+from robrain.protocol.wire.reasons.offers import (
+    DoneJustNow,
+    EpochAhead,
+    EpochOld,
+    NoBehavior,
+    NotAtTask,
+    Occupied,
+    OfferRefusal,
+)
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import NotHeard
 from robrain.protocol.wire.reasons.words import told
@@ -47,6 +55,12 @@ EPOCH_AHEAD_MAX = 24 * 3600 * 1000
 """Milliseconds. A coordinator starts its epochs at its clock's milliseconds and adds one per offer, so they stay behind
 the clock. An epoch farther than this ahead of the robot's clock is refused, because every later coordinator would seem
 out of date (chosen: no two clocks of a team differ by a day)."""
+
+
+DONE_TOLD_S = 5.0
+"""An offer of a task that the robot has done no longer ago was made before its report arrived (chosen)."""
+DONE_KEPT = 8
+"""So many tasks that were done last are kept for it."""
 
 
 class _Executor(NamedTuple):
@@ -101,6 +115,8 @@ class TaskDesk:
         """The task that is begun after the running one."""
         self._foreseen: tuple[str, int] | None = None
         self._checked_ns: int | None = None
+        self._done: deque[tuple[str, int]] = deque(maxlen=DONE_KEPT)
+        """Tasks that were done, with the time."""
         self._said: deque[_Said] = deque()
         self.coordinator_heard_ns: int | None = None
         self.goes_on_ns = 0
@@ -251,6 +267,8 @@ class TaskDesk:
         for known in (status, held.status if held is not None else None):
             if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
                 return TaskAnswer(accepted=True)
+        if any(done == offer.task.id and now_ns - done_ns <= to_ns(DONE_TOLD_S) for done, done_ns in self._done):
+            return TaskAnswer.refused(DoneJustNow())
         if not offer.after:
             return self._begin_as_asked(offer, now_ns)
         if status is None or status.id != offer.after or status.state is TaskState.CANCELLED:
@@ -285,6 +303,13 @@ class TaskDesk:
             return self._begin(TaskOffer(task=task, epoch=self._epoch, lease_s=0.0))
         except FOREIGN_ERRORS as error:  # foreign plugin code
             return TaskAnswer.refused(Said(cut(str(error))))
+
+    def cancel_for_team(self, task_id: str, why: str) -> None:
+        """End the running task, or forget the held one, if it has this id: it was cancelled without a coordinator."""
+        if self.held is not None and self.held.offer.task.id == task_id:
+            self.held = None
+        if self.is_busy and self.status is not None and self.status.id == task_id:
+            self._let_go(TaskState.CANCELLED, why)
 
     def go_on(self, now_ns: int) -> bool:
         """Begin what is held if the task before it has ended; whether it was begun."""
@@ -389,6 +414,8 @@ class TaskDesk:
     def _end(self, task_id: str, state: TaskState, why: str, result: dict[str, Any] | None = None) -> None:
         status = self._status
         if status is not None and status.id == task_id and not status.state.ended:
+            if state is TaskState.DONE:
+                self._done.append((task_id, self._checked_ns or 0))
             self._status = TaskStatus(id=task_id, epoch=status.epoch, state=state, why=cut(why), result=result or {})
             self._current = None
 

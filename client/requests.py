@@ -1,20 +1,20 @@
 """Queries to a team: to its coordinator, which may be restarting, and to its robots."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 
 from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.wire.hub import teams_there, wrong_team
-from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.wire.topic import Q, Query, R
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_SUBMIT, TASK_SUBMIT
+from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_CANCEL, ROBOT_SUBMIT, TASK_CANCEL, TASK_SUBMIT
 
 ASK_TIMEOUT_S = 2.0
 ROBOT_TIMEOUT_S = 10.0
@@ -24,6 +24,20 @@ KEPT_S = 5.0
 """How long to wait until more than half of the team has a task; robots tell each other five times a second."""
 SHOWN_WHYS = 3
 _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
+
+
+class _Answer(Protocol):
+    """A robot's answer to a request that the whole team has to know of."""
+
+    @property
+    def task(self) -> Task: ...
+    @property
+    def known_to(self) -> list[str]: ...
+    @property
+    def is_kept(self) -> bool: ...
+
+
+_A = TypeVar("_A", bound=_Answer)
 
 
 class Requests:
@@ -75,32 +89,61 @@ class Requests:
 
     def submit_to_robots(self, asked: TaskSubmission, no_coordinator: NobodyThere) -> TaskRecord:
         """Submit a task to the first robot that accepts it; errors as those of `submit`."""
+
+        def ask(robot: str) -> TaskRecord:
+            taken = self._until_kept(ROBOT_SUBMIT, asked, robot, "may be lost: only {} has it")
+            why = cut(f"there is no coordinator; {', '.join(taken.known_to)} accepted it")
+            return TaskRecord(task=taken.task, state=TaskState.QUEUED, by=asked.by, why=why)
+
+        return self._first_robot(ask, TASK_SUBMIT, asked, no_coordinator)
+
+    def cancel(self, asked: TaskRequest) -> TaskRecord:
+        """Cancel a task at the coordinator, or at a robot if there is none and robots go on without.
+
+        Raises:
+            CallError: it is refused.
+            NobodyThere: no coordinator answers, and no robot accepts the cancellation.
+
+        """
+        try:
+            return self.coordinator(TASK_CANCEL, asked)
+        except NobodyThere as error:
+            no_coordinator = error
+
+        def ask(robot: str) -> TaskRecord:
+            taken = self._until_kept(ROBOT_CANCEL, asked, robot, "may go on: only {} knows that it is cancelled")
+            why = cut(f"there is no coordinator; {', '.join(taken.known_to)} cancelled it")
+            return TaskRecord(task=taken.task, state=TaskState.CANCELLED, why=why)
+
+        return self._first_robot(ask, TASK_CANCEL, asked, no_coordinator)
+
+    def _first_robot(
+        self, ask: Callable[[str], TaskRecord], topic: Query[Q, TaskRecord], asked: Q, no_coordinator: NobodyThere
+    ) -> TaskRecord:
+        """Return the answer of the first robot that accepts a request, or of a coordinator that has started since."""
         why: list[str] = []
         for robot in team_found(self._wire).robots:
             try:
-                return self._submit_to_robot(asked, robot)
+                return ask(robot)
             except (CallError, NobodyThere) as error:
                 why.append(f"{robot}: {error}")
         try:  # a coordinator may have started since, and have what a robot accepted
-            return self._wire.ask(TASK_SUBMIT, asked, timeout_s=ASK_TIMEOUT_S)
+            return self._wire.ask(topic, asked, timeout_s=ASK_TIMEOUT_S)
         except NobodyThere:
             raise NobodyThere("; ".join([str(no_coordinator), *why[:SHOWN_WHYS]])) from None
 
-    def _submit_to_robot(self, asked: TaskSubmission, robot: str) -> TaskRecord:
-        """Repeat a submission until more than half of the team has the task."""
+    def _until_kept(self, topic: Query[Q, _A], asked: Q, robot: str, risk: str) -> _A:
+        """Repeat a request until more than half of the team knows of it (CallError after 5 s, with the risk)."""
         transport = self._transport
         gives_up_s = transport.elapsed_s() + KEPT_S
         while True:
-            taken = self.robot(ROBOT_SUBMIT, asked, robot)
+            taken = self.robot(topic, asked, robot)
             if taken.is_kept:
-                break
+                return taken
             if transport.elapsed_s() >= gives_up_s:
-                known_to = ", ".join(taken.known_to)
-                raise CallError(ErrorCode.FAILED, f"task {taken.task.id} may be lost: only {known_to} has it")
+                told = risk.format(", ".join(taken.known_to))
+                raise CallError(ErrorCode.FAILED, f"task {taken.task.id} {told}")
             transport.pass_time(AGAIN_S)
-        known_to = ", ".join(taken.known_to)
-        why = f"there is no coordinator; {known_to} accepted it"
-        return TaskRecord(task=taken.task, state=TaskState.QUEUED, by=asked.by, why=cut(why))
 
     def robot(self, topic: Query[Q, R], request: Q | None, robot: str) -> R:
         """Query a robot.

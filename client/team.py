@@ -18,6 +18,7 @@ from typing import Any, Self, overload
 
 import msgspec
 
+from robrain.client.coordinator_answers import CoordinatorAnswers
 from robrain.client.errors import BadTask
 from robrain.client.fresh_ids import FreshIds
 from robrain.client.halting import HaltReport, TeamOrder, order_robot
@@ -73,7 +74,6 @@ from robrain.protocol.wire.topics import (
     HALT,
     MOTE_READING,
     ROBOT_PLUGINS,
-    TASK_CANCEL,
     TASK_GET,
     TASK_KINDS,
     TASK_LIST,
@@ -94,7 +94,7 @@ POLL_S = 0.02
 TASK_TIMEOUT_S = 600.0
 
 
-class Team:
+class Team(CoordinatorAnswers):
     """A connection to a team; use it in a `with` block.
 
     While a live coordinator is away, for example during a restart, each query to it is repeated until it is answered or
@@ -111,6 +111,8 @@ class Team:
         self.by = by
         self._listening = Listening(transport)
         self._wire = self._listening.open()
+        if self._wire.member is not None:  # then the certificate says who this is
+            self.by = str(self._wire.member)
         self._requests = Requests(transport, self._wire)
         self._halts = self._wire.publisher(HALT)  # a halt then need not wait for its declaration
         self._standing = Standing(transport, self._wire)
@@ -241,8 +243,14 @@ class Team:
             return self._requests.submit_to_robots(named(f"{task}-{self._wire.clock.now_ns():x}"), error)
 
     def cancel(self, task: TaskName, why: str = "") -> TaskRecord:
-        """Cancel a task; its robot stops it (CallError if it has already ended)."""
-        return self._requests.coordinator(TASK_CANCEL, TaskRequest(id=_id_of(task), by=self.by, why=why))
+        """Cancel a task; its robot stops it. Without a coordinator, robots are asked as by `submit`.
+
+        Raises:
+            CallError: it has already ended, or no such task is known.
+            NobodyThere: no coordinator answers, and no robot accepts the cancellation.
+
+        """
+        return self._requests.cancel(TaskRequest(id=_id_of(task), by=self.by, why=why))
 
     def get(self, task: TaskName) -> TaskRecord:
         """Return a task's record (CallError for an unknown id)."""
@@ -445,7 +453,7 @@ class Team:
         return self._order(robot, halted=False, reason="", by=by)
 
     def _order(self, robot: str | None, *, halted: bool, reason: str, by: str | None) -> HaltReport:
-        who = cut(self.by if by is None else by, NAME_LENGTH)
+        who = cut(self.by if by is None or self._wire.member is not None else by, NAME_LENGTH)
         wanted = Halt(halted=halted, by=who, reason=cut(reason, REASON_LENGTH))
         if robot is not None:
             return order_robot(self._wire, robot, wanted)

@@ -7,6 +7,8 @@ from operator import attrgetter
 from msgspec import UNSET
 
 from robrain.coordinator.charging.charge_desk import ChargeDesk
+from robrain.coordinator.charging.explorer_reach import reach_m
+from robrain.coordinator.journal.backup_desk import BackupDesk
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.field.field_keeper import FieldKeeper
@@ -18,13 +20,18 @@ from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.rule_desk import RuleDesk
+from robrain.coordinator.standing.journal_feed import JournalFeed
+from robrain.coordinator.standing.offer_fence import OfferFence
+from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
 from robrain.coordinator.tasks.team_intake import take_in
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.halt_watch import HaltWatch
+from robrain.coordinator.team.left_desk import LeftDesk
 from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.exploration.explorer import Explorer, Scout
 from robrain.protocol.exploration.situation import Busy, Choice
@@ -36,13 +43,15 @@ from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode, most_refused
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.standing_messages import LeadReply, LeadRequest
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.messages.team_messages import FrontierSummary, TeamState
-from robrain.protocol.wire.reasons.idle import IdleReason, PlanPending, TaskSoon, TeamHalted
+from robrain.protocol.wire.reasons.idle import IdleReason, LacksRange, PlanPending, TaskSoon, TeamHalted
+from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
@@ -57,6 +66,8 @@ from robrain.protocol.wire.topics import (
 DECIDE_PERIOD_NS = to_ns(0.5)
 SUMMARY_PERIOD_NS = to_ns(0.5)
 LOOK_PERIOD_NS = to_ns(0.1)
+PAUSE_NS = to_ns(FREE_AFTER_S)
+"""Two steps that are so far apart are no silence of the robots: the coordinator stood still, or its clock was set."""
 """Robots say how they are as often; in between, only what has come is worth a look at their tasks."""
 SETTLED_NS = to_ns(3.0)
 """The floor counts as explored when for this long no robot could be given a frontier."""
@@ -88,6 +99,7 @@ class Coordinator:
         rules: Sequence[Rule] = (),
     ) -> None:
         self.roster = Roster()
+        self.stale = StaleWatch(self.roster)
         self.team_map = TeamMap()
         policy = policy or PlanningPolicy()
         self.explorer = Explorer(self.team_map, strategy_of(policy.exploration, self._note_strategy))
@@ -123,14 +135,23 @@ class Coordinator:
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, ROBOT_MAP)
         wire.subscribe(self._inbox, ROBOT_BALLOT)
+        wire.subscribe(self._inbox, COORDINATOR_STAND_BY)
+        self._backups = BackupDesk(wire, self.tasks.journal)
+        self.feed: JournalFeed | None = None
+        """Sends the journal's changes to a coordinator that stands by, since one was heard."""
+        self.fence = OfferFence(self.roster)
+        lifecycle.reasons.held_back = lambda: self.fence.reason
+        wire.answer(COORDINATOR_LEAD, self._lead, serve=Serve.IN_STEP)
+        self._term = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
         self.halts = HaltWatch(wire, self.roster)
+        self.left = LeftDesk(wire, self.explorer, self.team_map, self.roster)
         self._summary = wire.publisher(COORDINATOR_STATE)
         wire.token(COORDINATOR_ALIVE)
         self._decide_due_ns = 0
         self._look_due_ns = 0
         self._revise_due_ns = 0
         self._summary_due_ns = 0
-        self._own_tasks = self.tasks.journal.new_epoch(first_epoch)
+        self._own_tasks = self._term
         self._busy_ns = wire.clock.now_ns()
         self._kept_idle: dict[str, IdleReason] = {}
         """Why idle robots were not considered for a frontier, by name."""
@@ -155,6 +176,9 @@ class Coordinator:
         now_ns = self._wire.clock.now_ns()
         if now_ns < self._now_ns:
             self._clock_set_back(now_ns)
+        elif now_ns - self._now_ns > PAUSE_NS:
+            self.roster.note_pause(now_ns - self._now_ns)
+            self.lifecycle.note_pause(now_ns)
         if self._wire.has_waiting:
             self._wire.serve()
         has_heard = self._inbox.has_some
@@ -182,9 +206,14 @@ class Coordinator:
         if now_ns >= self._decide_due_ns:
             self._decide_due_ns = now_ns + DECIDE_PERIOD_NS
             self._hand_out(now_ns)
+        if stage("deadlines", False, self.stale.look, now_ns):
+            self._summary_due_ns = now_ns
         if now_ns >= self._summary_due_ns:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
             stage("summary", None, self._tell_summary, now_ns)
+        if self.feed is not None:
+            stage("stand-by", None, self.feed.step, now_ns)
+            stage("fence", None, self.fence.step, self.feed, now_ns)
 
     def _clock_set_back(self, now_ns: int) -> None:
         """What was due by the old time is due now: a coordinator that is silent meanwhile loses its robots."""
@@ -192,6 +221,12 @@ class Coordinator:
         self.roster.clock_set_back(now_ns)
         self.lifecycle.clock_set_back(now_ns)
         self.planning.clock_set_back()
+        self.left.clock_set_back()
+        self.fence.clock_set_back(now_ns)
+
+    def _lead(self, _request: Request[LeadRequest]) -> LeadReply:
+        self._decide_due_ns = 0
+        return LeadReply(left_out=self.fence.lead(self._now_ns))
 
     def _new_id(self, kind: str) -> str:
         """An id for a task of the coordinator's own; whoever asked for a task may have named it alike."""
@@ -204,17 +239,25 @@ class Coordinator:
     def close(self) -> None:
         """End what runs beside `step`; the wire and the journal are their owners' to close."""
         self.planning.close()
+        self._backups.close()
+        if self.feed is not None:
+            self.feed.close()
 
     # -- hearing --------------------------------------------------------------------------------------------
 
     def _hear(self, now_ns: int) -> None:
+        gone = []
         for change in self._presence.changes() if self._presence.arrived else ():
             robot = self.roster.note_presence(change)
+            if not change.present:
+                gone.append(robot)
             if change.present:
                 # It may have mapped before this coordinator came.
                 self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot.name)
                 self.capabilities.came(robot.name)
                 self.planning.chargers.came(robot.name)
+        if gone:
+            self.fence.note_gone(gone, now_ns)
         self._now_ns = now_ns
         if self._inbox.has_some:
             self._guard.messages(self._inbox.drain(), self._take)
@@ -225,9 +268,22 @@ class Coordinator:
             self._take_patch(received)
             return
         if received.topic is ROBOT_BALLOT:
+            if why := self.roster.why_unknown(received.message.robot, now_ns):
+                self._wire.refusals.note(ROBOT_BALLOT.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
+                return
             with self.lifecycle.as_far_as_written(now_ns):
-                if take_in(self.tasks, received.message, self._requests.why_impossible):
+                if take_in(
+                    self.tasks,
+                    received.message,
+                    self._requests.why_impossible,
+                    is_secured=self._wire.member is not None,
+                ):
                     self._decide_due_ns = now_ns
+            return
+        if received.topic is COORDINATOR_STAND_BY:
+            if self.feed is None:
+                self.feed = self._requests.feed = JournalFeed(self._wire, self.tasks.journal, self._term)
+            self.feed.hear(received.message, now_ns)
             return
         state: RobotState = received.message
         if why := self.roster.why_unknown(state.robot, now_ns):
@@ -348,12 +404,14 @@ class Coordinator:
         why, names = PlanPending() if is_unplanned else TaskSoon(), {robot.name for robot in idle}
         self._kept_idle = {robot.name: why for robot in free if robot.name not in names}
         paused = {robot.name for robot in idle if pauses.why(robot.name, now_ns)}
-        scouts = [_scout(robot) for robot in idle if robot.name not in paused]
+        scouts = [self._scout(robot) for robot in idle if robot.name not in paused]
         under_way = self._under_way(up, now_ns)
-        scouts += [_scout(self.roster.robots[name], goal) for name, goal in under_way.items()]
+        scouts += [self._scout(self.roster.robots[name], goal) for name, goal in under_way.items()]
         bound = [record for record in self.tasks.open if record.robot and record.robot not in under_way]
         busy = [Busy(self._place_of(record), record.task.place) for record in bound]
         choices = self.explorer.choose(scouts, busy, now_ns) if scouts else []
+        idle_why = self.explorer.idle
+        self._charge_desk.lack_range = {name for name, one in idle_why.items() if isinstance(one, LacksRange)}
         if choices or paused or bound or under_way or self.explorer.has_failures or not up or not self.team_map.version:
             self._busy_ns = now_ns
 
@@ -362,6 +420,19 @@ class Coordinator:
             self._offer_own(task, choice.robot, now_ns, choice.way_m)
 
         self._guard.records(choices, explore, attrgetter("robot"), "frontier")
+
+    def _scout(self, robot: Robot, goal: Point2D | None = None) -> Scout:
+        assert robot.state is not None
+        pose = robot.state.pose
+        homes = tuple(charger.place for charger in self.planning.chargers.of.get(robot.name, ()))
+        return Scout(
+            robot.name,
+            None if pose is None else Point2D(pose.x_m, pose.y_m),
+            robot.state.radius_m,
+            goal,
+            reach_m(robot.state, self.planning.policy) if homes else math.inf,
+            homes,
+        )
 
     def _under_way(self, up: list[Robot], now_ns: int) -> dict[str, Point2D]:
         """Goals of the robots that explore and may get another, by name, if it is time to revise goals.
@@ -399,25 +470,24 @@ class Coordinator:
 
     def _tell_summary(self, now_ns: int) -> None:
         frontiers = self.explorer.candidates[:SHOWN_FRONTIERS]
+        has_ended = self.team_map.version > 0 and now_ns - self._busy_ns > SETTLED_NS
         self.roster.forget_unseen(now_ns)
         self._summary.put(
             TeamState(
                 robots=self.roster.summaries(now_ns, self._why_idle(now_ns)),
                 known_area_m2=round(self.team_map.known_area_m2, 3),
                 frontiers=[FrontierSummary(place=found.place, length_m=found.length_m) for found in frontiers],
-                all_explored=self.team_map.version > 0 and now_ns - self._busy_ns > SETTLED_NS,
+                all_explored=has_ended,
                 tasks_open=len(self.tasks.open),
                 tasks_done=self.tasks.done_count,
                 messages=self._inbox.received,
                 halt=self.halts.status(now_ns),
                 refused=most_refused(self._wire.refusals),
+                stale=self.stale.found or UNSET,
                 rules=UNSET if self.rules is None else self.rules.status(),
                 mote_field=self.mote_field.state or UNSET,
+                stand_by=UNSET if self.feed is None else self.feed.status(self.fence.reason),
             )
         )
-
-
-def _scout(robot: Robot, goal: Point2D | None = None) -> Scout:
-    assert robot.state is not None
-    pose = robot.state.pose
-    return Scout(robot.name, None if pose is None else Point2D(pose.x_m, pose.y_m), robot.state.radius_m, goal)
+        if has_ended:
+            self._guard.stage("left", None, self.left.step, now_ns)

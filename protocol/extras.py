@@ -21,9 +21,11 @@ EXTRAS = {
     "matplotlib": "report",
     "pandas": "report",
     "pyarrow": "parquet",
+    "prometheus_client": "metrics",
     "dask": "sweep",
     "distributed": "sweep",
     "foxglove": "foxglove",
+    "cryptography": "security",
     "ortools": "bench",
     "vrplib": "bench",
 }

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from robrain.agent.plugin import Behavior, Device, Level, Plugin, Skill, Unit, external, unlocked
     from robrain.client.errors import BadTask
     from robrain.client.halting import HaltReport
+    from robrain.client.hand import Hand
     from robrain.client.team import Team
     from robrain.coordinator.planning.policy import PlanningPolicy
     from robrain.coordinator.recording.reader.recording import Recording, load
@@ -73,6 +74,7 @@ __all__ = [
     "FloorDrawing",
     "ForkResult",
     "HaltReport",
+    "Hand",
     "HardwareAbsent",
     "KnownKind",
     "Level",
@@ -145,6 +147,7 @@ _NAMES = {
     "robrain.agent.plugin": ("Behavior", "Device", "Level", "Plugin", "Skill", "Unit", "external", "unlocked"),
     "robrain.client.errors": ("BadTask",),
     "robrain.client.halting": ("HaltReport",),
+    "robrain.client.hand": ("Hand",),
     "robrain.client.team": ("Team",),
     "robrain.coordinator.planning.policy": ("PlanningPolicy",),
     "robrain.coordinator.recording.reader.recording": ("Recording", "load"),

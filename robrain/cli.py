@@ -1,6 +1,6 @@
 """The command line. Each command reads its options and calls the folder that does the work."""
 
-import logging
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,8 +12,11 @@ import msgspec
 import typer
 
 from robrain.deploy.bench.commands import bench_app
+from robrain.deploy.bridge.bridge_command import bridge
 from robrain.deploy.commands.extras import missing_extra
+from robrain.deploy.commands.journal_commands import journal_app
 from robrain.deploy.commands.plugin_commands import plugin_app
+from robrain.deploy.commands.process_options import JournalOption, ListenOption, PortOption, RecordOption, RulesOption
 from robrain.deploy.commands.scenario_options import (
     MapOption,
     MotesOption,
@@ -25,15 +28,20 @@ from robrain.deploy.commands.scenario_options import (
     UntilOption,
 )
 from robrain.deploy.commands.scenarios_command import scenarios
-from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, WireFormat
+from robrain.deploy.commands.team_options import ConnectOption, JsonOption, RobotArgument, TeamOption, WireFormat
 from robrain.deploy.fork.fork_command import fork
+from robrain.deploy.machine.machine_files import machine_files
+from robrain.deploy.observability.json_logs import set_up_logs
+from robrain.deploy.pki.pki_commands import pki_app, router
 from robrain.deploy.processes.agent_words import agent_words
 from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.soak.soak_commands import soak_app
+from robrain.deploy.supervision.supervision_commands import supervision_app
 from robrain.deploy.sweep.sweep_commands import sweep_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_name
@@ -66,27 +74,25 @@ def options(
     print_version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
+    tls: Annotated[
+        Path | None,
+        typer.Option(help="Folder of your certificate, to connect to tls/HOST:PORT; default: $ROBRAIN_TLS."),
+    ] = None,
 ) -> None:
     """Coordinate teams of mobile robots and sensor motes over Zenoh."""
+    if tls is not None:  # for the processes that a command starts as well
+        os.environ[TLS_VARIABLE] = str(tls.expanduser().resolve())
 
 
 app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
+app.add_typer(journal_app, name="journal")
 app.add_typer(sweep_app)
 app.add_typer(soak_app)
 app.add_typer(recording_app)
+app.add_typer(supervision_app)
 app.add_typer(bench_app, name="bench")
-
-RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
-ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]
-RulesOption = Annotated[
-    Path | None, typer.Option(help="TOML file with [[rules]], by which tasks are made from what is sensed.")
-]
-JournalOption = Annotated[
-    Path | None, typer.Option(help="File for the tasks; default: TEAM.journal in this folder. With `up`: none is kept.")
-]
-PortOption = Annotated[int | None, typer.Option("--port", help="Port of the dashboard's page; 0 takes a free one.")]
+app.add_typer(pki_app, name="pki")
 
 
 @app.command()
@@ -160,62 +166,6 @@ def demo(
 
 
 @app.command()
-def up(
-    scenario: ScenarioArgument = None,
-    map_file: MapOption = None,
-    robots: RobotsOption = None,
-    motes: MotesOption = None,
-    seed: SeedOption = None,
-    until: UntilOption = None,
-    time_limit: TimeLimitOption = None,
-    record: RecordOption = None,
-    dashboard: Annotated[bool, typer.Option(help="Show the team in a browser page on 127.0.0.1.")] = True,
-    port: PortOption = None,
-    listen: Annotated[
-        str | None,
-        typer.Option(help="Endpoint of the team's hub; default: where commands on this machine look for a team."),
-    ] = None,
-    journal: JournalOption = None,
-    rules: RulesOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object per line: hub, dashboard, forwarders, and the result.")
-    ] = False,
-) -> None:
-    """Start a team as separate processes in real time: arena, coordinator, one agent per robot."""
-    from robrain.deploy.commands.options import above_zero, choose_scenario, until_explored
-    from robrain.deploy.commands.recording_path import new_recording
-    from robrain.deploy.processes.live_process import LiveStop
-    from robrain.deploy.processes.up import UpOptions, run_up
-    from robrain.deploy.processes.up_display import up_display
-
-    check_name("team", team)
-    chosen = choose_scenario(scenario, map_file, robots, motes, seed)
-    if rules is not None:
-        from robrain.deploy.run.rules_file import read_rules
-
-        chosen = chosen.replace(rules=read_rules(rules))
-    options = UpOptions(
-        team=team,
-        listen=listen,
-        dashboard=dashboard,
-        dashboard_port=port,
-        until_explored=until_explored(until),
-        time_limit_s=above_zero("--time-limit", time_limit),
-        record=new_recording(record),
-        journal=journal,
-        quiet=as_json,
-    )
-    words = _scenario_words(scenario, map_file, robots, motes, seed)
-    should_stop = LiveStop()
-    with up_display(as_json=as_json) as display:
-        result = run_up(chosen, words, options, should_stop=should_stop, display=display)
-    display.ended(result)
-    if result.ended == "interrupted" and as_json:
-        raise typer.Exit(EXIT_INTERRUPTED)
-
-
-@app.command()
 def arena(
     scenario: ScenarioArgument = None,
     map_file: MapOption = None,
@@ -228,6 +178,7 @@ def arena(
     robot_files: Annotated[
         Path | None, typer.Option(help="Write a ROBOT.toml for each robot into this folder.")
     ] = None,
+    resume: Annotated[Path | None, typer.Option(hidden=True, help="Written by `robrain up`.")] = None,
 ) -> None:
     """Simulate a scenario's robots and motes in real time; agents drive them over the wire."""
     from robrain.deploy.commands.options import choose_scenario
@@ -235,7 +186,7 @@ def arena(
     from robrain.deploy.processes.live_process import place_of
 
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
-    arena_command(chosen, place_of(connect, listen), check_name("team", team), robot_files)
+    arena_command(chosen, place_of(connect, listen), check_name("team", team), robot_files, resume)
 
 
 @app.command()
@@ -323,6 +274,9 @@ def replay(
 
 
 app.command()(fork)
+app.command()(bridge)
+app.command()(machine_files)
+app.command()(router)
 app.command()(scenarios)
 
 RobotOption = Annotated[str | None, typer.Option(help="This robot only; default: the whole team.")]
@@ -342,6 +296,14 @@ def halt(
 
     if failed := halt_command(connect, check_name("team", team), robot, by, reason):
         raise typer.Exit(failed)
+
+
+@app.command()
+def lead(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
+    """Have the coordinator offer tasks again: no other one leads the robots that it does not hear."""
+    from robrain.deploy.commands.lead_command import lead_command
+
+    lead_command(connect, check_name("team", team))
 
 
 @app.command()
@@ -405,6 +367,18 @@ def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_js
 
 
 @app.command()
+def metrics(
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)] = 9464,
+) -> None:
+    """Serve a team's metrics for Prometheus on this machine, at /metrics."""
+    from robrain.deploy.observability.metrics_process import metrics_command
+
+    metrics_command(connect, check_name("team", team), port)
+
+
+@app.command()
 def wire(
     wire_format: Annotated[
         WireFormat, typer.Option("--format", help="jsonschema and asyncapi are for programs, markdown for people.")
@@ -418,24 +392,14 @@ def wire(
 
 def main() -> None:
     """Entry point: prints an error as one sentence, with exit status 2."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     limit_native_threads()
-    words = agent_words(sys.argv[1:])
     with _said_in_words():
+        sys.argv[1:] = set_up_logs(sys.argv[1:])
+        words = agent_words(sys.argv[1:])
         if words is None:
             app()
         else:
             _run_agent(*words)
-
-
-def _scenario_words(
-    scenario: str | None, map_file: Path | None, robots: int | None, motes: int | None, seed: int | None
-) -> list[str]:
-    words = [scenario] if scenario is not None else []
-    for option, value in (("--map", map_file), ("--robots", robots), ("--motes", motes), ("--seed", seed)):
-        if value is not None:
-            words += [option, str(value)]
-    return words
 
 
 def _run_agent(robot: Path, connect: str | None, team: str | None) -> None:

@@ -44,6 +44,7 @@ CLOCKS = {
     "plugins/unit/program/line_process.py": "refused in lockstep",
     "plugins/unit/program/program.py": "refused in lockstep",
     "plugins/unit/tcp_socket/tcp_socket.py": "refused in lockstep",
+    "protocol/wire/access/trial.py": "tries what a router lets through, in live",
     "protocol/wire/answers/answering.py": "answers on threads, in live",
     "protocol/wire/clock.py": "the live drive's clock",
     "sim/lockstep/pacing.py": "slows a run down for who watches, and tells how long it took",

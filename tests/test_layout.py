@@ -246,6 +246,13 @@ def test_wheel_has_every_data_file(wheel: set[str]) -> None:
 
 
 @pytest.mark.system
+def test_wheel_has_the_files_for_real_machines(wheel: set[str]) -> None:
+    found = [path for path in (ROOT / "deploy" / "machine").rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    assert len(found) > 20
+    assert {f"robrain/{_name_of(path)}" for path in found} - wheel == set()
+
+
+@pytest.mark.system
 def test_wheel_has_nothing_else(wheel: set[str]) -> None:
     outside = {name for name in wheel if not re.match(r"robrain(-[^/]+\.dist-info)?/", name)}
     assert outside == set()

@@ -35,7 +35,9 @@ class ExternalLeases:
             BadName: the holder's name cannot be one.
 
         """
-        check_name("holder", holder)
+        role, _, name = holder.rpartition(":")  # in a secured team: `operator:ann`
+        for part in (name, role) if role else (holder,):
+            check_name("holder", part)
         with self._lock:
             found = self._valid(plugin)
             if found is not None and found.holder != holder:

@@ -22,10 +22,17 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.consensus_messages import TaskDone, TaskHeld, TaskTaken, TeamBallot
+from robrain.protocol.wire.messages.consensus_messages import (
+    ENDED_TOLD,
+    DropTaken,
+    TaskDone,
+    TaskHeld,
+    TaskTaken,
+    TeamBallot,
+)
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.wire.messages.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import Occupied
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
@@ -36,15 +43,21 @@ MATE_SILENT_NS = to_ns(1.5)
 """Silence after which another robot takes no part any more."""
 PERIOD_NS = to_ns(0.2)
 """How often a ballot is sent."""
+ROUNDS_PERIOD_NS = to_ns(0.1)
+"""How often while tasks are negotiated: rounds are to end before the tasks are begun."""
 GOES_ON_S = 120.0
 """How long a robot goes on with what a coordinator gave it while it hears neither that nor half of the team; its tasks
 are given to others 2 s later."""
 TOLD_NS = to_ns(1.0)
 """Once a coordinator is heard again it is told for so long what was done, and its offers are refused meanwhile."""
+TELL_DONE_NS, TELL_DONE_PERIOD_NS = to_ns(60.0), to_ns(1.0)
+"""After that it is told for so long, and more rarely, what it has not noted yet: its disk may have been full."""
 ANSWER_NS = to_ns(2.0)
 """Those that hear a coordinator say so for this long after the ballot of one that hears none."""
 STALL_NS = to_ns(5.0)
 """A negotiation that leads to nothing for so long is begun anew."""
+ROUNDS = 20
+"""Rounds of improvement, while the robots work already (measured: `docs/explanation/no-centre.md`)."""
 AGAIN_NS = to_ns(30.0)
 """A task that this robot could not do is bid for again after this long."""
 CHARGED_SOC, CHARGE_BELOW_SOC = 0.95, 0.9
@@ -58,6 +71,8 @@ class _Opened(NamedTuple):
     """What a negotiation was opened for."""
 
     at_ns: int
+    """When, or when its last round ended."""
+    round: int
     mates: frozenset[str]
     tasks: frozenset[str]
 
@@ -96,12 +111,14 @@ class ConsensusDesk:
         self._team: frozenset[str] = frozenset()
         self._mates: dict[str, _Mate] = {}
         nothing = task_scorer((), Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, 0, desk.work_of)
-        self._negotiation = Negotiation(robot, nothing, rounds=0, number=now_ns // NS_PER_MS)
-        self._opened = _Opened(now_ns, frozenset(), frozenset())
+        self._negotiation = Negotiation(robot, nothing, rounds=ROUNDS, number=now_ns // NS_PER_MS, while_working=True)
+        self._opened = _Opened(now_ns, 0, frozenset(), frozenset())
         self._term = 0
         """The greatest that was heard of."""
         self._is_called = False
         """Whether a ballot calls for a new negotiation."""
+        self._holders: dict[str, tuple[str, int]] = {}
+        """Tasks that mates said to do or hold, by whom and when that was heard last: who is cut off goes on."""
         self._not_mine: dict[str, int] = {}
         """Tasks that this robot could not do, and until when it does not bid for them."""
         self._charges = 0
@@ -124,23 +141,40 @@ class ConsensusDesk:
         knows_of_one = any(mate.said.hears_coordinator for mate in self._mates.values())
         self.is_leaderless = is_alone and not knows_of_one and self._has_quorum()
         self._note_own_ends(now_ns)
+        if is_alone:
+            self._stop_dropped()
         if self.is_leaderless:
             self._desk.trusted_ns = now_ns
             self._allocate(now_ns, may_begin=may_begin)
         has_to_tell = is_alone or now_ns < self._tell_until_ns or bool(self.known.asked)
-        if has_to_tell and now_ns >= self._due_ns:
-            self._due_ns = now_ns + PERIOD_NS
+        is_rare = not has_to_tell and bool(self.known.done) and now_ns < self._fenced_until_ns + TELL_DONE_NS
+        if (has_to_tell or is_rare) and now_ns >= self._due_ns:
+            is_busy = self.is_leaderless and bool(self._opened.tasks) and not self._negotiation.is_over
+            period_ns = ROUNDS_PERIOD_NS if is_busy else PERIOD_NS
+            self._due_ns = now_ns + (TELL_DONE_PERIOD_NS if is_rare else period_ns)
             self._send(is_alone=is_alone)
 
     def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
         """Accept a task without a coordinator (CallError if it is refused, in words)."""
         if not self.is_leaderless and asked.task.id not in self.known.asked:
-            why = "a coordinator is heard: submit it there"
-            if self._was_alone and not self._has_quorum():
-                why = f"it hears {1 + len(self._mates)} of {len(self._everyone())} robots, which is not more than half"
+            why = self._why_not_asked("submit")
             raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
         self._due_ns = now_ns  # the others must know at once
         return self._intake.take(asked, now_ns, self._said_known(), len(self._everyone()))
+
+    def cancel(self, asked: TaskRequest, now_ns: int) -> DropTaken:
+        """Accept the cancellation of a task without a coordinator (CallError if it is refused, in words)."""
+        if not self.is_leaderless and asked.id not in self.known.dropped:
+            why = self._why_not_asked("cancel")
+            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
+        self._due_ns = now_ns  # the others must know at once
+        dropped = {name: {one.id for one in mate.said.dropped} for name, mate in self._mates.items()}
+        return self._intake.drop(asked, dropped, len(self._everyone()))
+
+    def _why_not_asked(self, verb: str) -> str:
+        if self._was_alone and not self._has_quorum():
+            return f"it hears {1 + len(self._mates)} of {len(self._everyone())} robots, which is not more than half"
+        return f"a coordinator is heard: {verb} it there"
 
     def is_telling(self, now_ns: int) -> bool:
         """Whether a coordinator has just returned, and may not know yet what was done without it."""
@@ -152,6 +186,8 @@ class ConsensusDesk:
             return TELLING
         if self.known.is_done(task_id):
             return Occupied(NAME, f"{self.known.done[task_id].robot} has done it")
+        if task_id in self.known.dropped:
+            return Occupied(NAME, "the task was cancelled while no coordinator was heard")
         others = (name for name, mate in self._mates.items() if any(one.id == task_id for one in mate.said.held))
         holder = next(others, None)
         return None if holder is None else Occupied(NAME, f"{holder} is at it")
@@ -167,16 +203,24 @@ class ConsensusDesk:
                     self._team = frozenset(robot.name for robot in message.robots if robot.up)
                 case TaskEvent():
                     self.known.hear(message)
+                    if message.task.id in self.known.dropped:  # the coordinator does not know that yet
+                        self._tell_until_ns = max(self._tell_until_ns, now_ns + TOLD_NS)
                 case TeamBallot() if message.robot != self._robot:
                     self._hear_mate(message, now_ns)
         self._mates = {name: mate for name, mate in self._mates.items() if now_ns - mate.heard_ns <= MATE_SILENT_NS}
 
     def _hear_mate(self, said: TeamBallot, now_ns: int) -> None:
         self._mates[said.robot] = _Mate(now_ns, said)
+        since_ns = now_ns - to_ns(GOES_ON_S + 2.0)
+        others = {task: one for task, one in self._holders.items() if one[0] != said.robot and one[1] > since_ns}
+        self._holders = others | {held.id: (said.robot, now_ns) for held in said.held}
         if now_ns - self._heard_ns > SILENT_NS:  # otherwise the coordinator decides about them
             for asked in said.asked:
                 self.known.ask(asked)
+        self.known.note_ended(said.ended)
         self.known.note_done(said.done)
+        if now_ns - self._heard_ns > SILENT_NS:  # see above
+            self.known.drop(said.dropped)
         if not said.hears_coordinator:
             self._tell_until_ns = max(self._tell_until_ns, now_ns + ANSWER_NS)
         if not self._negotiation.hear(said.ballot):
@@ -192,6 +236,16 @@ class ConsensusDesk:
                 self.known.note_done([TaskDone(id=status.id, robot=self._robot, epoch=status.epoch)])
             elif self.is_leaderless and status.id not in self._not_mine:
                 self._not_mine[status.id] = now_ns + AGAIN_NS
+                self._is_called |= status.id in self._negotiation.bidder.begun  # the others take it to be cared for
+
+    def _stop_dropped(self) -> None:
+        """End the running task, and forget the held one, if they were cancelled or have ended elsewhere."""
+        for held in self._held():
+            dropped = self.known.dropped.get(held.id)
+            if self.known.has_ended(held.id):
+                self._desk.cancel_for_team(held.id, "it ended while the robot was cut off")
+            elif dropped is not None:
+                self._desk.cancel_for_team(held.id, dropped.why or f"cancelled by {dropped.by or 'a client'}")
 
     def _has_quorum(self) -> bool:
         return 2 * (1 + len(self._mates)) > len(self._everyone())
@@ -206,7 +260,10 @@ class ConsensusDesk:
 
     def _allocate(self, now_ns: int, *, may_begin: bool) -> None:
         tasks = {task.id: task for task in self._free(now_ns)}
-        mates, negotiation, opened = frozenset(self._mates), self._negotiation, self._opened
+        mates, negotiation = frozenset(self._mates), self._negotiation
+        if negotiation.round != self._opened.round:
+            self._opened = self._opened._replace(at_ns=now_ns, round=negotiation.round)
+        opened = self._opened
         is_idle = not self._desk.is_busy and self._desk.held is None
         mine = [name for name in negotiation.path if name in tasks]
         is_due = self._is_called or mates != opened.mates or not tasks.keys() <= opened.tasks
@@ -214,14 +271,16 @@ class ConsensusDesk:
             is_due |= not negotiation.is_over or (is_idle and not mine)
         if is_due:
             self._open(tasks, mates, now_ns)
-        elif is_idle and may_begin and negotiation.is_over and not self.known.is_full:
-            has_begun = any(self._begin(tasks[name], now_ns) for name in mine)
-            if tasks and not mine and not has_begun:
+        elif is_idle and may_begin and negotiation.is_agreed and not self.known.is_full:
+            able = [name for name in mine if name not in self._not_mine and negotiation.may_begin(name)]
+            has_begun = any(self._begin(tasks[name], now_ns) for name in able)
+            if tasks and not mine and not has_begun and negotiation.is_over:
                 self._charge()
 
     def _free(self, now_ns: int) -> list[Task]:
         """Open tasks that nobody does."""
-        held = {one.id for mate in self._mates.values() for one in mate.said.held}
+        since_ns = now_ns - to_ns(GOES_ON_S + 2.0)
+        held = {task for task, (_, heard_ns) in self._holders.items() if heard_ns > since_ns}
         held |= {one.id for one in self._held()}
         there = {self._robot, *self._mates}
         lost = now_ns - self._heard_ns > to_ns(GOES_ON_S + 2.0)
@@ -239,16 +298,24 @@ class ConsensusDesk:
         if pose is not None and not self._board.lost:
             able = [task for name, task in tasks.items() if name not in self._not_mine and self._desk.can(task)]
         here = Point2D(0.0, 0.0) if pose is None else Point2D(pose.x_m, pose.y_m)
+        for held in self._held():  # it goes on from there
+            here = self.known.open[held.id].task.place if held.id in self.known.open else here
         ends = self._chargers or [here]
         negotiation.bidder.scorer = task_scorer(able, here, ends, self._board.energy, now_ns, self._desk.work_of)
         negotiation.bidder.limit = math.ceil(len(tasks) / (1 + len(mates)))
         self._term = max(self._term, negotiation.term + 1)
-        self._opened = _Opened(now_ns, mates, frozenset(tasks))
+        self._opened = _Opened(now_ns, 0, mates, frozenset(tasks))
         self._is_called = False
-        negotiation.open(self._term, mates, tasks, lambda _one, _other: 0.0)
+        negotiation.open(self._term, mates, tasks, self._apart)
+
+    def _apart(self, one: str, other: str) -> float:
+        """Distance between two tasks, metres; 0 if either is not known any more."""
+        first, second = self.known.open.get(one), self.known.open.get(other)
+        return 0.0 if first is None or second is None else first.task.place.distance_m(second.task.place)
 
     def _begin(self, task: Task, now_ns: int) -> bool:
         if self._desk.begin_for_team(task).accepted:
+            self._negotiation.begin(task.id)
             self._due_ns = now_ns  # the others must know at once
             return True
         self._not_mine[task.id] = now_ns + AGAIN_NS
@@ -277,6 +344,12 @@ class ConsensusDesk:
             if status is not None and not status.state.ended
         ]
 
+    def _ended_to_tell(self) -> list[str]:
+        """Tasks that mates bid for or do as they have not heard of the end: they were cut off then, or began later."""
+        said = [mate.said for mate in self._mates.values()]
+        wanted = {bid.task for one in said for bid in one.ballot.bids} | {held.id for one in said for held in one.held}
+        return sorted(task for task in wanted if self.known.has_ended(task))[:ENDED_TOLD]
+
     def _send(self, *, is_alone: bool) -> None:
         said = TeamBallot(
             robot=self._robot,
@@ -286,6 +359,8 @@ class ConsensusDesk:
             done=list(self.known.done.values()),
             known=self.known.known(),
             asked=self._intake.to_tell(self._said_known(), everything=not is_alone),
+            dropped=list(self.known.dropped.values()),
+            ended=self._ended_to_tell(),
         )
         self._tell.put(said)
 

@@ -13,15 +13,19 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.consensus_messages import (
     ASKED_BYTES_MAX,
     ASKED_MAX,
+    CANCELLED_MAX,
     ENDS_MAX,
     TaskAsked,
     TaskDone,
+    TaskDropped,
     TaskKnown,
 )
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 
 TASKS_MAX = 256
 """Open tasks that a robot remembers (chosen: what is allocated at a time)."""
+ENDED_MAX = 1024
+"""Tasks that have ended that a robot remembers, the last ones (chosen: four times what may be open)."""
 OWN_KINDS = frozenset({EXPLORE, RECHARGE})
 """Kinds that a coordinator makes by itself as the team needs them; nobody takes them over."""
 
@@ -41,6 +45,9 @@ class KnownTasks:
         self.open: dict[str, KnownTask] = {}
         self.done: dict[str, TaskDone] = {}
         self.asked: dict[str, TaskAsked] = {}
+        self.dropped: dict[str, TaskDropped] = {}
+        """Tasks that were cancelled and that no coordinator is known to have noted as ended."""
+        self._ended: dict[str, None] = {}
 
     @property
     def is_full(self) -> bool:
@@ -57,16 +64,23 @@ class KnownTasks:
         task = event.task
         self.asked.pop(task.id, None)
         if event.state.ended:
-            self.open.pop(task.id, None)
+            self.note_ended([task.id])
             self.done.pop(task.id, None)
+            self.dropped.pop(task.id, None)
         elif task.kind not in OWN_KINDS and (task.id in self.open or len(self.open) < TASKS_MAX):
+            self._ended.pop(task.id, None)
             robot = "" if event.state is TaskState.QUEUED else event.robot
             self.open[task.id] = KnownTask(task, robot)
 
     def ask(self, asked: TaskAsked) -> None:
         """Remember a task that a robot has accepted; of two with one id the first heard stays."""
         task_id = asked.submission.task.id
-        if task_id in self.open or not self.may_be_asked or len(asked.submission.word) > ASKED_BYTES_MAX:
+        if (
+            task_id in self.open
+            or self.has_ended(task_id)
+            or not self.may_be_asked
+            or len(asked.submission.word) > ASKED_BYTES_MAX
+        ):
             return
         try:
             task = asked.submission.task_at(asked.at_ns)
@@ -86,6 +100,26 @@ class KnownTasks:
             if one.id in self.open and one.id not in self.done and not self.is_full:
                 self.done[one.id] = one
 
+    def note_ended(self, tasks: Iterable[str]) -> None:
+        """A coordinator has said that tasks have ended, to this robot or to a mate."""
+        for task_id in tasks:
+            self.open.pop(task_id, None)
+            self.asked.pop(task_id, None)
+            self._ended.pop(task_id, None)
+            self._ended[task_id] = None
+            if len(self._ended) > ENDED_MAX:
+                del self._ended[next(iter(self._ended))]
+
+    def has_ended(self, task_id: str) -> bool:
+        """Whether a coordinator is known to have said that a task has ended; of the last ones only."""
+        return task_id in self._ended
+
+    def drop(self, dropped: Iterable[TaskDropped]) -> None:
+        """Tasks were cancelled; of two cancellations of one the first heard counts."""
+        for one in dropped:
+            if one.id not in self.dropped and len(self.dropped) < CANCELLED_MAX:
+                self.dropped[one.id] = one
+
     def is_done(self, task_id: str) -> bool:
         """Whether a task is known to be done."""
         return task_id in self.done
@@ -96,6 +130,7 @@ class KnownTasks:
             known.task
             for task_id, known in sorted(self.open.items())
             if task_id not in self.done
+            and task_id not in self.dropped
             and known.task.robots == 1
             and known.task.earliest_ns <= now_ns
             and (known.task.deadline_ns is None or now_ns < known.task.deadline_ns)

@@ -1,15 +1,16 @@
-"""Tasks that are submitted to a robot, because there is no coordinator.
+"""Tasks that are submitted to a robot, or cancelled at it, because there is no coordinator.
 
-The robot tells the others in its ballots. The client repeats the submission until more than half of the team has the
-task: then some robot of any group that allocates tasks has it.
+The robot tells the others in its ballots. The client repeats the request until more than half of the team knows of it:
+then some robot of any group that allocates tasks does.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 
 import msgspec
 
 from robrain.agent.consensus.known_tasks import OWN_KINDS, KnownTasks
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
 from robrain.protocol.wire.clock import to_seconds
@@ -18,14 +19,22 @@ from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.messages.consensus_messages import (
     ASKED_BYTES_MAX,
     ASKED_TOLD,
+    CANCELLED_MAX,
+    CANCELLED_TEXT_MAX,
+    DropTaken,
     TaskAsked,
+    TaskDropped,
     TaskKnown,
     TaskTaken,
 )
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
 
 Known = Mapping[str, Sequence[TaskKnown]]
 """What each of the other robots has said that it has."""
+
+
+Dropped = Mapping[str, Set[str]]
+"""Ids of the tasks that each of the other robots has said to be cancelled."""
 
 
 class TaskIntake:
@@ -56,6 +65,8 @@ class TaskIntake:
 
         """
         task_id = asked.task.id
+        if task_id in self._known.dropped:
+            raise CallError(ErrorCode.REFUSED, f"task {task_id} is refused: it was cancelled", "it was cancelled")
         before = self._known.asked.get(task_id)
         if before is None:
             self._check(asked, now_ns)
@@ -67,6 +78,33 @@ class TaskIntake:
         known_to = sorted([self._robot, *(mate for mate, known in mates.items() if name in known)])
         task = before.submission.task_at(before.at_ns)
         return TaskTaken(task=task, known_to=known_to, is_kept=2 * len(known_to) > team)
+
+    def drop(self, asked: TaskRequest, mates: Dropped, team: int) -> DropTaken:
+        """Accept a cancellation, and say which robots know of it.
+
+        Args:
+            asked: which task; the same again changes nothing.
+            mates: what the others know to be cancelled.
+            team: number of robots of the team.
+
+        Raises:
+            CallError: it is refused, in words.
+
+        """
+        known = self._known
+        found = known.open.get(asked.id)
+        if found is None:
+            raise CallError(ErrorCode.REFUSED, f"{self._robot} knows of no open task {asked.id}")
+        if asked.id not in known.dropped:
+            if known.is_done(asked.id):
+                raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is done", "done")
+            if len(known.dropped) >= CANCELLED_MAX:
+                why = "robots remember no more cancellations until a coordinator notes them"
+                raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
+            by, why = cut(asked.by, CANCELLED_TEXT_MAX), cut(asked.why, CANCELLED_TEXT_MAX)
+            known.drop([TaskDropped(id=asked.id, by=by, why=why)])
+        known_to = sorted([self._robot, *(mate for mate, dropped in mates.items() if asked.id in dropped)])
+        return DropTaken(task=found.task, known_to=known_to, is_kept=2 * len(known_to) > team)
 
     def to_tell(self, mates: Known, *, everything: bool) -> list[TaskAsked]:
         """The tasks to tell in full in the next ballot: those that some robot has not, or all, some at a time."""
@@ -100,6 +138,8 @@ class TaskIntake:
     def _why_not(self, task: Task, now_ns: int) -> str:
         if task.id in self._known.open:
             return "there is a task of that name"
+        if self._known.has_ended(task.id):
+            return "there was a task of that name"
         if task.kind in OWN_KINDS:
             return f"only a coordinator makes tasks to {task.kind}"
         if task.robots > 1:

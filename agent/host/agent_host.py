@@ -41,17 +41,19 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, 
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.consensus_messages import TaskTaken
+from robrain.protocol.wire.links.thinning import Thinning
+from robrain.protocol.wire.messages.consensus_messages import DropTaken, TaskTaken
 from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.plugin_messages import LogRecord, PluginInfo
 from robrain.protocol.wire.messages.robot_messages import PluginFault, RobotState
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.wire.reasons.offers import RobotHalted
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_CALL,
+    ROBOT_CANCEL,
     ROBOT_COSTS,
     ROBOT_LOG,
     ROBOT_OFFER,
@@ -66,6 +68,8 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
+STOOD_STILL_NS = to_ns(0.5)
+"""After this time between two steps messages count as heard right after the first: many times the usual period."""
 WIRES_MIN = 128
 """Number of wires, closed ones included, from which closed ones are let go."""
 WOKEN_PASSES = 2
@@ -125,10 +129,14 @@ class AgentHost:
         """Number of wires at which closed ones are looked for."""
         self._refusals = Refusals(clock)
         """Of the host and all plugins."""
+        bytes_per_s = robot_file.zenoh.telemetry_bytes_per_s
+        self.thinning = None if not bytes_per_s else Thinning(bytes_per_s, clock)
+        """Leaves telemetry out on a thin link; None if the robot's file does not say that it is."""
         self._wire = self._open_wire()
         self._inbox = Inbox()
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
+        self._stepped_ns = self.clock.now_ns()
         self._log = self._wire.publisher(ROBOT_LOG, robot=self.name)
         self._faulted: dict[str, str] = {}
         self._telling = threading.Lock()
@@ -186,6 +194,7 @@ class AgentHost:
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_COSTS, self._costs, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_SUBMIT, self._submitted, serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_CANCEL, self._cancelled, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
         wire.token(ROBOT_ALIVE, robot=robot)
 
@@ -196,8 +205,11 @@ class AgentHost:
         if halting.arrivals.has_some or halting.summaries.has_some:
             halting.hear()
         if self._inbox.has_some:
+            # A process that was stopped finds summaries of any age: they may have come right after its last step.
+            heard_ns = now_ns if now_ns - self._stepped_ns <= STOOD_STILL_NS else self._stepped_ns
             for received in self._inbox.drain():
-                self.desk.hear_coordinator(received.message, self.name, now_ns)
+                self.desk.hear_coordinator(received.message, self.name, heard_ns)
+        self._stepped_ns = now_ns
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
@@ -223,6 +235,11 @@ class AgentHost:
             self._publish_state()
         elif self.desk.differs_from(self._told_facts):  # the next task must not wait for the period
             self._publish_state()
+
+    def task_and_trace(self) -> tuple[str, str]:
+        """Id and trace of the task that the robot is at; both empty if there is none."""
+        held = self.desk.held
+        return ("", "") if held is None else (held.offer.task.id, self._wire.traces.of(held.offer.task.id))
 
     def close(self) -> None:
         """Stop the plugins and leave the wire."""
@@ -256,6 +273,7 @@ class AgentHost:
                 loaded=self._loaded(),
                 goes_on_s=msgspec.UNSET if self._consensus is None else GOES_ON_S,
                 refused=most_refused(self._refusals) if self._refusals.total else msgspec.UNSET,
+                left_out=(self.thinning.total if self.thinning is not None else 0) or msgspec.UNSET,
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
             )
             self._state.put(self.halting.mark(self._told))
@@ -312,6 +330,7 @@ class AgentHost:
         if self._registry.halted:
             return TaskAnswer.refused(RobotHalted())
         now_ns = self.clock.now_ns()
+        self._wire.traces.note(request.asked.task.id, request.trace)
         reason = None if self._consensus is None else self._consensus.why_not_now(request.asked.task.id, now_ns)
         return self.desk.offer(request.asked, now_ns) if reason is None else TaskAnswer.refused(reason)
 
@@ -320,6 +339,13 @@ class AgentHost:
             why = f"{self.name} takes tasks from a coordinator alone: its file has no `consensus = true`"
             raise CallError(ErrorCode.REFUSED, f"task {request.asked.task.id} is refused: {why}", why)
         return self._consensus.submit(request.asked, self.clock.now_ns())
+
+    def _cancelled(self, request: Request[TaskRequest]) -> DropTaken:
+        asked = request.asked
+        if self._consensus is None:
+            why = f"{self.name} has its tasks from a coordinator alone: its file has no `consensus = true`"
+            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
+        return self._consensus.cancel(asked, self.clock.now_ns())
 
     def _costs(self, request: Request[CostsRequest]) -> list[TaskCost]:
         return [self.desk.cost(task) for task in request.asked.tasks]
@@ -338,6 +364,7 @@ class AgentHost:
             on_outside=self._on_outside,
             refusals=self._refusals,
             party=self.name,
+            thinning=self.thinning,
         )
         if len(self._wires) >= self._wires_looked_at:
             # A new list: the host's own thread may be going through the old one. Closed ones are let go.

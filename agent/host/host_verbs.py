@@ -20,6 +20,7 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.plugin_traceback import log_error, plugin_traceback
 from robrain.protocol.registry import Registry, UnknownEntry
 from robrain.protocol.wire import host_queries as rows
+from robrain.protocol.wire.access.vouching import vouch_request
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
@@ -82,8 +83,10 @@ def answer_verb(host: Host, wire: Endpoint, request: Request[bytes]) -> bytes:
         raise CallError(ErrorCode.UNKNOWN_FUNCTION, str(error)) from error
     verb = _imported(name)
     asked = wire.read_request(verb.query, key, request.asked)
+    if request.asker is not None:
+        asked = vouch_request(verb.query, key, asked, request.asker, wire.refusals)
     try:
-        result = verb.run(host, Request(request.names, asked, request.by))
+        result = verb.run(host, Request(request.names, asked, request.by, asker=request.asker))
     except PluginError as error:
         code = ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code
         detail = plugin_traceback(error)

@@ -1,7 +1,7 @@
 """ROBOT.toml: what one robot's agent needs to know before it starts."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -36,6 +36,13 @@ class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
             raise ValueError(str(error)) from error
 
 
+class TlsTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[zenoh.tls]`: the robot's certificate, to connect to `tls/…`."""
+
+    folder: str
+    """Made by `robrain pki issue robot NAME`, with `ca.pem`, `certificate.pem` and `key.pem`. Relative to the file."""
+
+
 class ZenohTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[zenoh]`."""
 
@@ -43,6 +50,10 @@ class ZenohTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     listen: list[str] = []
     mode: Literal["client", "peer", "router"] = "client"
     """Default: `router` in a file with `listen`, so that others can join, else `client`."""
+    telemetry_bytes_per_s: Annotated[float, msgspec.Meta(ge=0.0)] = 0.0
+    """What the robot's link carries; states and links beyond it are left out and counted. 0: everything is sent."""
+
+    tls: TlsTable | msgspec.UnsetType = msgspec.UNSET
 
     def __post_init__(self) -> None:
         for endpoint in (*self.connect, *self.listen):
@@ -100,9 +111,14 @@ def read_robot_file(path: Path) -> RobotFile:
     except msgspec.ValidationError as error:
         where, what = where_and_what(error)
         raise RobotFileError(f"{path}: {where}: {what}") from error
+    tls = robot_file.zenoh.tls
     for key, folders in (("places", robot_file.robot.places), ("loadable", robot_file.robot.loadable)):
         for folder in folders:
             found = folder_of(path.parent, folder)
             if not found.is_dir():
                 raise RobotFileError(f"{path}: robot.{key}: expected a folder, {found} is not one")
+    if isinstance(tls, TlsTable) and not folder_of(path.parent, tls.folder).is_dir():
+        raise RobotFileError(
+            f"{path}: zenoh.tls.folder: expected a folder, {folder_of(path.parent, tls.folder)} is not one"
+        )
     return robot_file

@@ -23,7 +23,7 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.reasons.plans import ChargerWait, HolderLacksEnergy, LeftOut, NearestOut
 from robrain.protocol.wire.reasons.robots import BelowReserve, LacksEnergy
-from robrain.protocol.wire.reasons.tasks import ChargedEnough
+from robrain.protocol.wire.reasons.tasks import ChargedEnough, ChargedForTasks, TaskReason
 
 AGAIN_NS = to_ns(30.0)
 """Pause after a robot refused to charge, or failed at it (chosen)."""
@@ -45,6 +45,8 @@ class ChargeDesk:
     def __init__(self, wire: Endpoint, planning: Planning, book: TaskBook, roster: Roster) -> None:
         self.waiting: Mapping[str, ChargerWait | None] = {}
         """Robots that should charge and have not set out, with the reason if it is known."""
+        self.lack_range: set[str] = set()
+        """Idle robots that lack only the energy to explore what is left."""
         self._planning = planning
         self._book = book
         self._roster = roster
@@ -73,7 +75,8 @@ class ChargeDesk:
         below = FULL_ENOUGH if is_short else planning.policy.charge_below
         if planning.policy.charging is Charging.TURNS:
             return self._in_turns(idle, below, now_ns)
-        seekers = self._watch.seekers(idle, below, set(self._not_before_ns), now_ns)
+        limits = {robot.name: FULL_ENOUGH if robot.name in self.lack_range else below for robot in idle}
+        seekers = self._watch.seekers(limits, set(self._not_before_ns), now_ns)
         demand = Demand(TO_SOC, planning.policy.charge_turn, is_short)
         turns = schedule_charges(seekers.values(), demand, self._watch.power.of)
         charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
@@ -121,7 +124,7 @@ class ChargeDesk:
         return Charge(turn.robot, charger, round(turn.to_soc, 3))
 
     def _end(self, turns: tuple[Turn, ...], seekers: dict[str, Seeker]) -> None:
-        """End the charges that have reached their level while another robot waits for the charger."""
+        """End the charges that have reached their level while another robot waits for the charger, or tasks do."""
         next_one = {turn.behind: turn.robot for turn in turns}
         for turn in turns:
             at, one = self._book.of_robot(turn.robot), seekers[turn.robot]
@@ -129,7 +132,11 @@ class ChargeDesk:
                 continue
             if turn.to_soc < parameters_of(at.task, Recharge).until_soc and one.soc >= turn.to_soc:
                 self._watch.cut_short.add(turn.robot)
-                reason = ChargedEnough(turn.robot, one.soc, next_one[turn.robot])
+                behind = next_one.get(turn.robot)
+                if behind is None or (one.needs_soc is not None and one.soc >= one.needs_soc):
+                    reason: TaskReason = ChargedForTasks(turn.robot, one.soc)
+                else:
+                    reason = ChargedEnough(turn.robot, one.soc, behind)
                 self._book.move(at.task.id, TaskState.CANCELLED, reason)
 
     # -- in turns, for comparison -------------------------------------------------------------------------------

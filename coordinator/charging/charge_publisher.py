@@ -16,6 +16,9 @@ MOVED_NS, MOVED_SHARE = to_ns(10.0), 0.1
 """The schedule is published again when the end of a charge has moved by more than both (the share is of the time until
 then), or when anything else has changed (chosen)."""
 
+MOVED_SOC = 0.1
+"""It is told again what level a task waits for when that has moved by more (chosen)."""
+
 
 class ChargePublisher:
     """Publishes the schedule of charges.
@@ -50,12 +53,12 @@ class ChargePublisher:
             if record.own or record.state is not TaskState.QUEUED:
                 continue
             robot = self._planning.waits_for_charge(record.task.id)
-            waits_for = record.reason.robot if isinstance(record.reason, WaitsForCharge) else ""
-            if robot and robot != waits_for:
-                after = self._planning.after_charge[robot]
+            said = record.reason if isinstance(record.reason, WaitsForCharge) else None
+            after = self._planning.after_charge.get(robot)
+            if after is not None and (said is None or said.robot != robot or abs(said.to_soc - after.soc) > MOVED_SOC):
                 in_s = max(0.0, to_seconds(after.free_ns - now_ns))
                 self._book.move(record.task.id, TaskState.QUEUED, WaitsForCharge(robot, after.soc, round(in_s, 3)))
-            elif not robot and waits_for and record.task.id not in self._planning.left_out:
+            elif not robot and said is not None and record.task.id not in self._planning.left_out:
                 self._book.move(record.task.id, TaskState.QUEUED)
 
 

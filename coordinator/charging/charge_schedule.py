@@ -6,8 +6,8 @@ one, then the others, lowest charge first. Every robot that knows a charger gets
 charger that it could use is free.
 
 A charge ends when the battery is full enough. While tasks wait for energy and the next robot has much less charge, it
-ends at the level of a short turn: two robots with half a battery do more than one with a full one. Pure: equal robots
-give an equal schedule.
+ends at the level of a short turn: two robots with half a battery do more than one with a full one. While tasks wait for
+a robot's charge, it ends as soon as there is enough for them. Pure: equal robots give an equal schedule.
 """
 
 import math
@@ -48,6 +48,8 @@ class Seeker(NamedTuple):
     """Level that the robot has set for itself; None if the coordinator decides."""
     is_whole: bool = False
     """Whether its turn must not be cut short, because it made no use of its last short turn."""
+    needs_soc: float | None = None
+    """Level that is enough for the tasks that wait for its charge; None if none do."""
 
 
 class Turn(NamedTuple):
@@ -159,7 +161,10 @@ def _turns(place: Point2D, queue: list[tuple[Seeker, float]], demand: Demand, po
         needy = [other for other, _ in queue[index + 1 :] if other.soc < demand.turn_soc - TURN_GAIN]
         # A robot that has set out keeps the target that it was given, even if the tasks change.
         is_short = needy and (demand.is_short or any(other.bound_for for other in needy)) and not one.is_whole
-        to_soc = _goal(one, demand.turn_soc if is_short else demand.full_soc)
+        level_soc = demand.turn_soc if is_short else demand.full_soc
+        if one.is_there and one.needs_soc is not None and not one.is_whole:
+            level_soc = min(level_soc, one.needs_soc)
+        to_soc = _goal(one, level_soc)
         from_s, until_s = _times(one, way_s, free_s, to_soc, power_w)
         yield Turn(one.name, place, max(0.0, from_s - way_s), free_s, from_s, until_s, to_soc, behind)
         free_s, behind = until_s + CLEAR_S, one.name

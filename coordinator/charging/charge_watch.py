@@ -1,12 +1,13 @@
 """Collects the robots that charge, drive to a charger, or should charge, as the input of the schedule."""
 
 import math
+from collections.abc import Mapping
 
 from robrain.coordinator.charging.charge_power import ChargePower
 from robrain.coordinator.charging.charge_schedule import Seeker, Way, is_same_charger
 from robrain.coordinator.charging.charge_turns import TO_SOC, nearest
 from robrain.coordinator.charging.chargers import Charger
-from robrain.coordinator.planning.energy_budget import SOC_LEAST, profile_of
+from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, SOC_LEAST, profile_of
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.snapshot_builder import is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -19,6 +20,9 @@ from robrain.protocol.wire.messages.task_messages import TaskRecord
 
 DETOUR = 1.5
 """Assumed ratio of path length to straight line where no plan has the length (chosen; robots assume the same)."""
+ROUTE_FACTOR = 2.0
+"""A robot leaves its charger for tasks that wait for it when it has this many times what they take, beyond its reserve
+(chosen: enough for the plan that is made then, and for a detour)."""
 STILL_M = 1.0
 """While a robot has moved less than this, the path lengths of the last plan hold for it."""
 
@@ -41,23 +45,21 @@ class ChargeWatch:
         self._book = book
         self._roster = roster
 
-    def seekers(self, idle: list[Robot], below: float, paused: set[str], now_ns: int) -> dict[str, Seeker]:
+    def seekers(self, limits: Mapping[str, float], paused: set[str], now_ns: int) -> dict[str, Seeker]:
         """Return them by name.
 
         Args:
-            idle: robots without a task.
-            below: state of charge below which an idle robot should charge.
+            limits: for each robot without a task, the state of charge below which it should charge.
             paused: robots that must not be asked to charge now.
             now_ns: the time.
 
         """
-        free = {robot.name for robot in idle}
         found = {}
         for name in sorted(self._roster.robots):
             robot, at = self._roster.robots[name], self._book.of_robot(name)
             if at is not None and not at.own and at.task.kind != RECHARGE:
                 self.cut_short.discard(name)
-            limit = below if name in free else 0.0
+            limit = limits.get(name, 0.0)
             seeker = self.seeker(robot, at, limit, name in paused, now_ns) if robot.is_up(now_ns) else None
             if seeker is None or not seeker.is_there:
                 self.power.left(name)
@@ -94,7 +96,23 @@ class ChargeWatch:
             is_there=is_there,
             to_soc=to_soc,
             is_whole=name in self.cut_short,
+            needs_soc=self._needs_soc(robot) if is_there else None,
         )
+
+    def _needs_soc(self, robot: Robot) -> float | None:
+        """Level at which a robot has enough for the tasks that wait for its charge; None if none do.
+
+        It is no lower than the level below which an idle robot is sent to charge: it would have to come back at once.
+        """
+        takes_j, state = self._planning.takes_j(robot.name), robot.state
+        if takes_j is None or state is None or state.battery is None or state.energy is None:
+            return None
+        battery, policy = state.battery, self._planning.policy
+        capacity_j = battery.remaining_j / max(battery.soc, SOC_LEAST)
+        missing_j = ROUTE_FACTOR * takes_j + policy.reserve_share * capacity_j - state.energy.usable_j
+        if capacity_j <= 0.0:
+            return None
+        return max(policy.charge_below, battery.soc + missing_j / (CHARGED_SHARE * capacity_j))
 
     def _ways(self, robot: Robot, here: Point2D, chargers: tuple[Charger, ...], *, is_bound: bool) -> tuple[Way, ...]:
         """Paths to the chargers that it reaches with its reserve; to all if it is bound for one already."""

@@ -86,7 +86,8 @@ class Dashboard:
 
                 self._what_if = what_if.WhatIfTab(self._server, replay.panel, team, forks)
             asker = Asker(None)
-        self._context = PageContext(self.view, self._scene, asker, Inquiries(self.view, asker), replay, halt)
+        wire, inquiries = team if isinstance(team, Endpoint) else None, Inquiries(self.view, asker)
+        self._context = PageContext(self.view, self._scene, asker, inquiries, replay, halt, wire)
         self._pages: dict[int, ClientPage] = {}
         self._connected: deque[viser.ClientHandle] = deque()
         self._drawn_s: float | None = None

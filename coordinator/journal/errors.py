@@ -3,6 +3,7 @@
 RobrainError
 └── JournalError              a journal cannot be used; carries `.path`
     ├── JournalLocked         another coordinator writes it
+    ├── BadBackup             a backup does not pass the check
     └── JournalUnwritable     a change could not be committed: the disk is full, or gone
 """
 
@@ -25,3 +26,7 @@ class JournalLocked(JournalError):
 
 class JournalUnwritable(JournalError):
     """A change could not be committed; nothing of it is in the journal, and it may be tried again."""
+
+
+class BadBackup(JournalError):
+    """A backup does not pass the check, and is not used."""

@@ -23,20 +23,21 @@ from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.disk_sync import DiskSync, Sync
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.mending import read_reason, read_record
+from robrain.coordinator.journal.replica import NUMBERED, alarm_rows, put_alarms, put_aside, put_entry, put_task
 from robrain.coordinator.journal.salvage import (
     CHANGE_COLUMNS,
-    TASK_COLUMNS,
     Malformed,
-    Salvaged,
     anew_path,
     is_damage,
     move_aside,
     read_what_can_be_read,
     take_its_place,
+    write_anew,
 )
 from robrain.coordinator.journal.schema import ENDED, migrate
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.messages.standing_messages import JournalEntry, JournalPage, JournalTask
 from robrain.protocol.wire.messages.task_messages import TaskChange, TaskFilter, TaskRecord
 
 logger = logging.getLogger(__name__)
@@ -79,6 +80,8 @@ class Journal:
         """Open tasks that could be read only in part, by id, with the reason; they cannot be done as requested."""
         self.told: list[str] = []
         """What there is to tell of the opening: a damaged file, and what of it was read."""
+        self.on_written: Callable[[JournalEntry], None] | None = None
+        """Called with each transaction once it is in the file; `seq` is left to be filled in."""
         self._factory = factory
         self._lock_timeout_s = LOCK_TIMEOUT_S if lock_timeout_s is None else lock_timeout_s
         self._ends = 0
@@ -115,7 +118,11 @@ class Journal:
             )
             if alarm is not None:
                 self._put_alarm(alarm)
-            return self._write(record)
+            written = self._write(record)
+        if self.on_written is not None:
+            alarms = [] if alarm is None else alarm_rows([alarm])
+            self.on_written(JournalEntry(seq=0, task=self._row_of(written, asked=True), alarms=alarms))
+        return written
 
     def change(self, record: TaskRecord) -> TaskRecord:
         """A task is from now on as `record` says; returns it with the number of the change.
@@ -127,6 +134,8 @@ class Journal:
         """
         with self._transaction():
             written = self._write(record)
+        if self.on_written is not None:
+            self.on_written(JournalEntry(seq=0, task=self._row_of(written, asked=False)))
         self._ends += record.state.ended
         if self._ends >= PRUNE_EVERY:
             self._ends = 0
@@ -145,6 +154,8 @@ class Journal:
         """
         with self._transaction():
             self._put_alarm(alarm)
+        if self.on_written is not None:
+            self.on_written(JournalEntry(seq=0, alarms=alarm_rows([alarm])))
 
     def keep_alarms(self, alarms: Iterable[Alarm]) -> None:
         """Keep these, and no others.
@@ -153,10 +164,13 @@ class Journal:
             JournalUnwritable: they are as they were.
 
         """
+        kept = list(alarms)
         with self._transaction():
             self._db.execute("DELETE FROM alarm")
-            for alarm in alarms:
+            for alarm in kept:
                 self._put_alarm(alarm)
+        if self.on_written is not None:
+            self.on_written(JournalEntry(seq=0, alarms=alarm_rows(kept), only_alarms=True))
 
     def new_epoch(self, at_least: int = 0) -> int:
         """An epoch that was never given out before, greater than all others of this journal.
@@ -174,6 +188,8 @@ class Journal:
             with self._transaction(durable=True):
                 self._db.execute("UPDATE epoch SET ceiling = ?", (ceiling,))
             self._epoch_ceiling = ceiling
+            if self.on_written is not None:
+                self.on_written(JournalEntry(seq=0, epoch_ceiling=ceiling))
         self._epoch = epoch
         return epoch
 
@@ -196,6 +212,81 @@ class Journal:
         if self._disk is not None:
             self._disk.close()
         self._db.close()
+
+    # -- copies ---------------------------------------------------------------------------------------------
+
+    @property
+    def copied(self) -> str:
+        """`partial` or `whole` if this is a copy of another coordinator's journal; empty if it is none."""
+        return str(self._db.execute("SELECT state FROM copy").fetchone()[0])
+
+    def own(self) -> None:
+        """From now on this is no copy any more (JournalError if it is not whole, JournalUnwritable)."""
+        if self.copied == "partial":
+            raise JournalError(self.path, "is a copy that is not whole: no coordinator can go on from it")
+        if self.copied:
+            with self._transaction(durable=True):
+                self._db.execute("UPDATE copy SET state = ''")
+
+    def page(self, after: int, limit: int, term: int, seq: int) -> JournalPage:
+        """The tasks with the next `limit` numbers after one, for a copy; see JournalPage."""
+        tasks = [
+            msgspec.structs.replace(self._row_of(record, asked=True), earlier=self.history(record.task.id)[:-1])
+            for record in self._records(NUMBERED, str(after), str(limit))
+        ]
+        alarms = [] if tasks else alarm_rows(self.alarms())
+        return JournalPage(term=term, seq=seq, tasks=tasks, alarms=alarms, epoch_ceiling=self._epoch_ceiling)
+
+    def begin_copy(self) -> None:
+        """Remove everything but the epochs: a copy of another journal takes its place, page by page.
+
+        What was in a file stays beside it as `FILE.before-N`.
+
+        Raises:
+            JournalUnwritable: nothing was removed.
+
+        """
+        has_tasks = self._db.execute("SELECT 1 FROM task LIMIT 1").fetchone() is not None
+        if self.path is not None and has_tasks and self.copied != "partial":
+            try:
+                self.told.append(put_aside(self._db, self.path))
+            except sqlite3.OperationalError as error:
+                raise JournalUnwritable(self.path, f"cannot be put aside: {error}") from error
+        with self._transaction(durable=True):
+            self._db.execute("UPDATE copy SET state = 'partial'")
+            for table in ("task", "change", "alarm"):
+                self._db.execute(f"DELETE FROM {table}")
+
+    def put_page(self, page: JournalPage) -> None:
+        """Write a page of a copy (JournalUnwritable if it cannot be); with the last one the copy is whole."""
+        with self._transaction(durable=not page.tasks):
+            for task in page.tasks:
+                put_task(self._db, task)
+            self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (page.epoch_ceiling,))
+            if not page.tasks:
+                put_alarms(self._db, page.alarms)
+                self._db.execute("UPDATE copy SET state = 'whole'")
+
+    def follow(self, entries: Iterable[JournalEntry]) -> None:
+        """Write what the copied journal has written since, all or nothing (JournalUnwritable)."""
+        if self._disk is not None and self._disk.has_failed:
+            self._put_all_on_disk(self._disk)
+        with self._transaction():
+            for entry in entries:
+                put_entry(self._db, entry)
+                self._ends += entry.task is not None and entry.task.record.state.ended
+        if self._ends >= PRUNE_EVERY:
+            self._ends = 0
+            self._prune()
+
+    def _row_of(self, record: TaskRecord, *, asked: bool) -> JournalTask:
+        number, word = self._db.execute("SELECT number, asked FROM task WHERE id = ?", (record.task.id,)).fetchone()
+        return JournalTask(number=number, record=record, asked=str(word) if asked else "")
+
+    @property
+    def database(self) -> sqlite3.Connection:
+        """The open connection, for backups, which read it on a thread of their own."""
+        return self._db
 
     # -- reading --------------------------------------------------------------------------------------------
 
@@ -347,7 +438,7 @@ class Journal:
                 raise JournalError(self.path, f"cannot be opened: {error}") from error
             why = str(error)
         salvaged = read_what_can_be_read(self.path)
-        _write_anew(salvaged, anew_path(self.path))
+        write_anew(salvaged, anew_path(self.path))
         aside = move_aside(self.path)
         take_its_place(self.path)
         self.told.append(f"{self.path} was damaged ({why}) and is now {aside}; {salvaged.told()}")
@@ -361,7 +452,11 @@ class Journal:
                 if not self.path.exists():
                     take_its_place(self.path)
             connection = sqlite3.connect(
-                where, timeout=self._lock_timeout_s, isolation_level=None, factory=self._factory
+                where,
+                timeout=self._lock_timeout_s,
+                isolation_level=None,
+                factory=self._factory,
+                check_same_thread=False,  # a backup reads beside the coordinator's loop, page by page
             )
         except (OSError, sqlite3.OperationalError) as error:
             text = f"cannot be opened: {error}; is the folder there, and may it be written?"
@@ -386,27 +481,3 @@ class Journal:
                 raise JournalLocked(self.path, text) from error
             raise
         return connection
-
-
-def _write_anew(salvaged: Salvaged, path: Path) -> None:
-    """A new journal with what was salvaged, whole and closed, so that it may take the place of the old one."""
-    path.unlink(missing_ok=True)
-    connection = sqlite3.connect(path, isolation_level=None)
-    try:
-        connection.execute("PRAGMA synchronous = FULL")
-        migrate(connection, path)
-        connection.execute("BEGIN IMMEDIATE")
-        connection.execute("UPDATE epoch SET ceiling = ?", (salvaged.epoch_ceiling,))
-        columns = f"number, {TASK_COLUMNS}"
-        for number, task in salvaged.tasks.items():
-            connection.execute(f"INSERT INTO task ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (number, *task))
-        columns = f"number, {CHANGE_COLUMNS}"
-        for (
-            number,
-            change,
-        ) in salvaged.changes.items():  # of two ends of one task, which only damage can make, the first
-            values = (number, *change)
-            connection.execute(f"INSERT OR IGNORE INTO change ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
-        connection.execute("COMMIT")
-    finally:
-        connection.close()

@@ -169,3 +169,27 @@ def _rows(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[
         misses = 0 if row is not None else misses + 1
         if row is not None:
             yield number, row
+
+
+def write_anew(salvaged: Salvaged, path: Path) -> None:
+    """A new journal with what was salvaged, whole and closed, so that it may take the place of the old one."""
+    path.unlink(missing_ok=True)
+    connection = sqlite3.connect(path, isolation_level=None)
+    try:
+        connection.execute("PRAGMA synchronous = FULL")
+        migrate(connection, path)
+        connection.execute("BEGIN IMMEDIATE")
+        connection.execute("UPDATE epoch SET ceiling = ?", (salvaged.epoch_ceiling,))
+        columns = f"number, {TASK_COLUMNS}"
+        for number, task in salvaged.tasks.items():
+            connection.execute(f"INSERT INTO task ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (number, *task))
+        columns = f"number, {CHANGE_COLUMNS}"
+        for (
+            number,
+            change,
+        ) in salvaged.changes.items():  # of two ends of one task, which only damage can make, the first
+            values = (number, *change)
+            connection.execute(f"INSERT OR IGNORE INTO change ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
+        connection.execute("COMMIT")
+    finally:
+        connection.close()

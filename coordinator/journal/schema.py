@@ -62,6 +62,11 @@ MIGRATIONS: tuple[str, ...] = (
         PRIMARY KEY (rule, source)
     );
     """,
+    # 5: whether the journal is a copy of another coordinator's, and whether that is whole.
+    """
+    CREATE TABLE copy (only_row INTEGER PRIMARY KEY CHECK (only_row = 1), state TEXT NOT NULL);
+    INSERT INTO copy VALUES (1, '');
+    """,
 )
 
 VERSION = len(MIGRATIONS)

@@ -55,6 +55,8 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
     took_s: float = 0.0
     charger_ways: dict[str, ChargerWays] = {}
     """Path lengths to the chargers, for each robot that was free."""
+    takes_j: dict[str, float] = {}
+    """Energy that each robot's route takes, to the charger at its end; of robots with a route."""
 
     @property
     def orders(self) -> Orders:
@@ -78,6 +80,7 @@ def planned(
     pinned = {job.id for job in problem.jobs if job.pinned_to}
     earliest_s = {job.id: job.earliest_s for job in problem.jobs}
     steps: dict[str, tuple[Step, ...]] = {}
+    takes_j: dict[str, float] = {}
     for worker, route in zip(problem.workers, plan.routes, strict=True):
         found, free_s = [], worker.ready_s
         for stop in route.stops:
@@ -87,6 +90,8 @@ def planned(
                 leave_s = max(stop.arrive_s, earliest_s[stop.job]) - way_s
                 found.append(Step(stop.job, _at(snapshot, leave_s), way_s, _at(snapshot, stop.start_s)))
         steps[route.worker] = tuple(found)
+        if found:
+            takes_j[route.worker] = route.energy_j
     left_out: dict[str, LeftOut] = {}
     for one in plan.unassigned:
         if one.job not in pinned:
@@ -106,7 +111,7 @@ def planned(
     del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
     decisions = [_told(one, snapshot, written.plan) for one in explain(problem, plan, new)]
     return PlanInForce(problem=written, steps=steps, left_out=left_out, waiting=asked.waiting, decisions=decisions,
-                   failures=failures, took_s=took_s, charger_ways=asked.charger_ways)  # fmt: skip
+                   failures=failures, took_s=took_s, charger_ways=asked.charger_ways, takes_j=takes_j)  # fmt: skip
 
 
 def _at(snapshot: Snapshot, in_s: float) -> int:

@@ -323,6 +323,10 @@ class Planning:
         """Whether the plan has tasks for a robot that it has not begun."""
         return self._next(robot) is not None
 
+    def takes_j(self, robot: str) -> float | None:
+        """Energy that a robot's planned route takes, joules; None if it has none that it has not begun."""
+        return self._plan.takes_j.get(robot) if self._plan is not None and self.has_route(robot) else None
+
     def waits_for_charge(self, task_id: str) -> str:
         """The robot that will do a queued task after its charge; empty if the task waits for no charge."""
         steps = {} if self._plan is None else self._plan.steps

@@ -9,7 +9,14 @@ from typing import NamedTuple
 
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robot_messages import BatteryState
-from robrain.protocol.wire.reasons.offers import NeedsEnergy, Occupied, OfferRefusal, PositionLost, RobotHalted
+from robrain.protocol.wire.reasons.offers import (
+    DoneJustNow,
+    NeedsEnergy,
+    Occupied,
+    OfferRefusal,
+    PositionLost,
+    RobotHalted,
+)
 from robrain.protocol.wire.reasons.robots import Refused, RefusedOften, RobotReason, Unreachable
 
 FIRST_PAUSE_S = 2.0
@@ -18,7 +25,7 @@ LONGEST_PAUSE_S = 60.0
 impossible must not be offered all the time."""
 REFUSALS_MAX = 6
 """Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
-PASSING = (Occupied, PositionLost, RobotHalted)
+PASSING = (DoneJustNow, Occupied, PositionLost, RobotHalted)
 """Refusals for what a robot is at just now, which say nothing of the task: it charges, is lost, or is halted."""
 CHARGED_SOC = 0.9
 """State of charge from which a robot's want of energy is no passing one (chosen: below where charging ends)."""

@@ -49,7 +49,9 @@ class Move(NamedTuple):
     reason: TaskReason | None = None
 
 
-def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: int) -> Move | None:
+def reconcile(
+    record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: int, team_goes_on_s: float = 0.0
+) -> Move | None:
     """Return a record's next state, from its robot's reports or silence; None if it stays as it is.
 
     Args:
@@ -57,12 +59,15 @@ def reconcile(record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: in
         robot: from the roster; None if it was never heard of.
         now_ns: the time.
         since_ns: since when this coordinator listens. No robot counts as silent for longer.
+        team_goes_on_s: how long robots of the team go on without a coordinator; counts for one that this coordinator
+            has not heard.
 
     """
     name = record.robot
     free_after_s = FREE_AFTER_S
-    if robot is not None and robot.state is not None and robot.state.goes_on_s is not msgspec.UNSET:
-        free_after_s = max(FREE_AFTER_S, robot.state.goes_on_s + FREE_AFTER_S - LEASE_S)
+    goes_on_s = team_goes_on_s if robot is None or robot.state is None else robot.state.goes_on_s
+    if goes_on_s is not msgspec.UNSET:
+        free_after_s = max(FREE_AFTER_S, goes_on_s + FREE_AFTER_S - LEASE_S)
     heard_ns = max(since_ns, robot.heard_ns if robot is not None and robot.heard_ns is not None else since_ns)
     silent_ns = now_ns - heard_ns
     held_ns = now_ns - max(record.changed_ns, since_ns)

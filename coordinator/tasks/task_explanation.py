@@ -58,6 +58,8 @@ class TaskExplanation:
         """Set if tasks are planned."""
         self.others: Callable[[TaskRecord, int], list[RobotVerdict]] = lambda _record, _now_ns: []
         """Verdicts on members that are no robots."""
+        self.held_back: Callable[[], TaskReason | None] = lambda: None
+        """Why no task is offered at all; None if tasks are."""
 
     def note(self, task_id: str, verdicts: list[RobotVerdict], now_ns: int) -> None:
         """Keep the verdicts with which a task was assigned."""
@@ -169,6 +171,8 @@ class TaskExplanation:
             return IsState(record.state)
         if record.own:
             return IsOwn()
+        if (held_back := self.held_back()) is not None:
+            return held_back
         if now_ns + to_ns(way_s) < task.earliest_ns:
             return NotBefore(to_seconds(task.earliest_ns - now_ns))
         for name in task.after:

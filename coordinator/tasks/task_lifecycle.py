@@ -80,6 +80,10 @@ class TaskLifecycle:
         self._set_back_ns = now_ns
         self._withdrawn_ns.clear()
 
+    def note_pause(self, now_ns: int) -> None:
+        """The coordinator itself stood still, or its clock was set ahead: it listens to its robots anew."""
+        self._since_ns = now_ns
+
     # -- hearing --------------------------------------------------------------------------------------------
 
     def hear(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
@@ -198,7 +202,10 @@ class TaskLifecycle:
             if record.changed_ns > now_ns:  # before the clock was set back
                 record = msgspec.structs.replace(record, changed_ns=self._set_back_ns)
             if record.robot:
-                move = reconcile(record, self._roster.robots.get(record.robot), now_ns, self._since_ns)
+                robot = self._roster.robots.get(record.robot)
+                is_unheard = robot is None or robot.state is None
+                goes_on_s = self._roster.goes_on_s() if is_unheard else 0.0
+                move = reconcile(record, robot, now_ns, self._since_ns, goes_on_s)
                 if move is not None and move.state is TaskState.QUEUED:
                     self._book.give_back(task_id, move.reason)
                     freed = True

@@ -7,6 +7,7 @@ import msgspec
 
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.tasks.admission import why_impossible
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
@@ -47,7 +48,10 @@ class TaskRequests:
     ) -> None:
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
+        self.feed: JournalFeed | None = None
+        """To a coordinator that stands by, for whose disk answers wait as well."""
         self._clock: Clock = wire.clock
+        self._traces = wire.traces
         self._book = book
         self._map = team_map
         self._capabilities = capabilities
@@ -63,6 +67,8 @@ class TaskRequests:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
         asked = request.asked
         known = self._book.find(asked.task.id)
+        if known is None:
+            self._traces.note(asked.task.id, request.trace)
         if known is not None:
             differs = asked.differs_from(self._book.journal.asked(asked.task.id))
             if differs or known.own:
@@ -113,7 +119,11 @@ class TaskRequests:
                 text = f"task {record.task.id} is accepted, but a power cut may lose it: {error}"
                 tell(None if error is None else CallError(ErrorCode.FAILED, text, str(error)))
 
-            self._book.journal.when_on_disk(told)
+            journal = self._book.journal
+            if self.feed is None:
+                journal.when_on_disk(told)
+            else:
+                self.feed.when_kept(lambda: journal.when_on_disk(told))
 
         return Deferred(record, when)
 
@@ -133,20 +143,23 @@ class TaskRequests:
             task, self._clock.now_ns(), grid=grid, plugins=known.plugins, others=others, schemas=known.schemas()
         )
 
-    def _cancel(self, request: Request[TaskRequest]) -> TaskRecord:
+    def _cancel(self, request: Request[TaskRequest]) -> TaskRecord | Deferred[TaskRecord]:
         asked = request.asked
         record = self._known(asked.id)
         if record.state is TaskState.CANCELLED:
-            return record
+            return record if self.feed is None else self._once_on_disk(record)
         if record.state.ended:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is {record.state}", record.state)
         by = asked.by or request.by
+        if request.asker is not None and not request.asker.is_operator and record.by != by:
+            text = f"task {asked.id} is not cancelled: it is {record.by or 'somebody'}'s, and {by} is no operator"
+            raise CallError(ErrorCode.FORBIDDEN, text)
         try:
             record = self._book.move(asked.id, TaskState.CANCELLED, Cancelled(by, asked.why))
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
         self.has_changed = True  # its robot is told to stop in the same step
-        return record
+        return record if self.feed is None else self._once_on_disk(record)
 
     def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:
         wanted = request.asked
@@ -156,7 +169,8 @@ class TaskRequests:
         return self._known(request.asked.id)
 
     def _why(self, request: Request[TaskRequest]) -> TaskWhy:
-        return self._explain(self._known(request.asked.id), self._clock.now_ns())
+        why = self._explain(self._known(request.asked.id), self._clock.now_ns())
+        return msgspec.structs.replace(why, trace=self._traces.of(request.asked.id))
 
     def _known(self, task_id: str) -> TaskRecord:
         record = self._book.find(task_id)

@@ -9,23 +9,33 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.consensus_messages import TaskAsked, TeamBallot
 from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.tasks import Cancelled
 
 
-def take_in(book: TaskBook, said: TeamBallot, why_impossible: Callable[[Task], str]) -> bool:
+def take_in(
+    book: TaskBook, said: TeamBallot, why_impossible: Callable[[Task], str], *, is_secured: bool = False
+) -> bool:
     """Note a robot's tasks, and the ends that it tells of, that no coordinator decided on; whether anything is new.
 
     Args:
         book: of the coordinator's tasks.
         said: by a robot.
         why_impossible: why a task can never be done; empty if it may be possible.
+        is_secured: whether the robot's name is vouched for: what it says of others is then noted as its own word.
 
     Raises:
         JournalUnwritable: what could not be written is told again with the next ballot.
 
     """
     version = book.version
-    new = [task for asked in said.asked if (task := _accept(book, said.robot, asked)) is not None]
+    new = [
+        task for asked in said.asked if (task := _accept(book, said.robot, asked, is_secured=is_secured)) is not None
+    ]
     for done in said.done:
+        record = book.find(done.id)
+        if record is not None and record.state.ended:
+            book.tell(record)  # robots have not heard that, and forget it then
+            continue
         book.note_done_by_team(
             done.id, done.robot, done.epoch, Said(f"{done.robot} did it while it heard no coordinator")
         )
@@ -33,6 +43,18 @@ def take_in(book: TaskBook, said: TeamBallot, why_impossible: Callable[[Task], s
         record = book.find(held.id)
         if record is not None and record.state is TaskState.QUEUED:
             book.adopt(held.id, said.robot, held.epoch, Said(f"{said.robot} began it while it heard no coordinator"))
+    for dropped in said.dropped:
+        record = book.find(dropped.id)
+        if record is None:
+            continue  # told again with the task, if robots have accepted it
+        if record.state.ended:
+            book.tell(record)  # robots forget the cancellation then
+        else:
+            book.move(
+                dropped.id,
+                TaskState.CANCELLED,
+                Cancelled(_by(said.robot, dropped.by, is_secured=is_secured), dropped.why),
+            )
     for task in new:
         record = book.find(task.id)
         if record is not None and record.state is TaskState.QUEUED and (why := why_impossible(task)):
@@ -40,7 +62,12 @@ def take_in(book: TaskBook, said: TeamBallot, why_impossible: Callable[[Task], s
     return book.version != version
 
 
-def _accept(book: TaskBook, robot: str, asked: TaskAsked) -> Task | None:
+def _by(robot: str, claim: str, *, is_secured: bool) -> str:
+    """Who a task or a cancellation is of: nobody but the robot vouches for the name that it tells."""
+    return cut(f"robot:{robot} for {claim or 'nobody named'}") if is_secured else claim
+
+
+def _accept(book: TaskBook, robot: str, asked: TaskAsked, *, is_secured: bool) -> Task | None:
     """Add a task that robots have accepted to the book. None if it is there already; robots are told again."""
     submission = asked.submission
     record = book.find(submission.task.id)
@@ -51,5 +78,6 @@ def _accept(book: TaskBook, robot: str, asked: TaskAsked) -> Task | None:
         task = submission.task_at(asked.at_ns)
     except (ValueError, msgspec.ValidationError):
         return None  # no robot has accepted that
-    book.add(task, by=submission.by, asked=submission.word, reason=Said(f"{robot} had no coordinator and accepted it"))
+    reason = Said(f"{robot} had no coordinator and accepted it")
+    book.add(task, by=_by(robot, submission.by, is_secured=is_secured), asked=submission.word, reason=reason)
     return task

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+from msgspec import UNSET
+
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.team_messages import RobotSummary
@@ -61,6 +63,11 @@ class Roster:
         self._up_at_ns: int | None = None
         """Time of `_up`, a cache: it is used several times a step, and there may be a thousand robots."""
 
+    @property
+    def by_name(self) -> list[Robot]:
+        """All robots, by name; not to be changed."""
+        return self._by_name
+
     def why_unknown(self, name: str, now_ns: int) -> str:
         """Why a state from this name is rejected; empty if the robot is known, or there is room for it."""
         if name in self.robots:
@@ -111,6 +118,13 @@ class Roster:
                 robot.heard_ns = min(robot.heard_ns, now_ns)
         self._up_at_ns = None
 
+    def note_pause(self, paused_ns: int) -> None:
+        """The coordinator itself stood still for so long, or its clock was set ahead: nobody was silent meanwhile."""
+        for robot in self._by_name:
+            if robot.heard_ns is not None:
+                robot.heard_ns += paused_ns
+        self._up_at_ns = None
+
     def up(self, now_ns: int) -> list[Robot]:
         """The robots that can be counted on, by name; not to be changed."""
         if self._up_at_ns != now_ns:
@@ -122,6 +136,11 @@ class Roster:
             ]
             self._up_at_ns = now_ns
         return self._up
+
+    def goes_on_s(self) -> float:
+        """The longest that a robot which was heard goes on without a coordinator; 0 if none does."""
+        states = [robot.state for robot in self._by_name if robot.state is not None]
+        return max((0.0, *(state.goes_on_s for state in states if state.goes_on_s is not UNSET)))
 
     def summaries(self, now_ns: int, idle: Mapping[str, IdleReason] | None = None) -> list[RobotSummary]:
         """A summary of each robot, by name, with the reason why it is idle if `idle` has one."""

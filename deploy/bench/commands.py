@@ -169,10 +169,18 @@ def exploration(
         str, typer.Option(help="full (the whole stack), ideal (points at top speed, exact poses), or both.")
     ] = "full,ideal",
     near: NearOption = None,
+    sight: Annotated[
+        bool,
+        typer.Option("--sight", help="Also compute how soon robots that know the floor could have seen 95 %."),
+    ] = False,
     jobs: JobsOption = 1,
     time_limit_s: TimeLimitOption = 900.0,
     map_folder: MapFolderOption = None,
     json_file: JsonFileOption = None,
+    page: Annotated[
+        Path | None,
+        typer.Option("--page", help="Markdown page whose tables of times are replaced, or a new one."),
+    ] = None,
 ) -> None:
     """Compare exploration strategies."""
     from robrain.deploy.bench.exploration import choose, run_bench
@@ -180,7 +188,8 @@ def exploration(
 
     around = place_of("--near", near)
     place = None if around is None else (around.x_m, around.y_m)
-    run_bench(choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder), json_file)
+    plan = choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder, with_sight=sight)
+    run_bench(plan, json_file, page)
 
 
 @bench_app.command(help=BENCHES["leaderless"])

@@ -24,7 +24,7 @@ from robrain.protocol.model.consensus.route_scorer import Drive, RouteScorer, St
 SIZES = ((5, 50, 1.0), (10, 100, 0.3))
 """Robots, tasks, and the share of the problems that are measured."""
 TIGHTNESS = 0.75
-ROUNDS = 800
+ROUNDS = 600
 """Rounds of improvement (chosen: 5 × 50 then keeps its bound with the first ten seeds; 300 do not)."""
 OPTIMAL_ITERATIONS = 1500
 GAP_BOUND = 0.12

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.report.mean_interval import MeanInterval, mean_interval
+from robrain.deploy.bench.exploration_page import write_page
 from robrain.deploy.bench.exploration_runs import FULL, IDEAL, MOTIONS, ExplorationCase, ExplorationRun, run_case
 from robrain.deploy.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
 from robrain.deploy.bench.mapping_plan import SHARED_MAPS, all_runs, check_limits, choose_maps, names_of, numbers_of
@@ -30,7 +31,7 @@ OVER_IDEAL = {1: 1.15, 4: 1.25}
 """Largest time over that of ideal motion, by number of robots."""
 OVER_BEST = 1.03
 """Largest time of the default strategy over that of the best."""
-WIDTH = 168
+WIDTH = 178
 
 
 class ExplorationPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,6 +71,8 @@ def choose(
     jobs: int,
     time_limit_s: float,
     map_folder: Path | None = None,
+    *,
+    with_sight: bool = False,
 ) -> ExplorationPlan:
     """Make a plan from the options: each map with each number of robots, strategy, motion and seed.
 
@@ -94,6 +97,7 @@ def choose(
             motion=motion,
             near=near,
             time_limit_s=time_limit_s,
+            with_sight=with_sight,
         )
         for name, path in chosen.items()
         for count in counts
@@ -104,15 +108,16 @@ def choose(
     return ExplorationPlan(cases=cases, jobs=jobs, absent=absent)
 
 
-def run_bench(plan: ExplorationPlan, json_file: Path | None = None) -> None:
+def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path | None = None) -> None:
     """Make all runs; prints a line for each group of seeds, and the figures at the end.
 
     Args:
         plan: the runs.
         json_file: written after each group, so that what was measured is kept if the benchmark is interrupted.
+        page: a Markdown page whose tables of times are replaced after each group, too.
 
     Raises:
-        UsageError: `json_file` cannot be written.
+        UsageError: `json_file` or `page` cannot be written.
 
     """
     _write(json_file, [])
@@ -129,6 +134,8 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None) -> None:
             made = [one for one in runs if _group_of(one) == _group_of(run) and not one.why_not]
             print_line(f"{_words_of(_group_of(run))}: {_percents(made)}")
             _write(json_file, runs)
+            if page is not None:
+                write_page(page, runs)
     console = Console(width=WIDTH)
     console.print(table(runs))
     found = list(figures(runs))
@@ -142,7 +149,7 @@ def table(runs: Sequence[ExplorationRun]) -> Table:
     shown = Table(title=title, title_justify="left")
     for heading in ("map", "motion", "strategy"):
         shown.add_column(heading, no_wrap=True)
-    headings = ("N", "runs", "90 % s", "95 % s", "99 % s", "bound s", "speed-up", "overlap", "m", "J/m²")
+    headings = ("N", "runs", "90 % s", "95 % s", "99 % s", "bound s", "sight s", "speed-up", "overlap", "m", "J/m²")
     for heading in (*headings, "drive", "turn", "wait", "stand", "hits"):
         shown.add_column(heading, justify="right", no_wrap=True)
     groups = by_group(runs)
@@ -165,6 +172,7 @@ def table(runs: Sequence[ExplorationRun]) -> Table:
             _interval(_times(made, JUDGED_PERCENT)),
             _mean(_times(made, 99)),
             f"{sum(run.bound_s for run in made) / len(made):.1f}",
+            _mean([run.sight_s for run in made]),
             speed_up,
             _mean([run.overlap for run in made], 2),
             _mean([run.distance_m for run in made], 0),

@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 
 from robrain.deploy.bench.mapping_plan import errors_alone
+from robrain.deploy.bench.sight_bound import sight_bound_s
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.protocol.model.navigation.path_planning import distance_field
@@ -40,6 +41,8 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
     revise_s: float | None = None
     """Period in which robots may be given another goal; None: as planning has it."""
     time_limit_s: float = 900.0
+    with_sight: bool = False
+    """Whether `sight_s` is computed, which takes some seconds."""
 
     def scenario(self) -> Scenario:
         """The scenario of the run (RobrainError if the map cannot be read)."""
@@ -65,6 +68,8 @@ class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
     sim_time_s: float = 0.0
     bound_s: float = 0.0
     """No team can know 95 % before: `bound_s`."""
+    sight_s: float | None = None
+    """No team can have seen 95 % before, even one that knows the floor: `sight_bound_s`; None unless asked for."""
     distance_m: float = 0.0
     energy_j: float | None = None
     """None for ideal motion, which takes none."""
@@ -136,6 +141,7 @@ def _common(case: ExplorationCase, scenario: Scenario, result: RunResult | Ideal
         explored_fraction=result.explored_fraction,
         sim_time_s=result.sim_time_s,
         bound_s=floor.bound_s,
+        sight_s=floor.sight_s() if case.with_sight else None,
         distance_m=result.distance_m,
         explored_m2=result.explored_fraction * floor.area_m2,
     )
@@ -150,3 +156,8 @@ class _Floor:
         reachable = world.plan.reachable(starts, least_clearance_m(hardware.radius_m))
         self.area_m2 = float(reachable.sum()) * world.plan.resolution_m**2
         self.bound_s = bound_s(world.plan, starts[0], hardware.radius_m, hardware.lidar.range_max_m)
+        self._sight = world.plan, starts[0], hardware.radius_m, hardware.lidar.range_max_m, SPEED_M_S
+
+    def sight_s(self) -> float:
+        """The least time in which robots that know the floor can have seen 95 % of it."""
+        return sight_bound_s(*self._sight)

@@ -39,6 +39,7 @@ SENSED_BOUND_MS = 100.0
 ROUNDS = 100
 STILL_S = 0.3
 """A robot whose wheels have neither moved nor been told to for so long stands."""
+TURNS_S = 0.06
 PATIENCE_S = 60.0
 LOOK_S = 0.001
 PAUSE_MAX_S = 0.25
@@ -88,6 +89,8 @@ class Wheels:
         """The last stop frame."""
         self.started_s: float | None = None
         """The first command that was not zero since then."""
+        self.turned_last_s = 0.0
+        """The last encoder frame with other counts."""
         self._busy_s = time.perf_counter()
         self._counts: tuple[float, ...] | None = None
         self._thread = threading.Thread(target=self._listen, name="bench-wheels", daemon=True)
@@ -97,6 +100,10 @@ class Wheels:
         """Whatever comes first from now on is kept."""
         with self._changed:
             self.commanded_s = self.turned_s = None
+
+    def turns(self) -> bool:
+        """Whether a wheel has turned within the last two encoder frames or three."""
+        return time.perf_counter() - self.turned_last_s < TURNS_S
 
     def stand(self) -> None:
         """Wait until the robot stands."""
@@ -158,7 +165,7 @@ class Wheels:
             signals = self._encoders.unpack(frame)
             counts = tuple(signals[f"wheel_{wheel}_ticks"] for wheel in (1, 2, 3))
             if counts != self._counts:
-                self._busy_s = now_s
+                self._busy_s = self.turned_last_s = now_s
                 self.turned_s = now_s if self.turned_s is None else self.turned_s
             self._counts = counts
 

@@ -9,32 +9,6 @@ from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario import Scenario
 
 
-def until_explored(until: str | None) -> float | None:
-    """Read `--until explored=0.95` as a fraction.
-
-    Raises:
-        UsageError: it has another form.
-
-    """
-    if until is None:
-        return None
-    key, _, value = until.partition("=")
-    try:
-        fraction = float(value)
-    except ValueError:
-        fraction = -1.0
-    if key != "explored" or not 0 < fraction <= 1:
-        raise UsageError(f"--until {until!r}: expected explored=FRACTION with a fraction above 0 and at most 1")
-    return fraction
-
-
-def above_zero(option: str, value: float | None) -> float | None:
-    """A number that must be above 0, if it is given (UsageError if it is not)."""
-    if value is not None and not value > 0:
-        raise UsageError(f"{option} {value:g}: expected a number above 0")
-    return value
-
-
 def place_of(option: str, text: str | None) -> Point2D | None:
     """Read a place, arena frame, such as `3.5,-2`, if it is given (UsageError if it has another form)."""
     if text is None:

@@ -1,5 +1,6 @@
 """Where a command records to."""
 
+import re
 from pathlib import Path
 
 from robrain.deploy.errors import UsageError
@@ -13,9 +14,11 @@ def new_recording(path: Path | None) -> Path | None:
 
 
 def next_recording(folder: Path, name: str) -> Path:
-    """`folder/name-N.mcap` with the first free number; creates the folder."""
+    """`folder/name-N.mcap` with the number after the highest there is; creates the folder.
+
+    Parts of split recordings count, also those whose first part was removed.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    number = 1
-    while (path := folder / f"{name}-{number}.mcap").exists():
-        number += 1
-    return path
+    numbered = re.compile(rf"{re.escape(name)}-(\d+)(_\w+)?\.mcap")
+    found = [numbered.fullmatch(path.name) for path in folder.iterdir()]
+    return folder / f"{name}-{1 + max((int(match[1]) for match in found if match), default=0)}.mcap"

@@ -11,6 +11,7 @@ from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.team_messages import StandByStatus
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 STATE_S = 1.0
@@ -30,6 +31,8 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the coordinator and the robots have refused, by `coordinator` and the robots' names; absent if nothing."""
     mote_field: MoteFieldState | None = None
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
+    stand_by: StandByStatus | None = None
+    """The coordinator that stands by with a journal of its own; absent if there is none."""
 
 
 def status_of(connect: str | None, team: str) -> TeamStatus:
@@ -46,13 +49,22 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         found = team_found(wire)
         if not found.robots and not found.coordinator:
             raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
-        refused, field = _told(inbox, len(found.robots) + found.coordinator)
-    return TeamStatus(team=team, coordinator=found.coordinator, robots=found.robots, refused=refused, mote_field=field)
+        refused, field, stand_by = _told(inbox, len(found.robots) + found.coordinator)
+    return TeamStatus(
+        team=team,
+        coordinator=found.coordinator,
+        robots=found.robots,
+        refused=refused,
+        mote_field=field,
+        stand_by=stand_by,
+    )
 
 
 def show_status(found: TeamStatus) -> None:
     """Print which members of a team are present."""
     tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
+    if found.stand_by is not None:
+        tell(f"  {safe_text(found.stand_by.words)}")
     for name in found.robots:
         tell(f"  {name} up")
     if found.mote_field is not None:
@@ -62,16 +74,19 @@ def show_status(found: TeamStatus) -> None:
             tell(f"  {name} refused {safe_text(one.words)}")
 
 
-def _told(inbox: Inbox, members: int) -> tuple[dict[str, list[Refusal]], MoteFieldState | None]:
-    """What members have refused, and the state of the motes, as far as they publish it within `STATE_S`."""
+def _told(inbox: Inbox, members: int) -> tuple[dict[str, list[Refusal]], MoteFieldState | None, StandByStatus | None]:
+    """What members have refused, the motes' state, and who stands by, as far as they publish it within `STATE_S`."""
     told: dict[str, list[Refusal]] = {}
     field: MoteFieldState | None = None
+    stand_by: StandByStatus | None = None
     until_s = time.monotonic() + STATE_S
     while len(told) < members and time.monotonic() < until_s:
         for received in inbox.drain():
             refused = received.message.refused
             told[received.names.get("robot", COORDINATOR)] = refused if isinstance(refused, list) else []
             of_motes = getattr(received.message, "mote_field", None)
+            standing = getattr(received.message, "stand_by", None)
+            stand_by = standing if isinstance(standing, StandByStatus) else stand_by
             field = of_motes if isinstance(of_motes, MoteFieldState) else field
         time.sleep(POLL_S)
-    return {name: refused for name, refused in sorted(told.items()) if refused}, field
+    return {name: refused for name, refused in sorted(told.items()) if refused}, field, stand_by

@@ -88,6 +88,8 @@ def fork_run(
             ended = forking.drive(interrupt, on_progress)
             run.arena.accuracy.measure_map()
             truth = run.truth
+            if not recorded.is_script:  # as the run that was recorded did at its end
+                run.tell_left()
         except BaseException:
             run.close()
             output.unlink(missing_ok=True)

@@ -1,5 +1,6 @@
 """`robrain agent`: one robot. Needs the plain install only."""
 
+import os
 import time
 from contextlib import closing
 from pathlib import Path
@@ -8,11 +9,15 @@ import msgspec
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
-from robrain.agent.host.robot_file import ZenohTable, read_robot_file
+from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
+from robrain.deploy.observability.json_logs import CONTEXT
 from robrain.deploy.processes.compiler_pages import CompilerPages
 from robrain.deploy.processes.live_process import LiveStop, note, open_when_there, tell
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
+from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
+from robrain.protocol.wire.access.identity import TLS_VARIABLE
+from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
@@ -38,10 +43,16 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
     if team is not None:
         table = msgspec.structs.replace(table, team=check_name("team", team))
     where = _endpoints(settings, connect)
+    if isinstance(settings.tls, TlsTable):  # for plugins in processes of their own as well
+        os.environ[TLS_VARIABLE] = str(folder_of(robot.parent, settings.tls.folder).resolve())
+    warn_of_listening("agent", settings.listen, note)
+    identity = check_certificate("agent", note, where, table.team, MemberRole.ROBOT, table.name)
     should_stop = LiveStop()
     session = open_when_there("agent", where, should_stop, mode=settings.mode, listen=settings.listen)
     if session is None:
         return
+    if identity is not None:
+        check_rights("agent", note, session, where, identity)
     with closing(session), claim_robot(session, table.team, table.name) as claim:
         if not claim.take(lambda text: note(f"agent: {text}"), should_stop):
             return
@@ -49,11 +60,13 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
         robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
         host = AgentHost(robot_file, robot.parent, session, WallClock(), Drive.LIVE)
+        CONTEXT.robot, CONTEXT.task = host.name, host.task_and_trace
 
         def tell_plugins() -> None:
             claim.settle()
             plugins = host.manager.plugins.values()
             left_out = [plugin for plugin in plugins if plugin.why]
+            should_stop.ready()
             tell(f"agent: {host.name} is up with {len(plugins) - len(left_out)} plugins")
             needs = {plugin.name: host.manager.registry.needs_of(plugin.name) for plugin in left_out}
             for needed in sorted({*needs.values()} - {""}):

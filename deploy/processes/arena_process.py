@@ -8,9 +8,11 @@ from pathlib import Path
 import zenoh
 
 from robrain.deploy.commands.terminal import own_program, say
+from robrain.deploy.processes.forwarder_words import said
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
-from robrain.deploy.processes.robot_files import addresses, loadable_from_here, open_forwarders, said, write_robot_files
+from robrain.deploy.processes.robot_files import addresses, loadable_from_here, open_forwarders, write_robot_files
 from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.supervision.arena_resume import resumed
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.motes.serial_forwarder import SerialForwarder
 from robrain.sim.scenarios.scenario import Scenario
@@ -19,7 +21,9 @@ from robrain.sim.world.arena import Arena
 CATCH_UP_S = 0.5
 
 
-def arena_command(scenario: Scenario, place: Place, team: str, robot_files: Path | None) -> None:
+def arena_command(
+    scenario: Scenario, place: Place, team: str, robot_files: Path | None, resume: Path | None = None
+) -> None:
     """Simulate a scenario until Ctrl-C.
 
     Args:
@@ -27,12 +31,15 @@ def arena_command(scenario: Scenario, place: Place, team: str, robot_files: Path
         place: where to connect or listen; without either, the arena is this machine's hub.
         team: its name.
         robot_files: folder for a ROBOT.toml of each robot.
+        resume: file with the poses at which the robots go on, written by `robrain up` when an arena has ended.
 
     Raises:
         RobrainError: in one sentence.
 
     """
     world = scenario.world()
+    if resume is not None:
+        world = resumed(world, resume)
     prepare_kernels()
     should_stop = LiveStop()
     with ExitStack() as closing:
@@ -61,6 +68,7 @@ def arena_command(scenario: Scenario, place: Place, team: str, robot_files: Path
             for robot, address in listening.items():
                 tell(said(robot, address))
             tell(f"arena: {scenario.name} at {', '.join(where)}, robots {names}; Ctrl-C ends it")
+            should_stop.ready()
             run_arena(arena, should_stop, forwarders)
         finally:
             arena.close()

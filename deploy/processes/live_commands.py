@@ -23,7 +23,9 @@ from robrain.deploy.processes.live_process import (
     tell,
 )
 from robrain.deploy.processes.name_claim import LOOK_PERIOD_S, NameWatch, claim_coordinator
+from robrain.deploy.processes.secured_start import check_certificate, check_rights
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.keys import check_name
@@ -77,26 +79,40 @@ def coordinator_command(
 
         kept_rules = read_rules(rules)
     should_stop = LiveStop()
+    where = place.connect or team_endpoints()
+    identity = check_certificate("coordinator", note, [] if place.listen else where, team, MemberRole.COORDINATOR)
     if place.listen:
         session: zenoh.Session | None = open_hub(place.listen[0])[0]
     else:
-        session = open_when_there("coordinator", place.connect or team_endpoints(), should_stop)
+        session = open_when_there("coordinator", where, should_stop)
     if session is None:
         return
+    from robrain.deploy.processes.following import follow_journal
+
+    if identity is not None:
+        check_rights("coordinator", note, session, where, identity)
+
     with closing(session), claim_coordinator(session, team) as claim, live_endpoint(session, team) as wire:
+        path = journal if journal is not None else Path(f"{team}.journal")
+        if stands_by:
+            should_stop.ready()
+        if stands_by and not follow_journal(wire, path, claim.info, should_stop, _note):
+            return
         if not claim.take(_note, should_stop, stands_by=stands_by):
             return  # before the journal is opened: only one process at a time may write it
         watch = NameWatch(claim, should_stop)
-        kept = _open_journal(journal if journal is not None else Path(f"{team}.journal"), watch, stands_by=stands_by)
+        kept = _open_journal(path, watch, stands_by=stands_by)
         if kept is None:
             watch.check()
             return
 
         def ready() -> None:
             claim.settle()
+            should_stop.ready()
             tell(f"coordinator: of team {team}; Ctrl-C ends it")
 
         try:
+            kept.own()
             run_coordinator(wire, watch, ready, kept, policy, kept_rules)
         finally:
             kept.close()
@@ -144,7 +160,12 @@ def dashboard_command(connect: str | None, team: str, port: int | None, replay: 
         return
     should_stop = LiveStop()
     with client_session(connect) as session, live_endpoint(session, team) as wire:
-        run_dashboard(wire, "127.0.0.1", _page_port(port), _tell_url, should_stop)
+
+        def ready(url: str) -> None:
+            should_stop.ready()
+            _tell_url(url)
+
+        run_dashboard(wire, "127.0.0.1", _page_port(port), ready, should_stop)
 
 
 def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_s: float = 0.0) -> None:

@@ -5,18 +5,20 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from typing import NamedTuple
 
 import zenoh
 
 from robrain.client.transport import open_client_session
 from robrain.deploy.errors import UsageError
+from robrain.deploy.processes.lifeline import Lifeline
+from robrain.deploy.processes.secured_start import warn_of_listening
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, PortTaken
 from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, may_answer
-from robrain.protocol.wire.session import check_endpoint, open_session
+from robrain.protocol.wire.session import check_endpoint, is_secured, open_session
 
 PARENT_VARIABLE = "ROBRAIN_PARENT"
 """Process id of the parent that started a process, which ends when its parent has changed."""
@@ -70,6 +72,7 @@ def open_hub(listen: str | None) -> tuple[zenoh.Session, str]:
         WireError: the endpoint is invalid, or cannot be listened on.
 
     """
+    warn_of_listening("hub", [listen or hub_endpoint()], note)
     try:
         return open_session(mode="router", listen=[listen or hub_endpoint()]), ""
     except PortTaken:
@@ -107,8 +110,12 @@ def open_when_there(
     has_said = False
     while not should_stop():
         if not connect or any(map(may_answer, connect)):
-            with suppress(NobodyThere):  # the hub may start later: try again
+            try:
                 return open_session(mode=mode, connect=connect, listen=listen)
+            except NobodyThere as error:  # the hub may start later: try again
+                if any(map(is_secured, connect)) and not has_said:
+                    has_said = True
+                    note(f"{who}: {error} Trying again until it answers")
         if not has_said:
             has_said = True
             where = ", ".join(connect)
@@ -140,10 +147,14 @@ def note(text: str) -> None:
 
 
 class LiveStop:
-    """Tells when a live process must end: Ctrl-C, SIGTERM, or its parent's end."""
+    """Tells when a live process must end: Ctrl-C, SIGTERM, or its parent's end.
+
+    Each question is a beat of the process's main loop, which whoever supervises the process hears.
+    """
 
     def __init__(self) -> None:
         self.requested = False
+        self._lifeline = Lifeline()
         parent = os.environ.get(PARENT_VARIABLE, "")
         self._parent = int(parent) if parent.isdigit() else None
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -151,7 +162,13 @@ class LiveStop:
 
     def __call__(self) -> bool:
         """Whether to end."""
-        return self.requested or (self._parent is not None and os.getppid() != self._parent)
+        self._lifeline.beat()
+        has_lost_parent = self._parent is not None and os.getppid() != self._parent
+        return self.requested or has_lost_parent or self._lifeline.is_cut
+
+    def ready(self) -> None:
+        """Tell whoever supervises the process that it does its work now."""
+        self._lifeline.ready()
 
     def _request(self, _number: int, _frame: object) -> None:
         if self.requested:

@@ -15,6 +15,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import zenoh
@@ -87,7 +88,7 @@ class NameClaim:
         self._session = session
         self._team = team
         self._keys = keys
-        self.info = ProcessInfo(socket.gethostname(), os.getpid(), str(session.zid()))
+        self.info = ProcessInfo(socket.gethostname(), os.getpid(), str(session.zid()), version("robrain"))
         began_ms = time.time_ns() // 1_000_000
         host = _ELSE.sub(".", self.info.host)[:20]
         self._process = f"{began_ms:012x}-{self.info.zid[:16]}-{self.info.pid}-{host}"

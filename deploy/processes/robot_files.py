@@ -10,13 +10,17 @@ from types import MappingProxyType
 
 import msgspec
 
+from robrain.agent.host.robot_file import RobotFile
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import is_loopback
 from robrain.sim.motes.serial_forwarder import SerialForwarder
+from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.world.world import World
 
+MOVED_ON = {"start_known": True, "start_sigma_m": 0.2, "start_sigma_rad": 0.1}
+"""Uncertainty of the last pose that a robot told: it drives on for 0.2 s, until its base stops by itself."""
 NO_FORWARDERS: Mapping[str, str] = MappingProxyType({})
-_SAID = "serial forwarder of "
 
 
 def loadable_from_here(endpoints: Sequence[str]) -> list[Path]:
@@ -51,14 +55,43 @@ def write_robot_files(
     """
     paths = []
     for robot in world.robots:
-        robot_file = world.robot_file(robot, team=team, connect=(connect,))
-        if loadable:
-            table = msgspec.structs.replace(robot_file.robot, loadable=[str(each) for each in loadable])
-            robot_file = msgspec.structs.replace(robot_file, robot=table)
-        path = folder / f"{robot.name}.toml"
-        path.write_bytes(note(robot.name, forwarders).encode() + msgspec.toml.encode(robot_file))
-        paths.append(path)
+        robot_file = robot_file_of(world, robot, team=team, connect=connect, loadable=loadable)
+        paths.append(write_robot_file(robot_file, folder, forwarders))
     return paths
+
+
+def robot_file_of(
+    world: World, robot: ArenaRobot, *, team: str, connect: str, loadable: Sequence[Path] = ()
+) -> RobotFile:
+    """The file of one robot; the arguments are those of `write_robot_files`."""
+    robot_file = world.robot_file(robot, team=team, connect=(connect,))
+    if not loadable:
+        return robot_file
+    table = msgspec.structs.replace(robot_file.robot, loadable=[str(each) for each in loadable])
+    return msgspec.structs.replace(robot_file, robot=table)
+
+
+def write_robot_file(robot_file: RobotFile, folder: Path, forwarders: Mapping[str, str] = NO_FORWARDERS) -> Path:
+    """Write one file into a folder; returns its path."""
+    name = robot_file.robot.name
+    path = folder / f"{name}.toml"
+    path.write_bytes(note(name, forwarders).encode() + msgspec.toml.encode(robot_file))
+    return path
+
+
+def started_again(robot_file: RobotFile, pose: Pose2D | None) -> RobotFile:
+    """The file for an agent that is started again on the way.
+
+    Args:
+        robot_file: of its first start.
+        pose: where the robot last said that it is, arena frame. None if it had lost its place: then it finds out by
+            the map of the others or by motes.
+
+    """
+    known = {"start_known": False} if pose is None else {**msgspec.structs.asdict(pose), **MOVED_ON}
+    parameters = dict(robot_file.parameters)
+    parameters["localisation"] = {**parameters.get("localisation", {}), **known}
+    return msgspec.structs.replace(robot_file, parameters=parameters)
 
 
 def open_forwarders(endpoint: Endpoint, robots: Iterable[str], closing: ExitStack) -> list[SerialForwarder]:
@@ -74,25 +107,6 @@ def open_forwarders(endpoint: Endpoint, robots: Iterable[str], closing: ExitStac
 def addresses(forwarders: Iterable[SerialForwarder]) -> dict[str, str]:
     """`host:port` of each robot's."""
     return {forwarder.robot: "{}:{}".format(*forwarder.address) for forwarder in forwarders}
-
-
-def said(robot: str, address: str) -> str:
-    """The line of output that tells of one.
-
-    >>> said("r1", "127.0.0.1:9002")
-    'serial forwarder of r1: 127.0.0.1:9002'
-    """
-    return f"{_SAID}{robot}: {address}"
-
-
-def read_said(lines: Iterable[str]) -> dict[str, str]:
-    """The addresses that lines of output tell of.
-
-    >>> read_said(["arena: depot", "serial forwarder of r1: 127.0.0.1:9002"])
-    {'r1': '127.0.0.1:9002'}
-    """
-    told = (line.removeprefix(_SAID).partition(": ") for line in lines if line.startswith(_SAID))
-    return {robot: address for robot, _, address in told}
 
 
 def note(robot: str, forwarders: Mapping[str, str]) -> str:

@@ -30,19 +30,35 @@ def record(
     team: TeamOption = DEFAULT_TEAM,
     split_mb: Annotated[float | None, typer.Option(help="Continue in a new file after this many megabytes.")] = None,
     split_s: Annotated[float | None, typer.Option(help="Continue in a new file after this many seconds.")] = None,
+    keep_gb: Annotated[
+        float | None, typer.Option(help="Remove the oldest files of this series above this many gigabytes together.")
+    ] = None,
+    keep_days: Annotated[float | None, typer.Option(help="Remove files of this series that are older.")] = None,
     visual: Annotated[bool, typer.Option(help="Also write channels that Foxglove, Lichtblick and Rerun draw.")] = True,
     as_json: JsonOption = False,
+    provenance: Annotated[Path | None, typer.Option(hidden=True, help="Written by `robrain up`.")] = None,
 ) -> None:
     """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
     from robrain.coordinator.recording.writer.recording_file import check_writable
+    from robrain.coordinator.recording.writer.rotation import Rotation, own_recordings
+    from robrain.deploy.commands.recording_path import next_recording
     from robrain.deploy.errors import UsageError
     from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
     from robrain.deploy.recordings.recording_display import record_display, show_recorded
-    from robrain.deploy.recordings.recording_live import next_name, record_team, split_of
+    from robrain.deploy.recordings.recording_live import (
+        keep_of,
+        read_provenance,
+        record_team,
+        split_for,
+        split_of,
+    )
     from robrain.protocol.wire.hub import team_endpoints, teams_there, wrong_team
 
     check_name("team", team)
-    split = split_of(split_mb, split_s)
+    split, keep = split_of(split_mb, split_s), keep_of(keep_gb, keep_days)
+    if keep is not None:
+        split = split_for(split, keep)
+    comes_from = read_provenance(provenance) if provenance is not None else None
     if output is not None:
         if output.exists():
             raise UsageError(f"--output {output}: it exists already; give another name or move it away")
@@ -56,9 +72,22 @@ def record(
             sys.stderr.write(f"robrain: {wrong_team(f'nobody of team {team} is there yet', wire)}\n")
         if output is None:
             Path("runs").mkdir(exist_ok=True)
-        path = output if output is not None else next_name(Path("runs"), team)
+        path = output if output is not None else next_recording(Path("runs"), team)
+        rotation = None
+        if keep is not None:
+            rotation = Rotation(path.parent, own_recordings(path, is_given=output is not None), keep)
         with record_display(path, quiet=as_json) as show:
-            summary = record_team(wire, path, split, visual=visual, should_stop=should_stop, on_progress=show)
+            summary = record_team(
+                wire,
+                path,
+                split,
+                visual=visual,
+                should_stop=should_stop,
+                on_progress=show,
+                provenance=comes_from,
+                on_ready=should_stop.ready,
+                rotation=rotation,
+            )
     _tell(summary, lambda: show_recorded(summary), as_json=as_json)
 
 

@@ -66,6 +66,8 @@ def show_recorded(summary: RecordingSummary) -> None:
     console = results()
     files = ", ".join(said(path) for path in summary.paths)
     console.print(f"{files}: {summary.messages} messages, {_bytes(summary.bytes)}", soft_wrap=True)
+    if summary.removed:
+        console.print(f"{summary.removed} older files were removed to make room", soft_wrap=True)
     for topic, messages in sorted(summary.lost_by_topic.items()):
         console.print(f"[red]lost[/]: {messages} of {said(topic)}", soft_wrap=True)
 

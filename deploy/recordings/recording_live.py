@@ -4,9 +4,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
+
 from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
-from robrain.coordinator.recording.writer.recording_files import SplitAt, part_path
+from robrain.coordinator.recording.writer.recording_files import SplitAt
+from robrain.coordinator.recording.writer.rotation import KeepFiles, Rotation
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
@@ -15,17 +18,11 @@ from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_PLUGINS
 PERIOD_S = 0.05
 GATHER_S = 0.5
 SUFFIX = ".mcap"
+PROVENANCE_MAX_BYTES = 256 * 1024 * 1024
 ASK_TIMEOUT_S = 1.0
-
-
-def next_name(folder: Path, team: str) -> Path:
-    """`TEAM-N.mcap` in a folder, with the first number that is free, parts of a split recording included."""
-    number = 1
-    while True:
-        path = folder / f"{team}-{number}{SUFFIX}"
-        if not path.exists() and not part_path(path, 1).exists():
-            return path
-        number += 1
+DAY_S, HOUR_S = 86_400.0, 3600.0
+PARTS = 20
+"""Files of what is kept, if the recording is not split otherwise."""
 
 
 def split_of(split_mb: float | None, split_s: float | None) -> SplitAt:
@@ -36,6 +33,39 @@ def split_of(split_mb: float | None, split_s: float | None) -> SplitAt:
     return SplitAt(size_bytes=None if split_mb is None else max(round(split_mb * 1e6), 1), duration_s=split_s)
 
 
+def keep_of(keep_gb: float | None, keep_days: float | None) -> KeepFiles | None:
+    """Read the options for rotation; None without any (UsageError if they are not above 0)."""
+    for option, value in (("--keep-gb", keep_gb), ("--keep-days", keep_days)):
+        if value is not None and not value > 0:
+            raise UsageError(f"{option} {value:g}: expected a number above 0")
+    if keep_gb is None and keep_days is None:
+        return None
+    return KeepFiles(
+        size_bytes=None if keep_gb is None else max(round(keep_gb * 1e9), 1),
+        age_s=None if keep_days is None else keep_days * DAY_S,
+    )
+
+
+def split_for(split: SplitAt, keep: KeepFiles) -> SplitAt:
+    """How a recording is split whose old files are removed: whole files go, so there must be many.
+
+    Raises:
+        UsageError: a file would hold more than half of what is kept.
+
+    """
+    size, age_s = keep.size_bytes, keep.age_s
+    if not split.splits:
+        return SplitAt(
+            size_bytes=None if size is None else max(size // PARTS, 1), duration_s=min(age_s or HOUR_S, HOUR_S)
+        )
+    if size is not None and (split.size_bytes is None or 2 * split.size_bytes > size):
+        wanted = "give --split-mb as well" if split.size_bytes is None else "give a smaller one"
+        raise UsageError(f"--split-mb with --keep-gb {size / 1e9:g}: {wanted}, at most half of it")
+    if age_s is not None and split.duration_s is not None and 2 * split.duration_s > age_s:
+        raise UsageError(f"--split-s {split.duration_s:g}: expected at most half of --keep-days")
+    return split
+
+
 def record_team(
     wire: Endpoint,
     path: Path,
@@ -44,20 +74,36 @@ def record_team(
     visual: bool,
     should_stop: Callable[[], bool],
     on_progress: Callable[[Recorder], None],
+    rotation: Rotation | None = None,
+    provenance: Provenance | None = None,
+    on_ready: Callable[[], None] = lambda: None,
 ) -> RecordingSummary:
     """Record a live team until `should_stop()`.
 
     The file begins with the robots' plugins and with each robot's map, which are queried at the start, because patches
     contain changes only.
 
+    Args:
+        wire: of the team.
+        path: the file.
+        split: when it continues in another file.
+        visual: whether channels are written that Foxglove and its like draw.
+        should_stop: asked often.
+        on_progress: told after each step.
+        rotation: removes the oldest recordings; None keeps all.
+        provenance: where the team comes from, if that is known; its robots are not asked for their plugins then.
+        on_ready: called once everything that the team says is heard.
+
     Raises:
         RecordingError: the file cannot be written.
 
     """
     robots = robots_there(wire)
-    provenance = Provenance("", "", 0, None, Drive.LIVE.value, wire.team, plugins_of(wire, robots))
-    recorder = Recorder(wire, path, provenance, split=split, visual=visual)
+    if provenance is None:
+        provenance = Provenance("", "", 0, None, Drive.LIVE.value, wire.team, plugins_of(wire, robots))
+    recorder = Recorder(wire, path, provenance, split=split, visual=visual, rotation=rotation)
     try:
+        on_ready()
         recorder.ask_maps(wire, robots)
         while not should_stop():
             recorder.step()
@@ -73,6 +119,15 @@ def robots_there(wire: Endpoint) -> list[str]:
     presence = wire.watch(ROBOT_ALIVE)
     time.sleep(GATHER_S)
     return sorted(change.names["robot"] for change in presence.changes() if change.present)
+
+
+def read_provenance(path: Path) -> Provenance:
+    """Where a team comes from, as `robrain up` wrote it (UsageError if the file cannot be read)."""
+    try:
+        with path.open("rb") as file:
+            return msgspec.json.decode(file.read(PROVENANCE_MAX_BYTES), type=Provenance)
+    except (OSError, msgspec.MsgspecError) as error:
+        raise UsageError(f"--provenance {path}: {error}") from error
 
 
 def plugins_of(wire: Endpoint, robots: list[str]) -> dict[str, str]:

@@ -19,11 +19,15 @@ from robrain.deploy.commands.terminal import (
 )
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.messages.arena_messages import LinkCounters
+from robrain.protocol.wire.messages.left_messages import ExplorationLeft, LeftKind
 from robrain.protocol.wire.reasons.idle import NothingUnknown
 from robrain.protocol.wire.reasons.words import words
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.driving import Progress as RunProgress
 from robrain.sim.world.floor_left import GapTooNarrow
+
+LEFT_ROWS = 10
+"""Regions in the table of what is left."""
 
 
 class _ClockColumn(ProgressColumn):
@@ -106,11 +110,45 @@ def show_result(result: RunResult) -> None:
     for left in result.floor_left:
         if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
             print_line(left.words)
+    if result.exploration_left is not None:
+        show_left(result.exploration_left)
     if result.ended == "nothing_left":
         for robot in result.per_robot:
             if robot.idle is not None and not isinstance(robot.idle, NothingUnknown):
                 print_line(f"{robot.name} is {words(robot.idle)}")
     tell_recorded(result.recording)
+
+
+def show_left(left: ExplorationLeft) -> None:
+    """Print what exploration has left: a line for what robots can still reach, a table for the rest."""
+    unseen = [region for region in left.regions if region.kind is LeftKind.UNSEEN and region.gap_m is None]
+    regions = [region for region in left.regions if region not in unseen]
+    if unseen:
+        largest = unseen[0]
+        print_line(
+            f"not seen yet: {len(unseen)} place{'s' if len(unseen) > 1 else ''} that robots can reach, "
+            f"{sum(one.area_m2 for one in unseen):.1f} m² in all, the largest beyond "
+            f"{largest.place.x_m:.1f}, {largest.place.y_m:.1f}"
+        )
+    if not regions and not left.more:
+        return
+    table = Table(title="left to explore, by the team's map", title_justify="left", box=None, pad_edge=False)
+    for heading in ("kind", "x, y", "area", "box", "why"):
+        table.add_column(heading, justify="right" if heading == "area" else "left")
+    for region in regions[:LEFT_ROWS]:
+        place, low, high = region.place, region.low, region.high
+        table.add_row(
+            region.kind.value,
+            f"{place.x_m:.1f}, {place.y_m:.1f}",
+            f"{region.area_m2:.1f} m²",
+            f"{low.x_m:.1f}, {low.y_m:.1f} to {high.x_m:.1f}, {high.y_m:.1f}",
+            region.words,
+        )
+    if regions:
+        results().print(table)
+    hidden = regions[LEFT_ROWS:]
+    if more := len(hidden) + left.more:
+        print_line(f"and {more} smaller regions, {sum(one.area_m2 for one in hidden) + left.more_m2:.1f} m² in all")
 
 
 def links_line(links: LinkCounters) -> str:

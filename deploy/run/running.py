@@ -2,7 +2,7 @@
 
 import time
 
-from robrain.deploy.commands.options import above_zero, until_explored
+from robrain.deploy.commands.process_options import above_zero, until_explored
 from robrain.deploy.commands.terminal import say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import Children

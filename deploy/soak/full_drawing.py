@@ -9,7 +9,7 @@ import numpy as np
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskOrder
+from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, ScriptRadio, TaskOrder
 from robrain.sim.stand_in.script_drawing import draw_script
 
 SCENARIO = "arena_small"
@@ -24,7 +24,13 @@ APART_M = 1.0
 HARDWARE_SHARE = 0.5
 """Share of the scripts with a fault of hardware."""
 BROKEN_S = (4.0, 20.0)
+RADIO_SHARE = 0.3
+"""Share of the scripts whose components hear each other by radio."""
+RANGE_M = (12.0, 25.0)
+LOSS = (0.0, 0.1)
+DELAY_S = (0.0, 0.03)
 _RNG_OF_FULL = 17
+_RNG_OF_RADIO = 18
 _HARDWARE = (
     FaultKind.CAN_CUT,
     FaultKind.CAN_SHORTED,
@@ -61,7 +67,17 @@ def draw_full_script(seed: int) -> FaultScript:
         ),
         halts=tuple(HaltOrder(at_s=_sooner(halt.at_s), until_s=_sooner(halt.until_s)) for halt in base.halts),
         faults=(*_faults(base, names), *_hardware(rng, names)),
+        radio=_radio(seed),
     )
+
+
+def _radio(seed: int) -> ScriptRadio | None:
+    """A radio that reaches across the floor, for some of the scripts."""
+    rng = np.random.default_rng([seed, _RNG_OF_RADIO])
+    if rng.random() >= RADIO_SHARE:
+        return None
+    range_m, loss, delay_s = rng.uniform(*RANGE_M), rng.uniform(*LOSS), rng.uniform(*DELAY_S)
+    return ScriptRadio(range_m=round(float(range_m), 1), loss=round(float(loss), 2), delay_s=round(float(delay_s), 3))
 
 
 def _robots(rng: np.random.Generator, count: int) -> tuple[PointRobot, ...]:

@@ -3,12 +3,15 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
+
 from robrain.coordinator.recording.invariants.judging import Judging
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.faults.fault_spec import HARDWARE
+from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.stand_in.fault_script import FaultScript
@@ -26,8 +29,13 @@ OPERATOR_TICKS = 5
 
 
 def scenario_of(script: FaultScript) -> Scenario:
-    """The scenario that a script runs in, without its motes."""
-    scenario = Scenario.builtin(script.scenario)
+    """The scenario that a script runs in, without its motes.
+
+    A scenario's robots are r1, r2 and so on; those of a script that was shrunk are named anew, in their order.
+    """
+    scenario, radio = Scenario.builtin(script.scenario), script.radio
+    names = {robot.name: f"r{number}" for number, robot in enumerate(script.robots, start=1)}
+    faults = tuple(msgspec.structs.replace(one, robot=names.get(one.robot, one.robot)) for one in script.faults)
     roster = tuple(
         RobotSpec(place_m=(robot.place.x_m, robot.place.y_m), hardware={"battery": {"soc_at_start": robot.soc}})
         for robot in script.robots
@@ -37,7 +45,8 @@ def scenario_of(script: FaultScript) -> Scenario:
         roster=roster,
         motes=0,
         chargers=tuple(ChargerSpec(place_m=(place.x_m, place.y_m)) for place in script.chargers),
-        faults=script.faults,
+        faults=faults,
+        links=None if radio is None else LinkSpec(range_m=radio.range_m, loss=radio.loss, delay_s=radio.delay_s),
         seed=script.seed,
     )
 

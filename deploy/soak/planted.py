@@ -97,8 +97,8 @@ def _halt_forgotten() -> list[Patch]:
 def _offer_never_free() -> list[Patch]:
     honest = reconciling.reconcile
 
-    def trusting(record: TaskRecord, robot: Any, now_ns: int, since_ns: int) -> Any:
-        return None if record.state is TaskState.OFFERED else honest(record, robot, now_ns, since_ns)
+    def trusting(record: TaskRecord, *given: Any) -> Any:
+        return None if record.state is TaskState.OFFERED else honest(record, *given)
 
     return [(task_lifecycle, "reconcile", trusting)]
 

@@ -37,7 +37,7 @@ def soak(
     as_json: JsonOption = False,
 ) -> None:
     """Run random fault scripts on the coordination code, judge them, and shrink those that break an invariant."""
-    from robrain.deploy.commands.options import above_zero
+    from robrain.deploy.commands.process_options import above_zero
     from robrain.deploy.errors import UsageError
 
     for name, value, least in (("--runs", runs, 1), ("--jobs", jobs, 1), ("--seed", seed, 0), ("--shrink", shrink, 0)):

@@ -53,7 +53,8 @@ def sweep(
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario with many seeds and settings on all cores; the same command continues a sweep."""
-    from robrain.deploy.commands.options import above_zero, choose_scenario, until_explored
+    from robrain.deploy.commands.options import choose_scenario
+    from robrain.deploy.commands.process_options import above_zero, until_explored
     from robrain.deploy.errors import UsageError
     from robrain.deploy.sweep.plan import make_plan
     from robrain.deploy.sweep.sweep import SweepOptions, run_sweep

@@ -1,5 +1,6 @@
 """The explorer: finds the frontiers of the team's map and hands each idle robot its own."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -19,11 +20,13 @@ from robrain.protocol.exploration.situation import (
     is_avoided,
 )
 from robrain.protocol.exploration.strategies import Strategy
+from robrain.protocol.exploration.trials import Trials
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m
+from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m, mapped_gap_cells
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.reasons.idle import (
     IdleReason,
+    LacksRange,
     NothingUnknown,
     NoWay,
     OthersExplore,
@@ -33,10 +36,12 @@ from robrain.protocol.wire.reasons.idle import (
 )
 
 if TYPE_CHECKING:
+    from robrain.protocol.exploration.map_look import MapLook
     from robrain.protocol.model.mapping.grid_geometry import GridGeometry
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
     from robrain.protocol.model.navigation.frontier import Frontier
     from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
+    from robrain.protocol.wire.messages.left_messages import ExplorationLeft
 
 NARROW_LOOK_NS = to_ns(2.0)
 """Period of the search for narrow paths for idle robots; each search takes some milliseconds."""
@@ -72,6 +77,10 @@ class Scout(NamedTuple):
     radius_m: float
     goal: Point2D | None = None
     """The frontier that it is on its way to."""
+    reach_m: float = math.inf
+    """Length of path that its energy lasts for, with the reserve kept."""
+    homes: tuple[Point2D, ...] = ()
+    """Its chargers; without one it may go as far as there is a path."""
 
 
 class _Failure(NamedTuple):
@@ -115,10 +124,14 @@ class Explorer:
         self._narrow_due_ns = 0
         self._narrow_goals: set[Point2D] = set()
         """Goals to which robots were sent along narrow paths."""
+        self._trials = Trials()
+        self._seen_again: set[Point2D] = set()
+        """Frontiers to which robots were sent when nothing else was left."""
 
     def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
         self._failures.append(_Failure(robot, place, now_ns + AVOID_NS))
+        self._trials.note_failure(place)
         if place in self._narrow_goals:
             self._narrow_goals.remove(place)
             self._narrow.note_failure(place)
@@ -161,7 +174,7 @@ class Explorer:
         narrow = [scout for scout in scouts if scout.goal in self._narrow_goals]
         busy = [*busy, *(Busy(scout.place or scout.goal, scout.goal) for scout in narrow if scout.goal is not None)]
         seekers = [
-            Seeker(scout.name, scout.place, self._avoided_places(scout.name), scout.goal)
+            Seeker(scout.name, scout.place, self._avoided_places(scout.name), scout.goal, scout.reach_m, scout.homes)
             for scout in scouts
             if scout.place is not None and scout not in narrow
         ]
@@ -176,7 +189,9 @@ class Explorer:
         candidates = [candidate for candidate in self.candidates if not self._is_spent(candidate.place)]
         paths = FrontierPaths(navigation, candidates)
         between = self._fields.costs_between(paths, navigation, now_ns)
-        situation = Situation(candidates, seekers, busy, paths.costs_m, costs_between=between)
+        situation = Situation(
+            candidates, seekers, busy, paths.costs_m, costs_between=between, floor=self._floor_look(candidates)
+        )
         choices = _changed(self.strategy(situation), seekers)
         chosen = {choice.robot for choice in choices}
         left = [seeker for seeker in seekers if seeker.name not in chosen and seeker.goal is None]
@@ -187,35 +202,97 @@ class Explorer:
             choices += self._squeeze(candidates, left, [*busy, *bound], radius_m, now_ns)
         for choice in choices:
             self.idle.pop(choice.robot, None)
+            self._trials.note_been(next(seeker.place for seeker in seekers if seeker.name == choice.robot))
         self._vain = None if choices or not is_narrow_due else question
         return choices
+
+    def left(self, robots: Sequence[Scout]) -> "ExplorationLeft | None":
+        """What is left if exploration ends now; None before anything is known. Takes some tens of milliseconds.
+
+        Args:
+            robots: all robots of the team.
+
+        """
+        grid = self._map.grid
+        if grid is None:
+            return None
+        from robrain.protocol.exploration.regions_left import Evidence, exploration_left
+
+        known = [robot.place for robot in robots if robot.place is not None]
+        evidence = Evidence(
+            robots=known,
+            radius_m=min((robot.radius_m for robot in robots), default=0.0),
+            gaps=list(self._narrow.gaps),
+            failures=self._trials.failures,
+            been=self._trials.been,
+            spent=[place for place in self._visited if self._is_spent(place)],
+        )
+        return exploration_left(grid.classes(), grid.geometry, evidence)
 
     def _squeeze(
         self, candidates: list[Candidate], seekers: list[Seeker], busy: list[Busy], radius_m: float, now_ns: int
     ) -> list[Choice]:
         """Choose goals along narrow paths for robots without any other; set `idle` for those that get none."""
         grid = self._map.grid
-        if grid is None or not candidates:
+        if grid is None:
             self.idle |= {seeker.name: NothingUnknown() for seeker in seekers}
             return []
         navigation = self._narrow.look(grid, radius_m, PREFERRED_MARGIN_M + radius_m)
-        taken = {robot.goal for robot in busy}
-        open_to = [one for one in candidates if one.place not in taken and not self._narrow.is_given_up(one.place)]
         shut = self._narrow.shut(now_ns)
-        paths = FrontierPaths(navigation, open_to, shut)
-        choices = self.strategy(Situation(open_to, seekers, busy, paths.costs_m, is_narrow=True))
+        choices = self._along_narrow(navigation, candidates, seekers, busy, shut)
+        if not choices and not (candidates and busy):
+            choices = self._along_narrow(navigation, self._last(grid, navigation, radius_m), seekers, busy, shut)
+            self._seen_again |= {choice.place for choice in choices}
         self._narrow_goals |= {choice.place for choice in choices}
         paths = FrontierPaths(navigation, candidates, shut)
         for seeker in seekers:
-            reached = np.isfinite(paths.costs_m(seeker.place)).tolist()
+            reached = np.isfinite(paths.costs_m(seeker.place)).tolist() if candidates else []
             within = [candidate for candidate, is_reached in zip(candidates, reached, strict=True) if is_reached]
-            self.idle[seeker.name] = self._why_idle(seeker, candidates, within, radius_m)
+            too_far = Situation(candidates, [seeker], [], paths.costs_m).too_far
+            if too_far.any() and too_far.sum() == len(within):
+                self.idle[seeker.name] = LacksRange(frontiers=len(within), reach_m=seeker.reach_m)
+            else:
+                self.idle[seeker.name] = self._why_idle(seeker, candidates, within, radius_m)
         return choices
+
+    def _along_narrow(
+        self,
+        navigation: "NavigationGrid",
+        candidates: list[Candidate],
+        seekers: list[Seeker],
+        busy: list[Busy],
+        shut: list[tuple[float, float, float]],
+    ) -> list[Choice]:
+        taken = {robot.goal for robot in busy}
+        open_to = [one for one in candidates if one.place not in taken and not self._narrow.is_given_up(one.place)]
+        if not open_to:
+            return []
+        paths = FrontierPaths(navigation, open_to, shut)
+        return self.strategy(Situation(open_to, seekers, busy, paths.costs_m, is_narrow=True))
+
+    def _last(self, grid: "OccupancyGrid", navigation: "NavigationGrid", radius_m: float) -> list[Candidate]:
+        """Frontiers in which a robot may stand, for when nothing else is left: short ones, and once more those visited.
+
+        The frontier behind a bend of the narrowest passable corridor is as long as the corridor is wide on the map. One
+        that was visited may have been looked at from too far away.
+        """
+        from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers
+
+        least = min(MIN_CELLS, mapped_gap_cells(radius_m, grid.geometry.resolution_m))
+        classes, near_m = grid.classes(), grid.geometry.resolution_m
+        found = [_candidate(classes, grid.geometry, one) for one in find_frontiers(classes, min_cells=least)]
+        return [
+            one
+            for one in found
+            if navigation.snap(one.place, near_m) and not (self._is_spent(one.place) and one.place in self._seen_again)
+        ]
 
     def _why_idle(
         self, seeker: Seeker, candidates: list[Candidate], within: list[Candidate], radius_m: float
     ) -> IdleReason:
         """Why a robot has nothing to explore, given the frontiers that it has some path to."""
+        if not candidates:
+            return NothingUnknown()
         tried = [one for one in within if is_avoided(one, seeker) or self._narrow.is_given_up(one.place)]
         if len(tried) < len(within):
             return OthersExplore(frontiers=len(within) - len(tried))
@@ -247,6 +324,14 @@ class Explorer:
                 known.update(classes)
             self.candidates = [_candidate(classes, grid.geometry, found) for found in find_frontiers(classes)]
         return known
+
+    def _floor_look(self, candidates: list[Candidate]) -> "MapLook | None":
+        grid = self._map.grid
+        if grid is None:
+            return None
+        from robrain.protocol.exploration.map_look import MapLook
+
+        return MapLook(grid, candidates)
 
     def _is_spent(self, place: Point2D) -> bool:
         """Whether a robot has been at a place, and nobody has seen more there since."""

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ AVOID_RADIUS_M = 1.0
 
 SAME_GOAL_M = 1.0
 """A frontier within this distance of a robot's goal is the one that it is on its way to, as the map is now."""
+HOME_DETOUR = 1.5
+"""Assumed ratio of path length to straight line on the way home where the map knows no path (chosen; robots assume the
+same)."""
 KEEP_M = 3.0
 """Path cost by which that frontier counts as nearer, so that a goal is not changed for little."""
 
@@ -37,6 +40,10 @@ class Seeker(NamedTuple):
     """Places that it could not get to a short while ago."""
     goal: Point2D | None = None
     """The frontier that it is on its way to; None if it has nothing to do."""
+    reach_m: float = math.inf
+    """Length of path that its energy lasts for, with the reserve kept."""
+    homes: tuple[Point2D, ...] = ()
+    """Its chargers: a frontier counts as reached only if its energy lasts for the way there and on to one of them."""
 
 
 class Busy(NamedTuple):
@@ -62,6 +69,24 @@ PathCosts = Callable[[Point2D], NDArray[np.float64]]
 """Path cost from a place to each frontier, (frontiers,), metres of open floor; inf where there is no path."""
 
 
+class FloorLook(Protocol):
+    """What the map shows beside the paths."""
+
+    @property
+    def shares_m2(self) -> NDArray[np.float64]:
+        """Unknown floor that is nearer to each frontier than to the others, (frontiers,), square metres."""
+        ...
+
+    @property
+    def frontier_rooms(self) -> NDArray[np.int64]:
+        """The number of each frontier's room, (frontiers,); below 0 if it is in none."""
+        ...
+
+    def room_of(self, place: Point2D) -> int:
+        """The number of the room around a place; below 0 if it is in none."""
+        ...
+
+
 class Situation:
     """What a strategy decides on; read-only.
 
@@ -72,6 +97,7 @@ class Situation:
         path_costs: computes path costs from a place to the frontiers.
         is_narrow: whether paths may have less than the preferred clearance; copied into each choice.
         costs_between: the same between frontiers, where a little age does no harm; None: `path_costs`.
+        floor: what the map shows beside the paths; None: nothing, all is one room.
 
     """
 
@@ -84,11 +110,13 @@ class Situation:
         *,
         is_narrow: bool = False,
         costs_between: PathCosts | None = None,
+        floor: "FloorLook | None" = None,
     ) -> None:
         self.candidates = tuple(candidates)
         self.seekers = tuple(seekers)
         self.busy = tuple(busy)
         self.is_narrow = is_narrow
+        self.floor = floor
         self._path_costs = path_costs
         self._costs_between = path_costs if costs_between is None else costs_between
 
@@ -96,9 +124,11 @@ class Situation:
     def ways_m(self) -> NDArray[np.float64]:
         """Path costs (seekers, frontiers), metres of open floor; inf where there is no path, or the robot avoids it.
 
-        The frontier that a robot is on its way to counts as `KEEP_M` nearer.
+        Also inf where the robot's energy does not last for the way there and home. The frontier that a robot is on its
+        way to counts as `KEEP_M` nearer.
         """
         ways_m = self._from([seeker.place for seeker in self.seekers])
+        ways_m[self.too_far] = math.inf
         for row, seeker in enumerate(self.seekers):
             if seeker.goal is not None and (column := self.column_of(seeker.goal)) is not None:
                 ways_m[row, column] = max(0.0, ways_m[row, column] - KEEP_M)
@@ -108,6 +138,30 @@ class Situation:
                     ways_m[row, column] = math.inf
         ways_m.setflags(write=False)
         return ways_m
+
+    @cached_property
+    def too_far(self) -> NDArray[np.bool_]:
+        """Whether a robot's energy does not last for the way to a frontier and home, (seekers, frontiers).
+
+        Path costs count as lengths; they are at least as long. Frontiers without a path are not too far.
+        """
+        too_far = np.zeros((len(self.seekers), len(self.candidates)), np.bool_)
+        if not self.candidates:
+            return too_far
+        for row, seeker in enumerate(self.seekers):
+            if seeker.homes and math.isfinite(seeker.reach_m):
+                ways_m = np.asarray(self._path_costs(seeker.place))
+                too_far[row] = np.isfinite(ways_m) & (ways_m + self._home_m(seeker.homes) > seeker.reach_m)
+        return too_far
+
+    def _home_m(self, homes: tuple[Point2D, ...]) -> NDArray[np.float64]:
+        """Path cost from each frontier to the nearest home, (frontiers,); a straight line and half of it if unknown."""
+        least_m = np.full(len(self.candidates), math.inf)
+        for home in homes:
+            away_m = np.array([HOME_DETOUR * candidate.place.distance_m(home) for candidate in self.candidates])
+            ways_m = np.asarray(self._path_costs(home))
+            least_m = np.minimum(least_m, np.where(np.isfinite(ways_m), ways_m, away_m))
+        return least_m
 
     @cached_property
     def busy_ways_m(self) -> NDArray[np.float64]:

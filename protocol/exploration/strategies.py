@@ -25,9 +25,11 @@ JOINT: Final = "joint"
 TOURS: Final = "tours"
 """Tours through all frontiers that reach much unknown floor early; each robot begins its own."""
 
+ROOMS: Final = "rooms"
+"""Tours that know rooms, the work behind each frontier, and the ways of the other robots."""
 
 AUTO: Final = "auto"
-"""The default: `tours` for one or two robots, `joint` for more."""
+"""The default: `tours` for up to four robots, `joint` for more."""
 
 
 class Strategy(Protocol):
@@ -49,6 +51,7 @@ STRATEGIES: Registry[Strategy] = Registry(
         BURGARD: f"{BASELINES}:burgard",
         JOINT: "robrain.protocol.exploration.joint:joint",
         TOURS: "robrain.protocol.exploration.tours:tours",
+        ROOMS: "robrain.protocol.exploration.rooms:rooms",
     },
 )
 

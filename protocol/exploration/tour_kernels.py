@@ -28,8 +28,8 @@ class Places(NamedTuple):
     """Ways between the places (places, places)."""
     weights: Floats
     """What it is worth to reach each place early (places,), above 0."""
-    stay_m: float
-    """Way that could be made in the time which a place takes."""
+    stay_m: Floats
+    """Way that could be made in the time which each place takes (places,)."""
     far_m: float
     """A way of this length counts for half of what it would; longer ones for less and less."""
 
@@ -55,15 +55,14 @@ def plan_tours(places: Places) -> list[list[int]]:
 
     """
     robots, count = places.first_m.shape
-    if places.between_m.shape != (count, count) or places.weights.shape != (count,):
-        raise ValueError(
-            f"expected {count} places, got ways {places.between_m.shape} and weights {places.weights.shape}"
-        )
+    shapes = places.between_m.shape, places.weights.shape, places.stay_m.shape
+    if shapes != ((count, count), (count,), (count,)):
+        raise ValueError(f"expected {count} places, got ways, weights and stays of shapes {shapes}")
     exact = Places(
         np.ascontiguousarray(places.first_m, np.float64),
         np.ascontiguousarray(places.between_m, np.float64),
         np.ascontiguousarray(places.weights, np.float64),
-        float(places.stay_m),
+        np.ascontiguousarray(places.stay_m, np.float64),
         float(places.far_m),
     )
     tours = Tours(
@@ -84,7 +83,7 @@ def _cost(places: Places, robot: int, tour: Ints, length: int) -> float:
         place = tour[index]
         way_m += places.first_m[robot, place] if index == 0 else places.between_m[tour[index - 1], place]
         cost += places.weights[place] * way_m * places.far_m / (way_m + places.far_m)
-        way_m += places.stay_m
+        way_m += places.stay_m[place]
     return cost
 
 

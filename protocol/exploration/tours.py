@@ -15,8 +15,12 @@ LEAST_WEIGHT_M2 = 0.3
 """Every frontier counts as if this much more were unknown beyond it, so that none is left for ever (chosen)."""
 UNKNOWN_LIMIT_M2 = 12.0
 """Most unknown floor that a frontier counts for (chosen), since the estimate says little beyond it."""
-STAY_M = 4.0
-"""Way that a robot could make in the time that a frontier takes it (chosen)."""
+STAY_M = 8.0
+"""Way that a robot of a team could make in the time that a frontier takes it (chosen): the longer, the more evenly
+frontiers are shared out. With ideal motion and 8 seeds, four robots know 95 % of five floors after 37.3 s on average;
+with half of it after 39.2 s, with one and a half times after 36.8 s."""
+STAY_ALONE_M = 4.0
+"""The same for a robot that explores alone, to which frontiers close together are close together."""
 FAR_M = 40.0
 """A way of this length counts for half of what it would (chosen): what lies far ahead is uncertain."""
 SHARED_M = 5.0
@@ -32,12 +36,19 @@ def tours(situation: Situation) -> list[Choice]:
     # Imported here: it brings the compiler, which would delay the coordinator's start.
     from robrain.protocol.exploration.tour_kernels import Places, plan_tours
 
+    stay_m = STAY_ALONE_M if len(situation.seekers) + len(situation.busy) == 1 else STAY_M
     weights = _weights_m2(situation)
-    columns = _considered(situation, weights)
+    columns = considered(situation, weights, stay_m)
     if not columns:
         return []
     found = plan_tours(
-        Places(situation.ways_m[:, columns], situation.between(columns), weights[columns], STAY_M, FAR_M)
+        Places(
+            situation.ways_m[:, columns],
+            situation.between(columns),
+            weights[columns],
+            np.full(len(columns), stay_m),
+            FAR_M,
+        )
     )
     return [
         situation.choice(row, columns[tour[0]], float(situation.ways_m[row, columns[tour[0]]]))
@@ -49,15 +60,20 @@ def tours(situation: Situation) -> list[Choice]:
 def _weights_m2(situation: Situation) -> NDArray[np.float64]:
     """What each frontier promises, (frontiers,), square metres; next to nothing at other robots' goals."""
     unknown_m2 = np.array([min(one.unknown_m2, UNKNOWN_LIMIT_M2) for one in situation.candidates])
-    weights = LEAST_WEIGHT_M2 + unknown_m2
-    if situation.busy:
-        weights *= np.maximum(np.minimum(situation.taken_m.min(axis=0) / SHARED_M, 1.0), 1e-3)
-    return weights
+    return (LEAST_WEIGHT_M2 + unknown_m2) * taken_share(situation)
 
 
-def _considered(situation: Situation, weights: NDArray[np.float64]) -> list[int]:
+def taken_share(situation: Situation) -> NDArray[np.float64]:
+    """By how much each frontier counts for less because it is near a busy robot's goal, (frontiers,), above 0 to 1."""
+    if not situation.busy:
+        return np.ones(len(situation.candidates))
+    share: NDArray[np.float64] = np.maximum(np.minimum(situation.taken_m.min(axis=0) / SHARED_M, 1.0), 1e-3)
+    return share
+
+
+def considered(situation: Situation, weights: NDArray[np.float64], stay_m: float) -> list[int]:
     """Numbers of the frontiers to share out, ascending; none that no robot can reach."""
     least_m = situation.ways_m.min(axis=0)
-    value = np.where(np.isfinite(least_m), weights / (least_m + STAY_M), 0.0)
+    value = np.where(np.isfinite(least_m), weights / (least_m + stay_m), 0.0)
     order = np.argsort(-value, kind="stable")[:CONSIDERED]
     return sorted(column for column in order.tolist() if value[column] > 0)

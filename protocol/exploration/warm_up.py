@@ -4,6 +4,8 @@ import numpy as np
 
 from robrain.protocol.exploration.frontier_paths import FrontierPaths
 from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.map_look import MapLook
+from robrain.protocol.exploration.rooms import rooms
 from robrain.protocol.exploration.situation import Candidate, Seeker, Situation
 from robrain.protocol.exploration.tours import tours
 from robrain.protocol.model.geometry import Point2D
@@ -29,6 +31,7 @@ def warm_up() -> None:
     navigation = NavigationGrid(classes, geometry, 0.3)
     navigation.update(classes)
     found = [Candidate(geometry.center_of(one.row, one.column), 1.0) for one in find_frontiers(classes)]
-    situation = Situation(found, [Seeker("r", Point2D(0.6, 1.2))], [], FrontierPaths(navigation, found).costs_m)
-    joint(situation)
-    tours(situation)
+    costs_m = FrontierPaths(navigation, found).costs_m
+    situation = Situation(found, [Seeker("r", Point2D(0.6, 1.2))], [], costs_m, floor=MapLook(grid, found))
+    for strategy in (joint, tours, rooms):
+        strategy(situation)

@@ -9,6 +9,7 @@
 | 0x56 duty | robot → mote | `DutyPayload`: sense that often; the next reading's period confirms it |
 | 0x57 beacon | robot → anybody | `BeaconPayload`, so that base stations can tell how well they hear each other |
 | 0x58 forwarded | mote → mote, anybody | `ForwardedPayload` (`forwarded`): a reading of another mote, passed on |
+| 0x59 routed | robot → mote → mote | `RoutedPayload` (`routed`): one of the others, for a mote out of reach |
 
 A mote listens for a moment after each packet that it sends, so robots speak when they are spoken to. Sequence numbers
 count a mote's readings and wrap at 65536; which of two is the later is decided as in RFC 1982. Motes leave beacons

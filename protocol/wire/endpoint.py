@@ -15,27 +15,34 @@ from typing import Any
 
 import zenoh
 
+from robrain.protocol.wire.access.identity import member_on
+from robrain.protocol.wire.access.signed_keys import is_signed, read_signed
+from robrain.protocol.wire.access.signing import Signing
+from robrain.protocol.wire.access.vouching import message_in_own_name, vouch_message, vouch_request
 from robrain.protocol.wire.answers.answering import Answering, SharedQueue
 from robrain.protocol.wire.answers.asked import BY, Answer, Asked, ZenohQuery
 from robrain.protocol.wire.answers.later import Later, read_answer
 from robrain.protocol.wire.answers.replying import reply_deferred
+from robrain.protocol.wire.answers.trace import Traces
 from robrain.protocol.wire.border.border import Border, Heard
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.wire.inbox import NOTHING, Inbox
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.links.declared_keys import DeclaredKeys
 from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.links.link import Link
 from robrain.protocol.wire.links.local_link import LocalLink
+from robrain.protocol.wire.links.qos import query_options
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.links.radio_link import RadioLink
 from robrain.protocol.wire.links.radio_network import EVERYWHERE
+from robrain.protocol.wire.links.thinning import Thinning
 from robrain.protocol.wire.links.zenoh_link import ZenohLink
 from robrain.protocol.wire.presence import Presence
-from robrain.protocol.wire.publisher import PRIORITY, Publisher
+from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.serving import Deferred, Drive, Handler, OnOutside, Request, Serve
 from robrain.protocol.wire.topic import JSON, Q, Query, R, Token, Topic
 
@@ -69,6 +76,7 @@ class Endpoint:
         refusals: counts refused messages and requests, where several endpoints are counted together.
         party: whose radio it uses, where a lockstep run simulates radios: a robot's name, `COORDINATOR` of
             `radio_network.py`, or `EVERYWHERE`, which needs none.
+        thinning: leaves out telemetry that the link has no room for; None sends everything.
 
     """
 
@@ -83,15 +91,24 @@ class Endpoint:
         workers: int = 16,
         refusals: Refusals | None = None,
         party: str = EVERYWHERE,
+        thinning: Thinning | None = None,
     ) -> None:
         self.session = session
         self.team = team
         self.clock = clock
         self.drive = drive
+        self.member = member_on(session)
+        """Whom the session's certificate names; None where the team is not secured."""
+        if self.member is not None and self.member.team != team:
+            raise WireError(f"the certificate of {self.member} is of team {self.member.team}, not of team {team}")
+        self._signing = Signing(self.member)
         self.refused_queries = 0
         self.refusals = Refusals(clock) if refusals is None else refusals
         """Counts of the messages and requests that the endpoint refused."""
         self._border = Border(clock, self.refusals)
+        self._thinning = thinning
+        self.traces = Traces(team)
+        """Traces of the tasks that the component has to do with."""
         self._on_outside = on_outside
         self.has_waiting = False
         """Whether `serve` has something to do."""
@@ -111,7 +128,11 @@ class Endpoint:
 
     def publisher(self, topic: Topic[Any], **names: str) -> Publisher:
         """A publisher of one concrete key."""
-        return self._link.publisher(topic, topic.key(self.team, **names), self.clock)
+        publisher = self._link.publisher(topic, self._signing.own(topic, topic.key(self.team, **names)), self.clock)
+        publisher.thinning = self._thinning
+        if self.member is not None and is_signed(topic):
+            publisher.in_own_name = partial(message_in_own_name, topic, member=self.member)
+        return publisher
 
     def token(self, topic: Token, **names: str) -> None:
         """Say that this component is there, for as long as the endpoint is open."""
@@ -122,14 +143,20 @@ class Endpoint:
     def subscribe(self, inbox: Inbox, topic: Topic[Any], **names: str) -> None:
         """Put what arrives on a topic into `inbox`; names that are not given match any."""
         inbox.adopt(self._border)
-        selector = topic.selector(self.team, **names)
+        selector = self._signing.of_all(topic, topic.selector(self.team, **names))
         lockstep, owner = self.drive is Drive.LOCKSTEP, self._owner
         learns, known = "*" in selector and not lockstep, self._declared_keys.keys
+        is_vouched = self._signing.covers(topic)
 
         def take(key: str, payload: bytes) -> None:
             outside = lockstep and get_ident() != owner
             if learns and key not in known:
                 self._declared_keys.declared(key)
+            if is_vouched:
+                vouched = vouch_message(topic, key, payload, self.refusals)
+                if vouched is None:
+                    return
+                key, payload = vouched
             is_taken = inbox.append(topic, key, payload, outside=outside)
             if self.on_heard is not None:
                 self.on_heard()
@@ -175,8 +202,9 @@ class Endpoint:
             names: names in the key; those that are not given match any.
 
         """
-        own_key = topic.key(self.team, **names) if set(names) == set(topic.fields) else None
-        selector = topic.selector(self.team, **names)
+        is_own = set(names) == set(topic.fields) and not self._signing.covers(topic)
+        own_key = topic.key(self.team, **names) if is_own else None
+        selector = self._signing.of_all(topic, topic.selector(self.team, **names))
         if self.drive is Drive.LIVE and serve in (Serve.POOL, Serve.SHARED):
             answer_on_threads = self._answer_on_threads if serve is Serve.POOL else self._answer_on_shared_threads
             answer_on_threads(selector, at_once, topic, own_key, handler)
@@ -266,11 +294,20 @@ class Endpoint:
             if self._closing:
                 raise CallError(ErrorCode.UNLOADED, "the component has stopped")
             key = own_key or query.key
-            names = topic.parse(key)
+            signed_key = read_signed(key) if self._signing.covers(topic) else None
+            if signed_key is None and self._signing.covers(topic):
+                raise CallError(ErrorCode.FORBIDDEN, f"{key}: in a secured team this is asked under as/ROLE/NAME")
+            names = topic.parse(key if signed_key is None else signed_key.key)
             if names is None:
                 raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
             asked = self.read_request(topic, key, query.payload)
-            result = handler(Request(names, asked, query.by))
+            if signed_key is None:
+                request = Request(names, asked, query.by, query.trace)
+            else:
+                asker = signed_key.asker
+                asked = vouch_request(topic, key, asked, asker, self.refusals)
+                request = Request(names, asked, str(asker), query.trace, asker)
+            result = handler(request)
             if isinstance(result, Deferred):
                 is_deferred = True
                 result.when(partial(reply_deferred, query, key, topic, result.reply))
@@ -321,10 +358,10 @@ class Endpoint:
             CallError: the reply is an error, does not decode (`failed`), or none came in time (`timeout`).
             NobodyThere: nobody answers that key.
         """
-        key = topic.key(self.team, **names)
-        body = None if request is None else topic.requests.write(request)
+        key = self._signing.own(topic, topic.key(self.team, **names))
+        body = self._signing.body(topic, request)
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
-        selector = f"{key}?{BY}={check_name('asker', by)}" if by else key
+        selector = f"{key}?{BY}={check_name('asker', by)}" if by and not self._signing.covers(topic) else key
         replies = self._link.ask(selector, body, topic.urgency, timeout_s)
         if replies.from_outside:
             self.note_outside(selector, b"")
@@ -335,7 +372,13 @@ class Endpoint:
         raise NobodyThere(f"nobody answers {key}")
 
     def ask_later(
-        self, topic: Query[Q, R], request: Q | None = None, *, timeout_s: float | None = None, **names: str
+        self,
+        topic: Query[Q, R],
+        request: Q | None = None,
+        *,
+        timeout_s: float | None = None,
+        trace: str = "",
+        **names: str,
     ) -> Later[R]:
         """Ask one concrete key without waiting; in lockstep the reply is there when this returns.
 
@@ -343,19 +386,22 @@ class Endpoint:
             topic: which query.
             request: None asks without a payload.
             timeout_s: how long a reply is waited for; None for as long as the query says.
+            trace: of the task that it is about; in lockstep it does not travel.
             names: the names in the key.
 
         """
-        key = topic.key(self.team, **names)
+        key = self._signing.own(topic, topic.key(self.team, **names))
         if self.drive is Drive.LOCKSTEP:
             try:
                 return Later(key, topic, known=[self.ask(topic, request, timeout_s=timeout_s, **names)])
             except (CallError, NobodyThere) as error:
                 return Later(key, topic, known=error)
-        body = None if request is None else topic.requests.write(request)
+        body = self._signing.body(topic, request)
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
-        priority = PRIORITY[topic.urgency]
-        return Later(key, topic, self._get(key, payload=body, timeout=timeout_s, encoding=JSON, priority=priority))
+        options = {"payload": body, "encoding": JSON, **query_options(topic.urgency)}
+        if trace:
+            options["attachment"] = trace
+        return Later(key, topic, self._get(key, timeout=timeout_s, **options))
 
     def _get(self, key: str, **options: Any) -> Any:
         """Ask in live without waiting; returns the channel of the replies."""
@@ -386,10 +432,11 @@ class Endpoint:
         """
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         inbox.adopt(self._border)
-        key, reply_key = topic.key(self.team, **names), reply_topic.key(self.team, **names)
-        body = None if request is None else topic.requests.write(request)
+        key, reply_key = self._signing.own(topic, topic.key(self.team, **names)), reply_topic.key(self.team, **names)
+        body = self._signing.body(topic, request)
         if self.drive is Drive.LIVE:  # a callback would start a thread for each query
             options: dict[str, Any] = {} if body is None else {"payload": body, "encoding": JSON}
+            options |= query_options(topic.urgency)
             inbox.expect(self._get(key, timeout=timeout_s, **options), reply_topic, reply_key)
             return
 

@@ -2,12 +2,16 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from threading import Lock
 from typing import Any
 
 import zenoh
 
 from robrain.protocol.wire.border.border import Border, Heard, Received
 
+LARGE_BYTES = 4096
+INBOX_BYTES_MAX = 134_217_728
+"""Of large samples in one inbox (chosen: twice the largest message that a topic allows)."""
 NOTHING = b"null"
 """An empty reply: JSON null."""
 
@@ -22,18 +26,33 @@ class Inbox:
     dropped, or, on LATEST topics, a sample with a new key; `dropped` counts both. What the border refuses never comes
     out of `drain`.
 
+    Samples of more than `LARGE_BYTES` hold at most `max_bytes` together; further ones are dropped. Smaller ones are
+    bounded by their number.
+
     Args:
         capacity: samples held at the most, of those that count singly and of the latest ones each.
         every: keep each sample, also of topics on which only the latest counts.
         border: decodes and checks samples; None uses that of the endpoint that fills the inbox, which counts the
             refusals of all its inboxes together.
+        max_bytes: of large samples.
     """
 
     acts_at_once = False
     """Whether `append` does more than append, so that it may wait: its subscription gets a thread of its own."""
 
-    def __init__(self, capacity: int = 1024, *, every: bool = False, border: Border | None = None) -> None:
+    def __init__(
+        self,
+        capacity: int = 1024,
+        *,
+        every: bool = False,
+        border: Border | None = None,
+        max_bytes: int = INBOX_BYTES_MAX,
+    ) -> None:
         self.capacity = capacity
+        self.max_bytes = max_bytes
+        self.large_bytes = 0
+        """Of the large samples that came since the last drain, without those that were replaced."""
+        self._weighing = Lock()
         self.every = every
         self.outside = 0
         """Samples that reached a lockstep run from another process."""
@@ -74,11 +93,15 @@ class Inbox:
     def put_into(inboxes: Sequence["Inbox"], sample: Sample) -> int:
         """Have inboxes that do not override `take` take in one sample; returns how many did."""
         topic, key, payload, _ = sample
-        is_large, is_latest, count = len(payload) > topic.payloads.max_bytes, topic.is_latest, 0
+        size, is_latest, count = len(payload), topic.is_latest, 0
+        is_large = size > topic.payloads.max_bytes
         for inbox in inboxes:
             inbox.received += 1
             if is_large and not inbox.border.admits(topic, key, payload):
                 inbox.refused += 1
+                continue
+            if size > LARGE_BYTES and not inbox._has_room(key, size, replaces=is_latest and not inbox.every):
+                inbox.dropped += 1
                 continue
             if is_latest and not inbox.every:
                 latest = inbox._latest
@@ -96,6 +119,17 @@ class Inbox:
             if inbox.on_arrival is not None:
                 inbox.on_arrival()
         return count
+
+    def _has_room(self, key: str, size: int, *, replaces: bool) -> bool:
+        """Whether there is room for a large sample, which is weighed if so; only large ones take the lock."""
+        with self._weighing:
+            before = self._latest.get(key) if replaces else None
+            replaced = len(before[2]) if before is not None and len(before[2]) > LARGE_BYTES else 0
+            weight = max(self.large_bytes - replaced, 0) + size
+            if weight > self.max_bytes:
+                return False
+            self.large_bytes = weight
+            return True
 
     def __len__(self) -> int:
         return len(self._every) + len(self._latest)
@@ -135,6 +169,7 @@ class Inbox:
     def drain_samples(self) -> list[Sample]:
         """Take everything out as it is shared with other inboxes, in the order of `drain`."""
         self.has_some = False  # first: what arrives meanwhile sets it again
+        self.large_bytes = 0
         if self._expected:
             self._take_replies()
         samples: list[Sample] = []

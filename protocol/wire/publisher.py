@@ -4,19 +4,12 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
-import zenoh
 
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.links.exchange import Delivering
+from robrain.protocol.wire.links.thinning import Thinning
 from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.topic import Topic, Urgency
-
-PRIORITY = {
-    Urgency.REAL_TIME: zenoh.Priority.REAL_TIME,
-    Urgency.INTERACTIVE_HIGH: zenoh.Priority.INTERACTIVE_HIGH,
-    Urgency.DATA: zenoh.Priority.DATA,
-    Urgency.DATA_LOW: zenoh.Priority.DATA_LOW,
-}
+from robrain.protocol.wire.topic import Topic
 
 
 class Publisher:
@@ -43,6 +36,8 @@ class Publisher:
     ) -> None:
         self.topic = topic
         self.key = key
+        self.thinning: Thinning | None = None
+        """What decides whether the link has room; None sends everything."""
         self._exchange = exchange
         self._declare = declare
         self._declared: Any = declare() if declare is not None and exchange is None else None
@@ -50,6 +45,8 @@ class Publisher:
         self._clock = clock
         self._forget = forget
         self._seq = 0
+        self.in_own_name: Callable[[Any], Any] | None = None
+        """In a secured team, gives a message that names its sender the sender's own name."""
         self._encoder = msgspec.json.Encoder()
 
     def put(self, message: Message, stamp_ns: int | None = None) -> None:
@@ -60,10 +57,14 @@ class Publisher:
 
         """
         stamp_ns = self._clock.now_ns() if stamp_ns is None else stamp_ns
+        if self.in_own_name is not None:
+            message = self.in_own_name(message)
         stamped = msgspec.structs.replace(message, stamp_ns=stamp_ns, seq=self._seq)
         encoded = self._encoder.encode(stamped)
         if len(encoded) > self.topic.payloads.max_bytes:
             raise ValueError(self.topic.payloads.too_large(len(encoded)))
+        if self.thinning is not None and not self.thinning.admits(self.topic, self.key, len(encoded)):
+            return
         self._seq += 1
         if self._declare is not None:
             self._put_outside(self._declare, encoded)

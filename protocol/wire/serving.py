@@ -4,6 +4,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Generic, NamedTuple
 
+from robrain.protocol.wire.access.member import Member
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.topic import Q, R
 
@@ -38,7 +39,12 @@ class Request(NamedTuple, Generic[Q]):
     asked: Q
     """The request, decoded; bytes where the query has free JSON, None where nothing is said."""
     by: str = ""
-    """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`."""
+    """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`.
+    In a secured team the member whom the router's rules vouch for, such as `operator:ann`."""
+    trace: str = ""
+    """Trace of the task that it is about, if the asker says: Zenoh's attachment."""
+    asker: Member | None = None
+    """That member; None where the team is not secured, and `by` is a claim."""
 
 
 class Deferred(NamedTuple, Generic[R]):

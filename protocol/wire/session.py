@@ -5,13 +5,17 @@ import ipaddress
 import json
 import re
 import socket
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import zenoh
 
+from robrain.protocol.wire.access.identity import TLS_VARIABLE, Identity, read_identity, remember, tls_folder
+from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.errors import NobodyThere, PortTaken, WireError
 
+NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 LEASE_MS = 2000
 """A cut link is noticed after this; 800 ms did not flap on loopback, 2 s leaves room for busy machines."""
 
@@ -20,6 +24,8 @@ LISTENING_TIMEOUT_S = 60.0
 
 TCP_ENDPOINT = re.compile(r"tcp/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
 """A plain TCP endpoint: host and port."""
+LISTENING = re.compile(TCP_ENDPOINT.pattern.replace("tcp", "(tcp|tls)"))
+"""As above, or with certificates."""
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp|unixsock-stream|ws)/.+")
 
 
@@ -37,15 +43,25 @@ def open_lockstep_session(listen: str | None = None) -> zenoh.Session:
 
 
 def open_session(
-    *, mode: str = "client", connect: Sequence[str] = (), listen: Sequence[str] = (), wait_s: float = 3.0
+    *,
+    mode: str = "client",
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+    wait_s: float = 3.0,
+    identity: Identity | None = None,
+    more: Mapping[str, Any] = NO_SETTINGS,
 ) -> zenoh.Session:
     """A session of the live drive.
+
+    A client that connects to `tls/…` shows a certificate, and its endpoints then say who they are.
 
     Args:
         mode: `client` (of a router), `peer` (finds others by multicast when it has no endpoints) or `router`.
         connect: endpoints to connect to, such as `tcp/127.0.0.1:7447`.
         listen: endpoints to listen on.
         wait_s: how long to try to connect; negative waits for ever.
+        identity: the certificate for `tls/…`; None reads the folder that ROBRAIN_TLS names.
+        more: further settings of Zenoh, such as the access rules of a secured router.
 
     Raises:
         NobodyThere: nothing answers at `connect`.
@@ -55,7 +71,20 @@ def open_session(
     for endpoint in (*connect, *listen):
         check_endpoint(endpoint)
     for endpoint in listen:
-        _check_port_free(endpoint)
+        check_port_free(endpoint)
+    if identity is None and any(map(is_secured, (*connect, *listen))):
+        secured = next(filter(is_secured, (*connect, *listen)))
+        if mode != "client":  # it would have no rules
+            raise WireError(f"{secured}: expected tcp/HOST:PORT: only `robrain router` listens on tls/")
+        identity = own_identity(secured)
+    folder = tls_folder()
+    if identity is None and folder is not None and mode != "router":
+        raise WireError(
+            f"{', '.join((*connect, *listen)) or f'a {mode} without endpoints'}: expected tls/HOST:PORT, since a "
+            f"certificate is to be shown ({folder}, from --tls, {TLS_VARIABLE} or [zenoh.tls])"
+        )
+    if identity is not None:
+        _check_secured(mode, (*connect, *listen), identity)
     settings: dict[str, Any] = {
         "mode": mode,
         "connect/endpoints": list(connect),
@@ -74,6 +103,8 @@ def open_session(
         "transport/shared_memory/enabled": False,
         "adminspace/enabled": mode == "router",
         "timestamping/enabled": True,
+        **(identity.settings() if identity is not None else {}),
+        **more,
     }
     if mode == "client" and not connect:
         raise WireError(
@@ -81,15 +112,23 @@ def open_session(
             "(`robrain up` prints the endpoint it listens on)"
         )
     try:
-        return _open(settings, what=f"a {mode} session")
+        session = _open(settings, what=f"a {mode} session")
+        if identity is not None:
+            remember(session, identity.member)
     except WireError as error:
         for endpoint in listen:  # another process may have taken the port meanwhile
-            _check_port_free(endpoint)
+            check_port_free(endpoint)
+        if connect and identity is not None:
+            raise NobodyThere(
+                f"nobody answers {identity.member} at {', '.join(connect)}: is `robrain router` running there, and are "
+                "both certificates of one CA and in time?"
+            ) from error
         if connect:
             raise NobodyThere(
                 f"nobody answers at {', '.join(connect)}: is `robrain up` or a Zenoh router running there?"
             ) from error
         raise
+    return session
 
 
 def check_endpoint(endpoint: str) -> str:
@@ -99,9 +138,43 @@ def check_endpoint(endpoint: str) -> str:
     return endpoint
 
 
+def is_secured(endpoint: str) -> bool:
+    """Whether both ends of an endpoint show certificates."""
+    return endpoint.startswith("tls/")
+
+
+def own_identity(endpoint: str) -> Identity:
+    """The certificate in the folder that ROBRAIN_TLS names.
+
+    Raises:
+        WireError: it names none, or its certificate cannot be used.
+
+    """
+    folder = tls_folder()
+    if folder is None:
+        raise WireError(
+            f"{endpoint} asks for a certificate: give `robrain --tls FOLDER …` or set {TLS_VARIABLE} "
+            "(`robrain pki issue` makes such a folder)"
+        )
+    return read_identity(folder)
+
+
+def _check_secured(mode: str, endpoints: Sequence[str], identity: Identity) -> None:
+    """A secured session goes by certificates alone: peers would go round the router's rules."""
+    wanted = "router" if identity.member.role is MemberRole.ROUTER else "client"
+    if mode != wanted:
+        raise WireError(
+            f"{identity.folder}: the certificate of {identity.member} is for a {wanted}, and this is a {mode}: secured "
+            "members connect to `robrain router`"
+        )
+    plain = [endpoint for endpoint in endpoints if not is_secured(endpoint)]
+    if plain:
+        raise WireError(f"{', '.join(plain)}: expected tls/HOST:PORT beside a certificate ({identity.folder})")
+
+
 def is_loopback(endpoint: str) -> bool:
     """Whether a listening endpoint can be reached from this machine only."""
-    match = TCP_ENDPOINT.fullmatch(endpoint)
+    match = LISTENING.fullmatch(endpoint)
     if match is None:
         return False
     host = match["host"].strip("[]")
@@ -121,8 +194,15 @@ def listening_at(session: zenoh.Session) -> list[str]:
     return []
 
 
-def _check_port_free(endpoint: str) -> None:
-    match = TCP_ENDPOINT.fullmatch(endpoint)
+def check_port_free(endpoint: str) -> None:
+    """Check that a TCP endpoint can be listened on; other endpoints pass.
+
+    Raises:
+        PortTaken: another process listens there.
+        WireError: it cannot be listened on for another reason.
+
+    """
+    match = LISTENING.fullmatch(endpoint)
     if match is None or match["port"] == "0":
         return
     host = match["host"].strip("[]")

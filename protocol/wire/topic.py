@@ -52,9 +52,17 @@ class Urgency(StrEnum):
     """Zenoh priorities that are in use, most urgent first."""
 
     REAL_TIME = "real_time"
+    """Halts."""
     INTERACTIVE_HIGH = "interactive_high"
+    """Commands, calls and events."""
+    DATA_HIGH = "data_high"
+    """States that others decide by."""
     DATA = "data"
+    """Other telemetry."""
     DATA_LOW = "data_low"
+    """Maps, logs, and what may be late."""
+    BACKGROUND = "background"
+    """Pictures, and whole copies for those who join late."""
 
 
 JSON = "application/json"
@@ -161,12 +169,14 @@ class Topic(WireKey, Generic[M]):
     """Type of the payload; None for bytes."""
     rate_hz: float | None = None
     delivery: Delivery = Delivery.EVERY
+    periods_max: int = 0
+    """It comes at `rate_hz` without a pause, and is stale when it is older than so many periods; 0 if it may pause."""
     recorded: bool = False
     encoding: str = JSON
     max_bytes: int = MESSAGE_BYTES_MAX
     """Largest payload that publisher and receivers accept."""
     is_blocking: bool = False
-    """Puts wait while the network is congested, instead of being dropped, and are sent at once, not in batches."""
+    """Puts wait while the network is congested, instead of being dropped."""
     cache: int = 64
     """Samples that the sender of a lossless topic keeps."""
     earlier: str = ""
@@ -186,6 +196,11 @@ class Topic(WireKey, Generic[M]):
     def before(self) -> "Topic[M] | None":
         """The same topic under its earlier pattern; None without one."""
         return replace(self, pattern=self.earlier, earlier="") if self.earlier else None
+
+    @cached_property
+    def deadline_s(self) -> float | None:
+        """Age from which it is stale; None if it may pause for any time."""
+        return self.periods_max / self.rate_hz if self.periods_max and self.rate_hz else None
 
     @cached_property
     def is_latest(self) -> bool:

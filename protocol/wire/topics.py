@@ -13,6 +13,7 @@ from robrain.protocol.wire.host_queries import HOST_QUERIES
 from robrain.protocol.wire.messages import (
     arena_messages,
     consensus_messages,
+    left_messages,
     map_messages,
     mote_messages,
     offer_messages,
@@ -32,6 +33,7 @@ from robrain.protocol.wire.messages.task_messages import (
     TaskSubmission,
     TaskWhy,
 )
+from robrain.protocol.wire.standing_topics import STANDING_ROWS
 from robrain.protocol.wire.topic import (
     CAN_FRAME,
     PNG,
@@ -59,23 +61,16 @@ ROBOT_CLAIM = Token(
 ROBOT_WHO = Query(
     name="robot_who",
     pattern="robot/{robot}/who",
-    doc="Process that holds the robot's name: replies host, process id and Zenoh id",
+    doc="Process that holds the robot's name: replies host, process id, Zenoh id and version",
     by=Role.ROBOT,
     request=NoneType,
     reply=plugin_messages.ProcessInfo,
     reads_only=True,
 )
 ROBOT_STATE = Topic(
-    name="robot_state",
-    pattern="robot/{robot}/state",
-    doc="Pose, velocity, battery, current behavior and task",
-    by=Role.ROBOT,
-    message=robot_messages.RobotState,
-    rate_hz=10,
-    delivery=Delivery.LATEST,
-    recorded=True,
-    max_bytes=65_536,
-)
+    name="robot_state", pattern="robot/{robot}/state", by=Role.ROBOT, message=robot_messages.RobotState,
+    doc="Pose, velocity, battery, current behavior and task", rate_hz=10, periods_max=3,
+    urgency=Urgency.DATA_HIGH, delivery=Delivery.LATEST, recorded=True, max_bytes=65_536)  # fmt: skip
 ROBOT_MAP = Topic(
     name="robot_map",
     pattern="robot/{robot}/map",
@@ -96,6 +91,7 @@ ROBOT_MAP_WHOLE = Query(
     by=Role.ROBOT,
     request=NoneType,
     reply=cast("type[map_messages.MapPatch | None]", map_messages.MapPatch | None),
+    urgency=Urgency.BACKGROUND,
     reads_only=True,
 )
 ROBOT_CLOSURES = Topic(
@@ -177,6 +173,7 @@ ROBOT_WITHDRAW = _robot_task("withdraw", offer_messages.TaskWithdrawal, offer_me
                              "The coordinator takes a task back")  # fmt: skip
 ROBOT_SUBMIT = _robot_task("submit", TaskSubmission, consensus_messages.TaskTaken, "Do this: replies who has the task",
                            errors=(ErrorCode.REFUSED,))  # fmt: skip
+ROBOT_CANCEL = _robot_task("cancel", TaskRequest, consensus_messages.DropTaken, "End it", errors=(ErrorCode.REFUSED,))
 ROBOT_COSTS = _robot_task("costs", CostsRequest, list[TaskCost],
                           "What tasks would take at their places, by its own plugins", reads_only=True)  # fmt: skip
 ROBOT_FOREIGN = Token(
@@ -210,7 +207,7 @@ ROBOT_IMAGE: Topic[bytes] = Topic(
     doc="A picture that was taken for a task; the task's result names its key",
     by=Role.ROBOT,
     delivery=Delivery.LOSSLESS,
-    urgency=Urgency.DATA_LOW,
+    urgency=Urgency.BACKGROUND,
     recorded=True,
     encoding=PNG,
     cache=1,
@@ -244,6 +241,7 @@ TASK_EVENT = Topic(
     doc="Every change of every task, with why",
     by=Role.COORDINATOR,
     message=offer_messages.TaskEvent,
+    urgency=Urgency.DATA_HIGH,
     delivery=Delivery.LOSSLESS,
     recorded=True,
     max_bytes=262_144,
@@ -280,20 +278,14 @@ TASK_PROBLEM = Topic(
     doc="A plan, and all that it was made from",
     by=Role.COORDINATOR,
     message=plan_messages.PlanProblem,
-    urgency=Urgency.DATA_LOW,
+    urgency=Urgency.BACKGROUND,
     recorded=True,
     max_bytes=67_108_864,
 )
 COORDINATOR_CHARGES = Topic(
-    name="coordinator_charges",
-    pattern="coordinator/charges",
-    doc="Who charges where and when, as it is foreseen",
-    by=Role.COORDINATOR,
-    message=plan_messages.ChargeSchedule,
-    delivery=Delivery.LOSSLESS,
-    recorded=True,
-    cache=1,
-)
+    name="coordinator_charges", pattern="coordinator/charges", by=Role.COORDINATOR,
+    doc="Who charges where and when, as it is foreseen", message=plan_messages.ChargeSchedule,
+    delivery=Delivery.LOSSLESS, recorded=True)  # fmt: skip
 COORDINATOR_PLANNING = Query(
     name="coordinator_planning",
     pattern="coordinator/planning",
@@ -328,23 +320,25 @@ COORDINATOR_CLAIM = Token(
 COORDINATOR_WHO = Query(
     name="coordinator_who",
     pattern="coordinator/who",
-    doc="Process that is the coordinator: replies host, process id and Zenoh id",
+    doc="Process that is the coordinator: replies host, process id, Zenoh id and version",
     by=Role.COORDINATOR,
     request=NoneType,
     reply=plugin_messages.ProcessInfo,
     reads_only=True,
 )
 COORDINATOR_STATE = Topic(
-    name="coordinator_state",
-    pattern="coordinator/state",
-    doc="Summary of the team",
-    by=Role.COORDINATOR,
-    message=team_messages.TeamState,
-    rate_hz=2,
-    delivery=Delivery.LATEST,
-    recorded=True,
-    max_bytes=16_777_216,
-)
+    name="coordinator_state", pattern="coordinator/state", by=Role.COORDINATOR, message=team_messages.TeamState,
+    doc="Summary of the team", rate_hz=2, periods_max=3,
+    urgency=Urgency.DATA_HIGH, delivery=Delivery.LATEST, recorded=True, max_bytes=16_777_216)  # fmt: skip
+COORDINATOR_LEFT = Topic(
+    name="coordinator_left", pattern="coordinator/left", by=Role.COORDINATOR, message=left_messages.ExplorationLeft,
+    doc="What exploration has left and why, when it ends and when that has changed since",
+    delivery=Delivery.LOSSLESS, urgency=Urgency.DATA_LOW, recorded=True)  # fmt: skip
+COORDINATOR_LEFT_NOW = Query(
+    name="coordinator_left_now", pattern="coordinator/left/now", by=Role.COORDINATOR, request=NoneType,
+    doc="What is left to explore now: replies an `ExplorationLeft`, or null before anything is known",
+    reply=cast("type[left_messages.ExplorationLeft | None]", left_messages.ExplorationLeft | None),
+    reads_only=True)  # fmt: skip
 COORDINATOR_HALT = Query(
     name="coordinator_halt",
     pattern="coordinator/halt",
@@ -362,6 +356,7 @@ RECORDER_STATE = Topic(
     by=Role.OPERATOR,
     message=recorder_messages.RecorderState,
     rate_hz=1,
+    periods_max=3,
     delivery=Delivery.LATEST,
     urgency=Urgency.DATA_LOW,
     max_bytes=65_536,
@@ -479,10 +474,11 @@ ARENA_SCRIPT = replace(
 )  # fmt: skip
 ROBOT_BALLOT = Topic(
     name="robot_ballot", pattern="robot/{robot}/ballot", by=Role.ROBOT, message=consensus_messages.TeamBallot,
-    doc="Bids without a coordinator", rate_hz=5, delivery=Delivery.LATEST, recorded=True, max_bytes=2**18)  # fmt: skip
+    doc="Bids without a coordinator", rate_hz=5, urgency=Urgency.DATA_HIGH, delivery=Delivery.LATEST, recorded=True,
+    max_bytes=2**18)  # fmt: skip
 
 OWN_ROWS = tuple(row for row in list(globals().values()) if isinstance(row, WireKey))
-TOPICS: tuple[WireKey, ...] = (*OWN_ROWS, *HOST_QUERIES)
+TOPICS: tuple[WireKey, ...] = (*OWN_ROWS, *STANDING_ROWS, *HOST_QUERIES)
 """All rows, in the order of this file, those of the host's verbs last."""
 PUBLISHED: tuple[Topic[Any], ...] = tuple(row for row in TOPICS if isinstance(row, Topic))
 """The topics among them."""

@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 
 from robrain.sim.errors import ScenarioError
-from robrain.sim.faults.fault_spec import COORDINATOR, OF_ROBOTS, WIRE, FaultKind, FaultSpec
-
-STANDING = frozenset((FaultKind.HANG, FaultKind.SLOW))
+from robrain.sim.faults.fault_spec import COORDINATOR, OF_ROBOTS, FaultSpec
 
 
 def check_faults_alone(where: str, *, is_alone: bool) -> None:
@@ -22,15 +20,11 @@ def check_faults_alone(where: str, *, is_alone: bool) -> None:
         )
 
 
-def why_not_faults(faults: Sequence[FaultSpec], robots: Sequence[str], *, has_links: bool) -> str:
+def why_not_faults(faults: Sequence[FaultSpec], robots: Sequence[str]) -> str:
     """Why a run cannot have these faults, in one sentence; empty if it can."""
     for fault in faults:
         for name in (fault.robot, *fault.side):
             if name not in (*robots, COORDINATOR):
                 there = f"r1 to r{len(robots)}"
                 return f"no robot {name!r}; there are {there if fault.kind in OF_ROBOTS else f'{COORDINATOR}, {there}'}"
-        if has_links and fault.kind in WIRE:
-            return f"expected no {fault.kind} with [links], which have losses, delays and partitions of their own"
-        if has_links and fault.kind in STANDING:
-            return f"expected no {fault.kind} with [links], got one of {fault.robot}"
     return ""

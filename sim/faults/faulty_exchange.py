@@ -1,8 +1,8 @@
 """An exchange on which messages get lost, come late or out of order, and components are cut off, hang or die.
 
 The runner says which component takes its step (`acting`): what is declared then is that component's, and what is put
-or asked then is said by it. A message crosses a fault if one of sender and receiver is on the fault's side and the
-other is not. Without a fault everything passes as on `Exchange`.
+or asked then is said by it. Which messages are lost or late says `WireFaults`. Without a fault everything passes as on
+`Exchange`.
 
 A query whose request or reply is lost or late is answered with Zenoh's own word for a timeout, at once; a late request
 is still handled when it arrives, as on a real wire, where the asker has given up by then. Tokens and queryables of
@@ -12,10 +12,9 @@ those who are cut off disappear after Zenoh's lease; when the link is back the t
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from heapq import heappop, heappush
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakKeyDictionary
 
-import numpy as np
 import zenoh
 
 from robrain.protocol.wire.answers.asked import Answer, Asked
@@ -27,22 +26,14 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links.declared import Entry
 from robrain.protocol.wire.links.exchange import Exchange, Subscription
 from robrain.protocol.wire.session import LEASE_MS
-from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
+from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.faults.wire_faults import Cut, WireFaults
 
 TOKEN_LEASE_NS = LEASE_MS * 1_000_000
 QUERYABLE_LATE_NS = to_ns(0.4)
 """After a cut, queryables are declared again this much later than tokens (chosen)."""
 NOBODY = ""
 """Acts when no component's step is taken; no fault touches it."""
-
-
-class _Cut(NamedTuple):
-    fault: FaultSpec
-    side: frozenset[str]
-    since_ns: int
-
-    def crosses(self, one: str, other: str) -> bool:
-        return bool(one and other) and (one in self.side) != (other in self.side)
 
 
 class _Answerer:
@@ -82,12 +73,10 @@ class FaultyExchange(Exchange):
         super().__init__(is_alone=True)
         self.at = NOBODY
         """The component that acts."""
-        self.lost = 0
-        """Messages, requests and replies that were lost so far."""
+        self.faults = WireFaults(clock, seed)
+        """Faults of the wire that are in force; begin and end them by the functions of this class."""
         self._clock = clock
-        self._rng = np.random.default_rng([seed, 11])
-        self._cuts: dict[int, _Cut] = {}
-        self._healing: dict[int, _Cut] = {}
+        self._healing: dict[int, Cut] = {}
         """Cuts that have ended, across which no queryable is known yet."""
         self._asleep: dict[str, list[Callable[[], None]]] = {}
         """What waits for each component that does not answer now."""
@@ -99,7 +88,6 @@ class FaultyExchange(Exchange):
         self._token_owners: dict[str, str] = {}
         self._late: list[tuple[int, int, Callable[[], object]]] = []
         self._number = 0
-        self._latest_ns: dict[tuple[str, str], int] = {}
         self._watching: dict[int, _Watcher] = {}
         self._look_ns: int | None = None
 
@@ -123,19 +111,23 @@ class FaultyExchange(Exchange):
 
     def begin(self, number: int, fault: FaultSpec) -> None:
         """A fault of the wire begins."""
-        self._cuts[number] = _Cut(fault, frozenset((fault.robot, *fault.side)), self._clock.now_ns())
+        self.faults.begin(number, fault)
         self._look_ns = self._clock.now_ns() + TOKEN_LEASE_NS + 1
 
     def end(self, number: int) -> None:
         """A fault of the wire ends."""
-        cut = self._cuts.pop(number)
-        if cut.fault.kind is FaultKind.PARTITION and self._clock.now_ns() - cut.since_ns > TOKEN_LEASE_NS:
+        cut = self.faults.end(number)
+        if cut.is_partition and self._clock.now_ns() - cut.since_ns > TOKEN_LEASE_NS:
             self._healing[number] = cut
             self._later(QUERYABLE_LATE_NS, lambda: self._healing.pop(number, None))
-        self._latest_ns.clear()
         self._look()
 
-    def sleep(self, component: str) -> None:
+    @property
+    def lost(self) -> int:
+        """See FaultyWire."""
+        return self.faults.lost
+
+    def sleep(self, component: str, *, is_hung: bool) -> None:
         """A component answers nothing until it wakes up; requests wait for it."""
         self._asleep.setdefault(component, [])
 
@@ -159,10 +151,6 @@ class FaultyExchange(Exchange):
     def life_of(self, component: str) -> int:
         """How often a component has died."""
         return self._lives.get(component, 0)
-
-    def is_linked(self, one: str, other: str) -> bool:
-        """Whether no partition is between two components."""
-        return not any(cut.fault.kind is FaultKind.PARTITION and cut.crosses(one, other) for cut in self._cuts.values())
 
     def step(self) -> None:
         """Deliver what has been late until now; call it once a tick, before the components' steps."""
@@ -238,10 +226,8 @@ class FaultyExchange(Exchange):
     def _sees(self, watcher: str, key: str) -> bool:
         owner, now_ns = self._token_owners.get(key, NOBODY), self._clock.now_ns()
         return not any(
-            cut.fault.kind is FaultKind.PARTITION
-            and now_ns - cut.since_ns > TOKEN_LEASE_NS
-            and cut.crosses(watcher, owner)
-            for cut in self._cuts.values()
+            cut.is_partition and now_ns - cut.since_ns > TOKEN_LEASE_NS and cut.crosses(watcher, owner)
+            for cut in self.faults
         )
 
     # -- what is said ---------------------------------------------------------------------------------------
@@ -250,14 +236,14 @@ class FaultyExchange(Exchange):
         """See Exchange."""
         if self._dead and self.at in self._dead:
             return
-        if not self._cuts:
+        if not self.faults:
             super().deliver(topic, key, payload)
             return
         sender = self.at
         for subscription in self._subscriptions.reached(key):
-            late_ns = self._fate(sender, self._owners.get(subscription.inbox, NOBODY))
+            late_ns = self.faults.fate(sender, self._owners.get(subscription.inbox, NOBODY))
             if late_ns is None:
-                self.lost += 1
+                self.faults.lost += 1
             elif late_ns == 0:
                 subscription.inbox.append(subscription.topic, key, payload)
             else:
@@ -268,7 +254,7 @@ class FaultyExchange(Exchange):
         if self._dead and self.at in self._dead:
             over()
             return
-        if not self._cuts and not self._asleep and not self._healing:
+        if not self.faults and not self._asleep and not self._healing:
             super().ask(selector, payload, take, over)
             return
         asker, is_answered = self.at, False
@@ -277,14 +263,14 @@ class FaultyExchange(Exchange):
             assert isinstance(answer, _Answerer)
             if self._is_unknown(asker, answer.owner):
                 continue
-            request_ns, reply_ns = self._fate(asker, answer.owner), self._fate(answer.owner, asker)
+            request_ns, reply_ns = self.faults.fate(asker, answer.owner), self.faults.fate(answer.owner, asker)
             request = _request(answer, selector, payload)
             is_answered = True
             if answer.owner in self._asleep:
                 if request_ns is not None:
                     self._asleep[answer.owner].append(request)
             elif request_ns is None:
-                self.lost += 1
+                self.faults.lost += 1
             elif request_ns > 0:
                 self._later(request_ns, request)
             elif reply_ns == 0:
@@ -303,28 +289,8 @@ class FaultyExchange(Exchange):
     def _is_unknown(self, asker: str, owner: str) -> bool:
         """Whether the asker's side of a cut does not know what the other declares."""
         old_ns = self._clock.now_ns() - TOKEN_LEASE_NS
-        gone = [cut for cut in self._cuts.values() if cut.fault.kind is FaultKind.PARTITION and cut.since_ns < old_ns]
+        gone = [cut for cut in self.faults if cut.is_partition and cut.since_ns < old_ns]
         return any(cut.crosses(asker, owner) for cut in (*gone, *self._healing.values()))
-
-    def _fate(self, sender: str, receiver: str) -> int | None:
-        """By how much a message is late, ns; None if it is lost."""
-        late_ns, now_ns = 0, self._clock.now_ns()
-        for cut in self._cuts.values():
-            if not cut.crosses(sender, receiver):
-                continue
-            fault = cut.fault
-            if fault.kind is FaultKind.PARTITION:
-                return None
-            if fault.share is not None and self._rng.random() < fault.share:
-                return None
-            if fault.late_s is not None:
-                drawn_ns = to_ns(float(self._rng.uniform(*fault.late_s)))
-                if fault.kind is FaultKind.DELAY:
-                    pair = (sender, receiver)
-                    due_ns = self._latest_ns[pair] = max(self._latest_ns.get(pair, 0), now_ns + drawn_ns)
-                    drawn_ns = due_ns - now_ns
-                late_ns = max(late_ns, drawn_ns)
-        return late_ns
 
     def _later(self, late_ns: int, do: Callable[[], object]) -> None:
         self._number += 1

@@ -26,8 +26,21 @@ class Component(Protocol):
         """End, as a process does that is asked to."""
 
 
-class Owners(Protocol):
-    """Knows whose is what is declared and said: see `FaultyExchange`."""
+class FaultyWire(Protocol):
+    """A wire whose components die, hang, and are cut off: `FaultyExchange`, or `RadioFaults` with `[links]`."""
+
+    @property
+    def lost(self) -> int:
+        """Messages, requests and replies that faults of the wire have lost so far."""
+
+    def begin(self, number: int, fault: FaultSpec) -> None:
+        """A fault of the wire begins."""
+
+    def end(self, number: int) -> None:
+        """It ends."""
+
+    def step(self) -> None:
+        """Deliver what has been late until now; call it once a tick, before the components' steps."""
 
     def acting(self, component: str) -> AbstractContextManager[None]:
         """What happens within is done by this component."""
@@ -38,8 +51,8 @@ class Owners(Protocol):
     def drop(self, component: str) -> None:
         """It has died."""
 
-    def sleep(self, component: str) -> None:
-        """It answers nothing."""
+    def sleep(self, component: str, *, is_hung: bool) -> None:
+        """It answers nothing, because it hangs or because it is slow."""
 
     def wake(self, component: str) -> None:
         """It answers again."""
@@ -65,7 +78,7 @@ class Process:
         self,
         name: str,
         clock: Clock,
-        exchange: Owners,
+        exchange: FaultyWire,
         start: "Callable[[Process], Any]",
         end: Callable[[Component], None] = _forget,
     ) -> None:
@@ -123,7 +136,7 @@ class Process:
         self.clock.skew_ns = to_ns(sum(skews_s))
         self._is_hanging, self._is_slow = self._has(FaultKind.HANG), self._has(FaultKind.SLOW)
         if self.component is not None and (self._is_hanging or self._is_slow):
-            self._exchange.sleep(self.name)
+            self._exchange.sleep(self.name, is_hung=self._is_hanging)
         else:
             self._exchange.wake(self.name)
 
@@ -140,7 +153,7 @@ class Process:
                 exchange.wake(self.name)
             component.step()
             if self._is_slow:
-                exchange.sleep(self.name)
+                exchange.sleep(self.name, is_hung=False)
 
     def close(self) -> None:
         """End it."""

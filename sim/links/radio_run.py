@@ -12,6 +12,8 @@ from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.protocol.wire.messages.arena_messages import ArenaLinks, LinkCounters, RadioTruth
 from robrain.protocol.wire.topics import ARENA_LINKS
+from robrain.sim.faults.wire_faults import WireFaults
+from robrain.sim.links.radio_faults import RadioFaults
 from robrain.sim.links.team_radio import TeamRadio
 from robrain.sim.motes.gateway import gateway_motes
 from robrain.sim.robot.robot_body import RobotBody
@@ -38,8 +40,11 @@ class RadioRun:
             mote.name: (mote.place.x_m, mote.place.y_m)
             for mote in gateway_motes(world.motes, world.network.motes.gateways)
         }
-        self.network = TeamRadio(world.links, world.plan, names, starts_m.reshape(-1, 2), world.seed, standing)
+        faults = WireFaults(clock, world.seed)
+        self.network = TeamRadio(world.links, world.plan, names, starts_m.reshape(-1, 2), world.seed, standing, faults)
         self.exchange = RadioExchange.open(session, self.network, clock, world.links.lost_after_s)
+        self.wire = RadioFaults(self.exchange, self.network, faults)
+        """As faults of processes and of the wire use it."""
         self._clock = clock
         self._tell_ns = 0
 

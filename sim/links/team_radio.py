@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.protocol.wire.messages.arena_messages import LinkCounters
+from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.links.walls_between import walls_between
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -46,6 +47,7 @@ class TeamRadio:
         starts_m: (N, 2), where they start, metres, arena frame.
         seed: of the run.
         standing: names and places of further radios, which do not move.
+        faults: of the wire; a message must pass them on each hop, as it must pass the radio. None for none.
 
     """
 
@@ -57,6 +59,7 @@ class TeamRadio:
         starts_m: NDArray[np.float64],
         seed: int,
         standing: Mapping[str, Place] | None = None,
+        faults: WireFaults | None = None,
     ) -> None:
         self.counters = LinkCounters()
         self._standing = dict(standing or {})
@@ -66,6 +69,8 @@ class TeamRadio:
         own_m = spec.coordinator_m
         self._own_m = (float(starts_m[0, 0]), float(starts_m[0, 1])) if own_m is None else own_m
         self._spec = spec
+        self._faults = faults
+        self._hung: set[str] = set()
         self._plan = plan
         self._rng = np.random.default_rng([seed, _RNG_OF_LINKS])
         self._in_range: dict[tuple[str, str], tuple[Place, Place, bool]] = {}
@@ -94,6 +99,12 @@ class TeamRadio:
             self._hears = hears
             self._ways.clear()
         return True
+
+    def set_hung(self, party: str, *, is_hung: bool) -> None:
+        """Whether a party's process stands still; if so, it relays nothing."""
+        if is_hung != (party in self._hung):
+            self._hung.symmetric_difference_update({party})
+            self._ways.clear()
 
     def hears(self, party: str) -> list[str]:
         """Those whom a party hears without a relay, in the order of `parties`."""
@@ -126,15 +137,21 @@ class TeamRadio:
                 arrived[hearer] = end
         return arrived
 
+    def overtakes(self, speaker: str, hearer: str) -> bool:
+        """See `RadioNetwork`."""
+        faults = self._faults
+        way = self._ways_of(speaker).get(hearer) if faults else None
+        return faults is not None and way is not None and any(faults.reorders(*hop) for hop in pairwise(way))
+
     def carry(self, speaker: str, hearer: str, size: int, now_ns: int, limit_ns: int) -> int | None:
         """See `RadioNetwork`."""
         way = self._ways_of(speaker).get(hearer)
         if way is None:
             return None
         total_ns = 0
-        for sender in way[:-1]:
+        for sender, receiver in pairwise(way):
             self.counters.relayed += sender != speaker
-            while isinstance(hop := self._send(sender, size, now_ns), _Dropped):
+            while isinstance(hop := self._send(sender, receiver, size, now_ns), _Dropped):
                 total_ns += RESEND_NS
                 if total_ns > limit_ns:
                     return None
@@ -148,12 +165,12 @@ class TeamRadio:
             if isinstance(before, _Dropped):
                 return before
             if receiver not in took:
-                hop = self._send(sender, size, now_ns)
+                hop = self._send(sender, receiver, size, now_ns)
                 self.counters.relayed += sender != way[0]
                 took[receiver] = hop if isinstance(hop, _Dropped) else before + hop
         return took[way[-1]]
 
-    def _send(self, sender: str, size: int, now_ns: int) -> int | _Dropped:
+    def _send(self, sender: str, receiver: str, size: int, now_ns: int) -> int | _Dropped:
         """One hop; returns how long it takes."""
         spec = self._spec
         free_ns = max(now_ns, self._free_ns.get(sender, 0))
@@ -163,16 +180,22 @@ class TeamRadio:
         self._free_ns[sender] = free_ns
         if spec.loss and self._rng.random() < spec.loss:
             return _Dropped.LOST
-        return free_ns - now_ns + to_ns(spec.delay_s)
+        late_ns = self._faults.fate(sender, receiver) if self._faults else 0
+        if self._faults is not None and late_ns is None:
+            self._faults.lost += 1
+        return _Dropped.LOST if late_ns is None else free_ns - now_ns + to_ns(spec.delay_s) + late_ns
 
     def _measure(self, sim_time_s: float) -> dict[str, list[str]]:
         places = self.places_m
         cuts = [one for one in self._spec.partitions if one.covers(sim_time_s)]
         groups = {party: [one.group_of(party) for one in cuts] for party in self.parties}
+        faults = self._faults
         hears: dict[str, list[str]] = {party: [] for party in self.parties}
         on = [party for party in self.parties if party in self._on]
         for number, one in enumerate(on):
             for other in on[number + 1 :]:
+                if faults and not faults.is_linked(one, other):
+                    continue
                 if groups[one] == groups[other] and self._are_in_range(one, other, places):
                     hears[one].append(other)
                     hears[other].append(one)
@@ -202,7 +225,7 @@ class TeamRadio:
             while edge:
                 reached = []
                 for sender in edge:
-                    if sender == speaker or self._spec.relays_by(sender):
+                    if sender == speaker or (self._spec.relays_by(sender) and sender not in self._hung):
                         new = [party for party in self._hears[sender] if party not in ways]
                         ways.update((party, [*ways[sender], party]) for party in new)
                         reached += new

@@ -32,6 +32,7 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.links.radio_network import COORDINATOR, EVERYWHERE
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
+from robrain.protocol.wire.messages.left_messages import ExplorationLeft
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
@@ -114,11 +115,11 @@ class LockstepRun:
         self._faults: TeamFaults | None = None
         if any(not fault.is_plain for fault in world.faults):
             check_faults_alone(scenario or world.plan.name, is_alone=is_alone)
-            self._faults = TeamFaults(world, self.session, self.clock)
-        if self._radio is not None:
-            self._exchange: Exchange = self._radio.exchange
-        elif self._faults is not None and self._faults.exchange is not None:
-            self._exchange = self._faults.exchange
+            self._faults = TeamFaults(world, self.session, self.clock, self._radio)
+        if self._faults is not None:
+            self._exchange: Exchange = self._faults.exchange
+        elif self._radio is not None:
+            self._exchange = self._radio.exchange
         else:
             self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
         try:
@@ -238,6 +239,13 @@ class LockstepRun:
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
         return floor_left(self.world.plan, starts, radius_m, self.arena.referee)
 
+    def tell_left(self) -> ExplorationLeft | None:
+        """Have the coordinator publish what is left to explore, and return it; None if none runs or nothing is known.
+
+        It is part of the recording, so it changes the digest: for the end of a run.
+        """
+        return self.coordinator.left.publish() if self.has_coordinator else None
+
     @property
     def truth(self) -> ArenaTruth:
         """The world as it is now."""
@@ -276,16 +284,14 @@ class LockstepRun:
     @property
     def lost_by_faults(self) -> int:
         """Messages, requests and replies that faults of the wire have lost."""
-        exchange = None if self._faults is None else self._faults.exchange
-        return 0 if exchange is None else exchange.lost
+        return 0 if self._faults is None else self._faults.wire.lost
 
     def acting(self, party: str) -> AbstractContextManager[None]:
         """Within the block, faults of the wire treat what a script declares and sends as that party's.
 
-        Elsewhere it belongs to no party and is not affected.
+        Elsewhere it belongs to no party and is not affected. With `[links]` an endpoint says itself whose it is.
         """
-        exchange = None if self._faults is None else self._faults.exchange
-        return nullcontext() if exchange is None else exchange.acting(party)
+        return nullcontext() if self._faults is None else self._faults.wire.acting(party)
 
     def follow(self, on_recorded: OnRecorded) -> None:
         """Have a function told of the messages that each tick records, and of those at the end."""
@@ -327,7 +333,7 @@ class LockstepRun:
             self._follow_faults()
             return
         journal = self.coordinator.tasks.journal
-        self._coordinator_wire = self._endpoint(self._watcher.team)
+        self._coordinator_wire = self._endpoint(self._watcher.team, COORDINATOR)
         self.coordinator = Coordinator(self._coordinator_wire, journal, self._planning)
         self.has_coordinator = True
 

@@ -5,6 +5,7 @@ import msgspec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.messages.arena_messages import LinkCounters
+from robrain.protocol.wire.messages.left_messages import ExplorationLeft
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.sim.world.floor_left import FloorLeft
 from robrain.sim.world.scenario_tasks import TaskOutcome
@@ -44,7 +45,9 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     explored_fraction: float
     """Share of the reachable floor that the team's maps cover."""
     floor_left: list[FloorLeft] = []
-    """Regions of floor that were not seen or cannot be reached, and why."""
+    """Regions of floor that were not seen or cannot be reached, and why: by the true floor plan."""
+    exploration_left: ExplorationLeft | None = None
+    """The same as far as the team knows, by its map; None if no coordinator ran at the end or nothing was mapped."""
     map_accuracy: MapAccuracy | None = None
     """Accuracy of the team's map at the end; None if nothing was mapped."""
     overlap: float = 0.0

@@ -4,8 +4,7 @@ Agents and coordinator are processes of their own: a killed agent's plugins say 
 reaches the wheels, and another agent that is started later does not know where its robot stands.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -17,12 +16,14 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.topics import TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.faults.fault_times import FaultTimes
 from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.kept_journal import JournalDisk
-from robrain.sim.faults.process import Component, Process
+from robrain.sim.faults.process import Component, FaultyWire, Process
+from robrain.sim.links.radio_run import RadioRun
 from robrain.sim.world.arena import Arena
 from robrain.sim.world.world import World
 
@@ -47,12 +48,19 @@ class TeamFaults:
         world: with faults.
         session: of the run, which no other process can join; nothing is declared on it yet.
         clock: of the run.
+        radio: of the run, if it has `[links]`.
 
     """
 
-    def __init__(self, world: World, session: zenoh.Session, clock: Clock) -> None:
-        self.exchange = None if world.links is not None else FaultyExchange.on(session, clock, world.seed)
-        """None with `[links]`, which have an exchange of their own."""
+    def __init__(self, world: World, session: zenoh.Session, clock: Clock, radio: RadioRun | None) -> None:
+        self.exchange: Exchange
+        """Of the run."""
+        self.wire: FaultyWire
+        """The same, as faults use it."""
+        if radio is None:
+            self.exchange = self.wire = FaultyExchange.on(session, clock, world.seed)
+        else:
+            self.exchange, self.wire = radio.exchange, radio.wire
         faults = [fault for fault in world.faults if not fault.is_plain]
         self._times = FaultTimes(faults, world.seed)
         self._waits = any(fault.on is not None for fault in faults)
@@ -103,8 +111,7 @@ class TeamFaults:
         """Have begin and end what is due, and deliver what has been late until now."""
         for number, fault, begins in self._times.due(now_ns):
             self._set(number, fault, begins=begins)
-        if self.exchange is not None:
-            self.exchange.step()
+        self.wire.step()
 
     def step(self, now_ns: int, is_paused: Callable[[str], bool]) -> None:
         """Have all agents take their steps, then the coordinator."""
@@ -130,8 +137,7 @@ class TeamFaults:
                 self._processes[name].close()
 
     def _add(self, name: str, start: Callable[[Process], object], end: Callable[[Component], None]) -> None:
-        wire = _NoFaults() if self.exchange is None else self.exchange
-        self._processes[name] = process = Process(name, self._clock, wire, start, end)
+        self._processes[name] = process = Process(name, self._clock, self.wire, start, end)
         process.start()
 
     def _end_host(self, name: str, host: Component) -> None:
@@ -144,11 +150,10 @@ class TeamFaults:
 
     def _set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
         if fault.kind in WIRE:
-            assert self.exchange is not None  # `why_not_faults` has refused them with `[links]`
             if begins:
-                self.exchange.begin(number, fault)
+                self.wire.begin(number, fault)
             else:
-                self.exchange.end(number)
+                self.wire.end(number)
         elif fault.kind in PROCESS:
             self._processes[fault.robot].set(number, fault, begins=begins)
         elif fault.kind is FaultKind.DISK_FULL:
@@ -192,24 +197,3 @@ class _Agent:
         """Start the next one."""
         has_run, self._has_run = self._has_run, True
         return self._start(self._number, process, has_run)
-
-
-class _NoFaults:
-    """In the place of the exchange where `[links]` have one of their own: who dies says goodbye."""
-
-    @contextmanager
-    def acting(self, component: str) -> Iterator[None]:
-        """See FaultyExchange."""
-        yield
-
-    def begin_life(self, component: str) -> None:
-        """See FaultyExchange."""
-
-    def drop(self, component: str) -> None:
-        """See FaultyExchange."""
-
-    def sleep(self, component: str) -> None:
-        """See FaultyExchange."""
-
-    def wake(self, component: str) -> None:
-        """See FaultyExchange."""

@@ -1,22 +1,24 @@
 """Simulated gateways: beside a mote stands a base station with mains power, which has a radio of the team's network.
 
 It runs what a robot's sensor network unit runs for readings (`plugins/unit/snw_exploration`), and no more: it tells the
-team what it hears, stores it while the network is away, and acknowledges readings of motes in reach.
+team what it hears, stores it while the network is away, and acknowledges readings. If motes pass readings on, it also
+asks for those that are missing, and sends motes their duty, over hops where they are out of its reach.
 """
 
 from collections.abc import Iterable, Sequence
 
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
+from robrain.plugins.unit.snw_exploration.over_hops import OverHops
 from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
-from robrain.plugins.unit.snw_exploration.snw_exploration import PREFIX, wire_reading
+from robrain.plugins.unit.snw_exploration.snw_exploration import PREFIX, number_of, wire_reading
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, READING_TYPE, STORED_TYPE, ReadingPayload
+from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, READING_TYPE, STORED_TYPE, DutyPayload, ReadingPayload
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_READING
+from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
 from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mote import ArenaMote
 
@@ -45,12 +47,19 @@ class MoteGateway:
         self._radio = wire.publisher(ARENA_RADIO_TX, robot=name)
         self._records: dict[int, MoteRecord] = {}
         self._publishers: dict[str, Publisher] = {}
+        self._over_hops = OverHops(self._send, ACKNOWLEDGED_TOGETHER)
+        self._is_meshed = False
+        """Whether a reading has come over other motes."""
+        self._duties = Inbox(4096)
         wire.subscribe(self._inbox, ARENA_RADIO_RX, robot=name)
+        wire.subscribe(self._duties, MOTE_DUTY)
 
     def step(self) -> None:
         """Hear what the base station has received, and forward what is stored."""
         now_ns = self._wire.clock.now_ns()
         self.store.step(now_ns)
+        if self._duties.has_some:
+            self._hear_duties(now_ns)
         if not self._inbox.has_some:
             return
         for _, _, packet in self._inbox.drain_raw():
@@ -68,9 +77,7 @@ class MoteGateway:
             reading = ReadingPayload.unpack(message.payload)
         else:
             return
-        record = self._records.get(reading.mote)
-        if record is None:
-            record = self._records[reading.mote] = MoteRecord(f"{PREFIX}{reading.mote}", reading.mote, WINDOW)
+        record = self._record(reading.mote)
         is_live = message.type == READING_TYPE
         is_new = record.window.add(reading.sequence, is_live=is_live)
         if is_live:
@@ -83,6 +90,30 @@ class MoteGateway:
                 type=ACKNOWLEDGE_TYPE, payload=complete[0].pack(), source=ADDRESS, destination=record.number
             )
             self._radio.put_bytes(answer.pack())
+        if way is not None:
+            self._is_meshed = True
+            self._over_hops.hear_forwarded(record, reading, way.forwarder, now_ns)
+        elif self._is_meshed:
+            self._over_hops.hear_direct(record, reading, now_ns)
+
+    def _hear_duties(self, now_ns: int) -> None:
+        for received in self._duties.drain():
+            duty = received.message
+            try:
+                record = self._record(number_of(duty.mote))
+                record.want_period(DutyPayload.of_seconds(duty.period_s).period_ds, min(duty.stamp_ns, now_ns))
+            except ValueError:
+                continue
+
+    def _record(self, number: int) -> MoteRecord:
+        record = self._records.get(number)
+        if record is None:
+            record = self._records[number] = MoteRecord(f"{PREFIX}{number}", number, WINDOW)
+        return record
+
+    def _send(self, mote: int, kind: int, payload: bytes) -> None:
+        message = ActiveMessage(type=kind, payload=payload, source=ADDRESS, destination=mote)
+        self._radio.put_bytes(message.pack())
 
     def _put(self, reading: MoteReading) -> None:
         publisher = self._publishers.get(reading.mote)

@@ -1,6 +1,7 @@
 """Readings that motes pass on to base stations, hop by hop.
 
-A mote that no base station has heard sends its reading to its next hop, which acknowledges it and passes it on. Packets
+A mote that no base station has heard sends its reading to its next hop, which acknowledges it and passes it on; answers
+to requests as well. What base stations send to motes out of their reach comes down by `mesh_down`. Packets
 and acknowledgements meet the radio's path loss, shadowing and noise. Who sends or hears one spends energy on it.
 
 Next hops are those of `lifetime_routes`, from the links, the motes' energy, and the base stations near which motes are
@@ -20,6 +21,7 @@ from robrain.protocol.model.motes.routes import NO_ROUTE, Tree, lifetime_routes
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import DECI, READING_TYPE, STORED_TYPE, ReadingPayload
+from robrain.sim.motes.mesh_down import RoutedDown
 from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.motes.mote import LOG_S, SENSE_S, Mote
 from robrain.sim.motes.mote_power import (
@@ -47,6 +49,8 @@ TREES = 8
 """Routes that are computed at once and used in turn (chosen)."""
 SEEN = 128
 """Readings that a mote remembers to have passed on."""
+REPEATS_S = 8.0
+"""A reading that is heard again within this time was repeated because its acknowledgement was lost (chosen)."""
 MILLI = 1e-3
 
 Say = Callable[[int, ActiveMessage], bool]
@@ -101,14 +105,19 @@ class _Station:
         """Until then nothing is sent to the next hop, which has not answered or has no room."""
         self.unsent: deque[int] = deque()
         """Own readings in its log that it had no way for."""
-        self.seen: dict[tuple[int, int], None] = {}
+        self.seen: dict[tuple[int, int], int] = {}
+        """Readings that it has taken in, and when it heard them last."""
 
-    def has_seen(self, packet: _Packet) -> bool:
-        """Whether it has taken this reading in before; it remembers it from now on."""
+    def has_seen(self, packet: _Packet, tick: int, repeats_ticks: int) -> bool:
+        """Whether it has taken this reading in a short while before; it remembers it from now on.
+
+        A reading that comes again later was asked for because it did not arrive.
+        """
         key = packet.reading.mote, packet.reading.sequence
-        if key in self.seen:
+        heard_tick = self.seen.pop(key, None)
+        self.seen[key] = tick
+        if heard_tick is not None and tick - heard_tick <= repeats_ticks:
             return True
-        self.seen[key] = None
         if len(self.seen) > SEEN:
             del self.seen[next(iter(self.seen))]
         return False
@@ -127,6 +136,7 @@ class MoteMesh:
         tick_s: how long a tick is.
         say: sends to base stations.
         near: motes that a base station hears now, by the mean, at least at a strength in dBm.
+        deliver: gives a mote a packet that has come to it over others.
 
     """
 
@@ -141,6 +151,7 @@ class MoteMesh:
         tick_s: float,
         say: Say,
         near: Callable[[float], list[int]],
+        deliver: Callable[[int, ActiveMessage], None],
     ) -> None:
         self.counters = MeshCounters()
         self.air = RadioCounters()
@@ -155,12 +166,15 @@ class MoteMesh:
         self._strengths_dbm = _strengths_dbm(motes, radio, seed)
         self._links: dict[tuple[int, int], RadioLink] = {}
         self._wake_ticks = max(1, round(spec.wake_s / tick_s))
+        self._repeats_ticks = round(REPEATS_S / tick_s)
         self._gap_ticks = max(1, round(GAP_S / tick_s))
         self._routes_ticks = max(1, round(spec.routes_s / tick_s))
         self._routes_tick = 0
         self._trees: list[Tree] = []
         self._made_for: tuple[list[int], list[int]] = [], []
         self._wakes: list[tuple[int, int]] = []
+        self.down = RoutedDown(spec, self._index, self._hand, deliver, self._wake_ticks)
+        """Packets of base stations for motes out of their reach."""
 
     def step(self, tick: int) -> None:
         """Choose routes if it is time, and send what is due."""
@@ -171,17 +185,21 @@ class MoteMesh:
             due_tick, index = heapq.heappop(self._wakes)
             if self._stations[index].due_tick == due_tick:
                 self._send(index, tick)
+        self.down.step(tick)
 
     def sent(self, index: int, message: ActiveMessage, tick: int, *, is_heard: bool) -> None:
-        """A mote has just sent a reading of its own; whether a base station has heard it."""
+        """A mote has just sent a reading of its own, or one of its log; whether a base station has heard it."""
         station = self._stations[index]
-        packet = _Packet(ReadingPayload.unpack(message.payload), tick)
+        packet = _Packet(ReadingPayload.unpack(message.payload), tick, message.type)
+        is_stored = message.type == STORED_TYPE  # asked for: it is asked for again if it does not arrive
         is_paused = tick < station.paused_tick
         if is_heard or (not is_paused and self._reach_next(index, packet, tick)):
             station.failed = 0
-            self._catch_up(index, tick)
+            if not is_stored:
+                self._catch_up(index, tick)
         elif is_paused or self.next_hops[index] == NO_ROUTE or len(station.queue) >= self._spec.queue:
-            self._keep(index)
+            if not is_stored:
+                self._keep(index)
         else:
             self._put(index, packet, tick, self._wake_ticks)
 
@@ -222,12 +240,23 @@ class MoteMesh:
         if hop in (NO_ROUTE, self._sink):
             return False
         self.counters.sent += 1
+        return self._hear(index, hop, lambda: self._take(hop, index, packet, tick))
+
+    def _hand(self, index: int, hop: int, take: Callable[[], bool]) -> bool:
+        """Send a packet that comes from a base station on to a mote; whether it has acknowledged it."""
+        if self._motes[index].battery.is_flat:
+            return False
+        self._motes[index].battery.spend(MoteState.SEND, AIRTIME_S)
+        return self._hear(index, hop, take)
+
+    def _hear(self, index: int, hop: int, take: Callable[[], bool]) -> bool:
+        """Whether a mote hears a packet that another one sends, takes it, and its acknowledgement comes back."""
         self._motes[index].battery.spend(MoteState.LISTEN, SHORT_S)
         other = self._motes[hop]
         if other.battery.is_flat or not self._arrives(index, hop):
             return False
         other.battery.spend(MoteState.LISTEN, AIRTIME_S)
-        if not self._take(hop, index, packet, tick):
+        if not take():
             return False
         other.battery.spend(MoteState.SEND, SHORT_S)
         return self._arrives(hop, index)
@@ -238,7 +267,7 @@ class MoteMesh:
         if len(station.queue) >= self._spec.queue:
             self.counters.refused += 1
             return False
-        if station.has_seen(packet):
+        if station.has_seen(packet, tick, self._repeats_ticks):
             self.counters.repeated += 1
             return True
         self.counters.passed_on += 1
@@ -252,6 +281,8 @@ class MoteMesh:
         return True
 
     def _arrives(self, sender: int, receiver: int) -> bool:
+        if receiver not in self._strengths_dbm[sender]:
+            return False
         link = self._links.get((sender, receiver))
         if link is None:
             key = (*self._seed.spawn_key, sender, receiver)

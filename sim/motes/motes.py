@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import BEACON_TYPE, READING_TYPE, Quantity, with_rssi
+from robrain.protocol.tinyos.payloads import BEACON_TYPE, Quantity, with_rssi
+from robrain.protocol.tinyos.routed import ROUTED_TYPE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
@@ -95,7 +96,16 @@ class MoteField:
             energy = energy_of(network.radio, kind.mesh.duty, kind.capacity_mah)
             rate_hz = 1.0 / kind.period_s
             self.mesh = MoteMesh(
-                self.motes, kind.mesh, network.radio, energy, rate_hz, seed, tick_s, self._say, self._near_stations
+                self.motes,
+                kind.mesh,
+                network.radio,
+                energy,
+                rate_hz,
+                seed,
+                tick_s,
+                self._say,
+                self._near_stations,
+                self._deliver,
             )
         self._inbox = Inbox()
         if motes or len(robots) > 1:
@@ -125,7 +135,7 @@ class MoteField:
 
     def _send(self, index: int, message: ActiveMessage) -> None:
         is_heard = self._say(index, message)
-        if self.mesh is not None and message.type == READING_TYPE:
+        if self.mesh is not None:
             self.mesh.sent(index, message, self._tick, is_heard=is_heard)
 
     def _say(self, index: int, message: ActiveMessage) -> bool:
@@ -161,10 +171,18 @@ class MoteField:
                 continue
             mote = self.motes[index]
             if mote.listens_at(self._tick) and self._air[index].hears(robot, self._xs_m, self._ys_m):
-                before = mote.next_tick
-                mote.hear(message, self._tick)
-                if mote.next_tick != before:
-                    heapq.heappush(self._wakes, (mote.next_tick, index))
+                if message.type != ROUTED_TYPE:
+                    self._deliver(index, message)
+                elif self.mesh is not None:
+                    self.mesh.down.from_station(index, message.payload, self._tick)
+
+    def _deliver(self, index: int, message: ActiveMessage) -> None:
+        """Give a mote a packet that it has heard."""
+        mote = self.motes[index]
+        before = mote.next_tick
+        mote.hear(message, self._tick)
+        if mote.next_tick != before:
+            heapq.heappush(self._wakes, (mote.next_tick, index))
 
     def _to_robots(self, sender: int, packet: bytes, *, is_beacon: bool) -> None:
         robots = self._robots

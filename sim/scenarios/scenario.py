@@ -267,7 +267,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         check_gateways(gateways, robots, world.motes, self.name)
         if self.links is not None:
             self.links.check_names(robots, self.name, gateways)
-        if why := why_not_faults(self.faults, robots, has_links=self.links is not None):
+        if why := why_not_faults(self.faults, robots):
             raise ScenarioError(f"{self.name}: faults: {why}")
         for fault in self.faults:
             if fault.place_m is not None and clearance_m(plan, Point2D(*fault.place_m)) < self.hardware.radius_m:
@@ -371,6 +371,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             wall_time_s = pacer.wall_time_s
             run.arena.accuracy.measure_map()
             truth, left, tasks = run.truth, run.floor_left(), run.arena.tasks.outcomes()
+            known_left = run.tell_left()
         finally:
             summary = run.close()
         assert summary is not None  # the run was built, so it has a recorder
@@ -386,6 +387,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             real_time_factor=round(truth.sim_time_s / max(wall_time_s, 1e-9), 2),
             explored_fraction=truth.explored_fraction,
             floor_left=left,
+            exploration_left=known_left,
             map_accuracy=truth.map_accuracy,
             overlap=round(run.overlap(), 3),
             explored_curve=curve,

@@ -49,6 +49,14 @@ class HaltOrder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             raise ValueError(f"expected until_s > at_s = {self.at_s:g}, got {self.until_s}")
 
 
+class ScriptRadio(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The radio between the components of a script: the keys of `[links]` with these names."""
+
+    range_m: Annotated[float, Meta(gt=0.0, le=1000.0)]
+    loss: Annotated[float, Meta(ge=0.0, le=0.95)]
+    delay_s: Annotated[float, Meta(ge=0.0, le=10.0)]
+
+
 class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One run of the stand-in. Raises ValueError for values that do not fit."""
 
@@ -60,13 +68,19 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     chargers: tuple[Point2D, ...] = ()
     method: Name = NEAREST
     """Allocator of the coordinator's plans, or `nearest`."""
+    consensus: bool = False
+    """Whether the robots go on without a coordinator."""
     tasks: tuple[TaskOrder, ...] = ()
     cancels: tuple[CancelOrder, ...] = ()
     halts: tuple[HaltOrder, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
+    radio: ScriptRadio | None = None
+    """The radio by which robots and coordinator hear each other; None if it is perfect. With `scenario` only."""
 
     def __post_init__(self) -> None:
         names = [robot.name for robot in self.robots]
+        if self.radio is not None and not self.scenario:
+            raise ValueError("expected no radio without a scenario: components of the stand-in have none")
         for fault in self.faults:
             if fault.robot not in (*names, COORDINATOR):
                 raise ValueError(f"expected one of {', '.join(names)} or {COORDINATOR}, got robot = {fault.robot!r}")

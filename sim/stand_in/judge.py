@@ -114,7 +114,8 @@ class Judge:
         self._ends: dict[str, tuple[TaskState, int, int]] = {}
         self._done: dict[str, list[tuple[str, int]]] = {}
         """Agents that have done a task: name and start of the process."""
-        self._said: set[tuple[str, int, int]] = set()
+        self._said: set[tuple[str, int, str, int]] = set()
+        """Ends that were noted: robot, start of its process, task and epoch; without a coordinator epochs are alike."""
         self._told: set[tuple[Invariant, str]] = set()
         self._at: dict[str, str] = {}
         self._overlap_s: dict[str, float] = {}
@@ -253,9 +254,10 @@ class Judge:
 
     def _note_done(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         since_ns = self._run.processes[robot].since_ns
-        if (robot, since_ns, status.epoch) in self._said:
+        end = (robot, since_ns, status.id, status.epoch)
+        if end in self._said:
             return
-        self._said.add((robot, since_ns, status.epoch))
+        self._said.add(end)
         if (robot, since_ns) in self._done.get(status.id, ()):
             self._break(Invariant.DONE_TWICE, status.id, f"{robot} has done {status.id} twice")
         self._done.setdefault(status.id, []).append((robot, since_ns))
@@ -265,7 +267,8 @@ class Judge:
     def _judge_begin(self, task_id: str, robot: str) -> None:
         asked = self._asked.get(task_id)
         for name in () if asked is None else asked.after:
-            if name not in self._ends or self._ends[name][0] is not TaskState.DONE:
+            is_known = self._run.script.consensus and name in self._done  # robots know, and no coordinator tells yet
+            if not is_known and (name not in self._ends or self._ends[name][0] is not TaskState.DONE):
                 self._break(Invariant.TOO_EARLY, task_id, f"{robot} begins {task_id}, but {name} is not done")
 
     def _judge_end(self, task_id: str) -> None:
@@ -330,7 +333,7 @@ class _HaltWatch:
         if halt is not self._halt:
             self._halt = halt
             for name in run.processes:
-                if self._hears(name) and run.exchange.is_linked(OPERATOR, name) and not self._is_lossy:
+                if self._hears(name) and run.exchange.faults.is_linked(OPERATOR, name) and not self._is_lossy:
                     self._knows_ns[name] = now_ns
         self._forget()
         self._spread(now_ns)
@@ -350,7 +353,7 @@ class _HaltWatch:
     def _spread(self, now_ns: int) -> None:
         run = self._run
         for name in run.bodies:
-            is_linked = run.exchange.is_linked(name, COORDINATOR) and self._have_like_clocks(name, COORDINATOR)
+            is_linked = run.exchange.faults.is_linked(name, COORDINATOR) and self._have_like_clocks(name, COORDINATOR)
             if not (self._hears(name) and self._hears(COORDINATOR) and is_linked):
                 self._linked_ns.pop(name, None)
                 continue

@@ -12,6 +12,8 @@ from robrain.sim.stand_in.fault_script import FaultScript, HaltOrder
 
 OPERATOR = "operator"
 AGAIN_NS = to_ns(1.0)
+NOT_NOW_S = 0.001
+"""Of the wall: within this process an answer is there at once, or with a later step and hence when asked again."""
 NS_PER_S = 1_000_000_000
 
 
@@ -79,7 +81,7 @@ class PointOperator:
         if any(name not in self.acknowledged for name in task.after):
             return False
         try:
-            self._wire.ask(TASK_SUBMIT, TaskSubmission(task=task, by=OPERATOR))
+            self._wire.ask(TASK_SUBMIT, TaskSubmission(task=task, by=OPERATOR), timeout_s=NOT_NOW_S)
         except NobodyThere:
             return False
         except CallError as error:
@@ -102,7 +104,9 @@ class PointOperator:
             return False
         self.asked_to_cancel.add(task_id)
         try:
-            self._wire.ask(TASK_CANCEL, TaskRequest(id=task_id, by=OPERATOR, why="the script says so"))
+            self._wire.ask(
+                TASK_CANCEL, TaskRequest(id=task_id, by=OPERATOR, why="the script says so"), timeout_s=NOT_NOW_S
+            )
         except NobodyThere:
             return False
         except CallError as error:

@@ -126,7 +126,7 @@ class StandInRun:
         chargers = [{"x_m": place.x_m, "y_m": place.y_m} for place in self.script.chargers]
         host = AgentHost(
             RobotFile(
-                robot=RobotTable(robot.name, places=[str(PLACE)], load=LOAD),
+                robot=RobotTable(robot.name, places=[str(PLACE)], load=LOAD, consensus=self.script.consensus),
                 parameters={"home": {"chargers": chargers}},
             ),
             Path(),

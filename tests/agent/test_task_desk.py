@@ -6,16 +6,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robrain.agent.lifecycle.transitions import Trigger
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
 from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.team_messages import TeamState
-from robrain.protocol.wire.reasons.offers import EpochAhead, EpochOld, NoBehavior, Occupied
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
+from robrain.protocol.wire.reasons.offers import DoneJustNow, EpochAhead, EpochOld, NoBehavior, Occupied
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 
@@ -59,6 +55,25 @@ def test_an_epoch_that_no_coordinator_gives_is_refused_and_locks_nobody_out(desk
     assert isinstance(answer.reason, EpochAhead)
     assert desk.offer(offer("t1", epoch=1), to_ns(5.0)).accepted
     assert explorer.started == ["t1"]
+
+
+def test_a_task_that_the_robot_has_just_done_is_not_begun_again_while_its_report_is_under_way(desk, explorer):
+    desk.offer(offer("t1", epoch=1), 0)
+    desk.check_lease(to_ns(1.0))
+    desk.end("t1", TaskState.DONE)
+    for held in ("", "t1"):
+        assert desk.offer(offer("t1", epoch=2, after=held), to_ns(1.1)) == TaskAnswer.refused(DoneJustNow())
+    assert desk.offer(offer("t2", epoch=3), to_ns(1.2)).accepted
+    assert desk.offer(offer("t1", epoch=4), to_ns(1.3)) == TaskAnswer.refused(DoneJustNow())
+    assert explorer.started == ["t1", "t2"]
+
+
+@pytest.mark.parametrize(("ended", "again_s"), [(TaskState.DONE, 6.1), (TaskState.FAILED, 1.1)])
+def test_a_task_is_done_again_where_a_coordinator_asks_for_that(desk, explorer, ended, again_s):
+    desk.offer(offer("t1", epoch=1), 0)
+    desk.check_lease(to_ns(1.0))
+    desk.end("t1", ended)
+    assert desk.offer(offer("t1", epoch=2), to_ns(again_s)).accepted
 
 
 def test_a_plausible_forged_epoch_is_reported_to_the_next_coordinator(desk, explorer):
@@ -221,6 +236,8 @@ class Desk(RuleBasedStateMachine):
         self.highest_epoch = 0
         self.let_go_count = 0
         self.expected_let_go_count = 0
+        self.checked_ns = 0
+        self.done_ns = {}
         self.desk.register("explore", lambda _: self.answer, self.let_go)
 
     def let_go(self, why):
@@ -237,6 +254,8 @@ class Desk(RuleBasedStateMachine):
             assert isinstance(answered.reason, EpochOld)
         elif repeated:
             assert answered.accepted
+        elif self.now_ns - self.done_ns.get(task_id, -math.inf) <= to_ns(DONE_TOLD_S):
+            assert answered == TaskAnswer.refused(DoneJustNow())
         else:
             assert answered == answer
             if answer.accepted:
@@ -256,11 +275,14 @@ class Desk(RuleBasedStateMachine):
         self.desk.end(task_id, state, "said so")
         if self.running is not None and self.running[0] == task_id:
             self.running = None
+            if state is TaskState.DONE:
+                self.done_ns[task_id] = self.checked_ns
 
     @rule(seconds=st.floats(0.0, 4.0))
     def wait(self, seconds):
         self.now_ns += to_ns(seconds)
         self.desk.check_lease(self.now_ns)
+        self.checked_ns = self.now_ns
         if self.running is not None and self.now_ns - self.heard_ns > self.lease_ns:
             self.running = None
             self.expected_let_go_count += 1
@@ -285,108 +307,6 @@ class Desk(RuleBasedStateMachine):
 
 Desk.TestCase.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
 TestDesk = Desk.TestCase
-
-
-# -- with a behavior, over the wire -----------------------------------------------------------------------------
-
-SEEKER = """
-    from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-
-    class Seeker(Behavior):
-        kind = "explore"
-        period_s = 0.02
-        def init(self):
-            self.log, self.trouble = [], None
-        def activate(self): self.env.do_tasks(self.accept, self.let_go)
-        def step(self): self.raise_if("step")
-        def accept(self, task):
-            self.raise_if("accept")
-            self.log.append(task.id)
-            return TaskAnswer(accepted=True)
-        def let_go(self, why):
-            self.raise_if("let_go")
-            self.log.append(why)
-        def raise_if(self, where):
-            if self.trouble == where: raise RuntimeError(f"trouble in {where}")
-
-    class Bystander(Device):
-        period_s = 0.02
-        steps = 0
-        def step(self): self.steps += 1
-"""
-
-
-@pytest.fixture
-def seeker(bench):
-    bench.code("seeker", SEEKER)
-    bench.manifest("seeker", "seeker:Seeker")
-    bench.manifest("bystander", "seeker:Bystander")
-    bench.start("seeker", "bystander")
-    bench.coordinator = bench.wire.publisher(COORDINATOR_STATE)
-    return bench
-
-
-def send(bench, topic, message):
-    return bench.wire.ask(topic, message, robot="r1")
-
-
-def status(bench):
-    inbox = Inbox()
-    bench.wire.subscribe(inbox, ROBOT_STATE)
-    bench.tick(6)
-    return inbox.drain()[-1].message.task
-
-
-def test_over_the_wire_a_task_runs_while_the_coordinator_is_heard_and_no_longer(seeker):
-    assert send(seeker, ROBOT_OFFER, offer(lease_s=1.0)) == TaskAnswer(accepted=True)
-    for _ in range(30):
-        seeker.coordinator.put(TeamState(robots=[]))
-        seeker.tick(5)
-    assert status(seeker).state is TaskState.RUNNING
-    seeker.tick(60)
-    assert status(seeker).state is TaskState.CANCELLED
-    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
-
-
-def test_over_the_wire_a_task_can_be_withdrawn(seeker):
-    send(seeker, ROBOT_OFFER, offer())
-    send(seeker, ROBOT_WITHDRAW, TaskWithdrawal(id="t1", epoch=1, why="changed our minds"))
-    assert seeker.plugin("seeker").log == ["t1", "changed our minds"]
-
-
-def test_a_behavior_that_raises_over_an_offer_is_faulted_and_the_offer_refused(seeker):
-    seeker.plugin("seeker").trouble = "accept"
-    assert "seeker is faulted: RuntimeError: trouble in accept" in send(seeker, ROBOT_OFFER, offer()).why
-    assert status(seeker) is None
-    assert seeker.infos()["seeker"].state == "faulted"
-
-
-def test_a_second_offer_that_breaks_the_behavior_fails_the_first_task(seeker):
-    send(seeker, ROBOT_OFFER, offer())
-    seeker.plugin("seeker").trouble = "accept"
-    assert not send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).accepted
-    assert (status(seeker).id, status(seeker).state) == ("t1", TaskState.FAILED)
-
-
-def test_a_behavior_that_raises_when_it_must_let_go_takes_nobody_with_it(seeker):
-    send(seeker, ROBOT_OFFER, offer(lease_s=0.1))
-    seeker.plugin("seeker").trouble = "let_go"
-    seeker.tick(50)
-    assert status(seeker).state is TaskState.CANCELLED
-    assert seeker.infos()["seeker"].why == "RuntimeError: trouble in let_go"
-    assert seeker.plugin("bystander").steps >= 50
-
-
-def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
-    send(seeker, ROBOT_OFFER, offer())
-    seeker.plugin("seeker").trouble = "step"
-    assert status(seeker).state is TaskState.FAILED
-    assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).why
-
-
-def test_a_deactivated_behavior_takes_no_tasks(seeker):
-    seeker.hosts[-1].manager.get("seeker").apply(Trigger.DEACTIVATE)
-    assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer()).why
 
 
 # -- one drives at a time -----------------------------------------------------------------------------------------

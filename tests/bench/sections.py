@@ -28,6 +28,12 @@ SECTIONS = {
         "Lockstep runs on the maps of `../shared/maps`.",
         "tests.bench.exploration:measure_real_maps",
     ),
+    "exploration_lab": Section(
+        "Exploration strategies",
+        "`robrain bench exploration` with ideal motion until 95 % of the clinic are known, seeds 51 and 52, which "
+        "chose nothing; the full stack beside it with one robot. Figures are those of the default strategy.",
+        "tests.bench.exploration_lab:measure",
+    ),
     "motion": Section(
         "Motion on CAN",
         "True errors, by the arena. Squares as in UMBmark (Borenstein and Feng 1996), 8 seeds, in both directions.",
@@ -81,6 +87,12 @@ SECTIONS = {
         "`robrain bench allocation`; seconds of one core. Best known: searches of 60 and 120 s, "
         "`deploy/bench/allocation_best.json`.",
         "robrain.deploy.bench.allocation:measure",
+    ),
+    "consensus": Section(
+        "Allocation without a coordinator",
+        "`robrain bench consensus` on problems that its parameters were not chosen on (seeds 41 to 44), beside "
+        "`optimal` with 1500 iterations. An exchange is one ballot of every robot.",
+        "tests.bench.consensus:measure",
     ),
     "code": Section(
         "The code",
@@ -138,6 +150,18 @@ SECTIONS = {
         "From the put in one process to the stop frame on the CAN bus of a robot in another.",
         "tests.bench.halt:measure",
     ),
+    "congestion": Section(
+        "Busy network",
+        "20 agents on loopback. Flooded: 20 MB/s to a reader and 2 MB/s to every robot by way of the hub. A reader of "
+        "everything that hangs is stopped (SIGSTOP) while the flood goes on.",
+        "tests.bench.congestion:measure",
+    ),
+    "deadman": Section(
+        "Deadman",
+        "The process that drives a robot by hand is killed or stopped: until the wheels' encoders stand. At 0.25 m/s a "
+        "base needs 0.17 s to brake.",
+        "tests.bench.deadman:measure",
+    ),
     "responses": Section(
         "Response time",
         "`robrain bench responses`: from an event to the wheels, a live team of processes on loopback.",
@@ -147,6 +171,13 @@ SECTIONS = {
         "A thousand agents",
         "`robrain bench agents`: processes that stand in for agents, a real coordinator.",
         "robrain.deploy.bench.agents:measure",
+    ),
+    "recovery": Section(
+        "Recovery",
+        "`robrain up` with two robots in `arena_small`, a stand-by, a recorder and a dashboard: each process in turn "
+        "gets `kill -9`, then SIGSTOP. Noticed: `up` says that it has failed. Well again: another process of the team "
+        "sees that it does its work.",
+        "tests.bench.recovery:measure",
     ),
     "dashboard": Section(
         "Dashboard",

@@ -13,16 +13,18 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.answers.trace import trace_of
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.task_messages import TaskRequest
+from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.reasons.idle import PlanPending, TaskSoon
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,
     ROBOT_MAP,
     ROBOT_STATE,
     TASK_CANCEL,
+    TASK_WHY,
 )
 from tests.coordinator.conftest import TICK_S
 
@@ -419,3 +421,9 @@ def test_a_task_that_a_person_has_submitted_is_never_revised(team):
     robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
     team.run(4.0)
     assert robot.task.id == "look"
+
+
+def test_a_task_has_one_trace_in_its_explanation(team):
+    team.submit(Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)))
+    why = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    assert why.trace == trace_of("default", "t1")

@@ -1,5 +1,6 @@
 """The coordinator loses and finds robots."""
 
+import msgspec
 import numpy as np
 
 from robrain.coordinator.coordinator import Coordinator
@@ -152,3 +153,18 @@ def test_a_coordinator_that_takes_over_offers_with_greater_epochs(team):
     assert robot.offers[-1].epoch > before
     ids = [offer.task.id for offer in robot.offers]
     assert len(set(ids)) == len(ids)
+
+
+def test_a_state_that_does_not_come_is_named_in_the_summary_at_once_and_no_longer_when_it_comes(team):
+    team.robot("r1", 6.0, 4.0)
+    robot = team.robot("r2", 7.0, 4.0)
+    team.run(1.0)
+    assert team.summary.stale is msgspec.UNSET
+    robot.speaks = False
+    team.run(0.5)
+    (stale,) = team.summary.stale
+    assert (stale.code, stale.topic, stale.sender) == ("topic_stale", "robot_state", "r2")
+    assert 0.3 < stale.age_s <= 0.6
+    robot.speaks = True
+    team.run(0.2)
+    assert team.summary.stale is msgspec.UNSET

@@ -3,6 +3,7 @@
 Each planted bug replaces a function of the product for one run; the same run without it keeps every invariant.
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.task_desk import TaskDesk
 from robrain.client.team import Team
+from robrain.coordinator import coordinator
 from robrain.coordinator.recording.invariants.findings import (
     ChargedAway,
     DeliveredFell,
@@ -275,5 +277,6 @@ def test_a_charger_that_charges_from_afar_is_found(monkeypatch: pytest.MonkeyPat
 
 def test_a_robot_that_does_not_go_home_to_charge_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RechargeBehavior, "step", lambda _: None)
+    monkeypatch.setattr(coordinator, "reach_m", lambda *_: math.inf)  # nor does the coordinator count the way home
     [one] = only(judged(long_day, weak(WITH_CHARGER)), OutOfEnergy)
     assert one.robot == "r1"

@@ -12,8 +12,7 @@ from robrain.cli import app
 from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.wire.endpoint import BY
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.links.zenoh_link import CONGESTION
-from robrain.protocol.wire.publisher import PRIORITY
+from robrain.protocol.wire.links.qos import publisher_options
 from robrain.protocol.wire.topic import Query, Topic
 from robrain.protocol.wire.topics import PUBLISHED, TOPICS
 
@@ -107,8 +106,9 @@ def test_the_schema_of_a_printed_message_takes_what_is_sent(document):
 
 def test_a_row_says_how_zenoh_is_to_deliver_it(document):
     for row, topic in zip(document["topics"], PUBLISHED, strict=True):
-        assert getattr(zenoh.Priority, row["priority"].upper()) == PRIORITY[topic.urgency]
-        assert getattr(zenoh.CongestionControl, row["congestion"].upper()) == CONGESTION[topic.is_blocking]
+        options = publisher_options(topic)
+        assert getattr(zenoh.Priority, row["priority"].upper()) == options["priority"]
+        assert getattr(zenoh.CongestionControl, row["congestion"].upper()) == options["congestion_control"]
         assert bool(row["cache"]) is (row["delivery"] == "lossless")
 
 

@@ -49,5 +49,6 @@ EXAMPLES = [
         robots=[task_messages.RobotVerdict(robot="r1", chosen=True)],
         decided_ns=1_450_000_000,
         changes=[task_messages.TaskChange(number=41, stamp_ns=1_500_000_000, state=TaskState.DONE)],
+        trace="4bf92f3577b34da6a3ce929d0e0e4736",
     ),
 ]  # fmt: skip

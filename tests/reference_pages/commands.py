@@ -10,8 +10,11 @@ from tests.reference_pages.markdown import page, table
 INTRODUCTION = """\
 Every command prints results on stdout, progress and warnings on stderr. An error is one sentence with exit status 2;
 Ctrl-C ends with 130. `robrain COMMAND --help` prints the same as this page. Pages of their own: [robrain
-task](commands-task.md), [robrain plugin](commands-plugin.md) and [robrain bench](commands-bench.md).
+task](commands-task.md), [robrain plugin](commands-plugin.md),
+[robrain journal](commands-journal.md), [robrain pki](commands-pki.md) and [robrain bench](commands-bench.md), and the
+[commands for recordings](commands-recordings.md).
 """
+RECORDINGS = ("record", "replay", "foxglove", "info", "check", "diff", "recover", "report", "export", "fork")
 
 
 def commands_page(group: str | None = None) -> str:
@@ -20,12 +23,22 @@ def commands_page(group: str | None = None) -> str:
     commands = program if group is None else program.commands[group]
     name = "robrain" if group is None else f"robrain {group}"
     found = {name: commands} if group is not None else {}
-    found |= {f"{name} {child}": one for child, one in commands.commands.items() if not hasattr(one, "commands")}
+    found |= {
+        f"{name} {child}": one
+        for child, one in commands.commands.items()
+        if not hasattr(one, "commands") and (group is not None or child not in RECORDINGS)
+    }
     return page(
         "Commands" if group is None else f"Commands: {name}",
         INTRODUCTION if group is None else "",
         *(_section(*one) for one in found.items()),
     )
+
+
+def recording_commands_page() -> str:
+    """The page of the commands that make and read recordings."""
+    commands = typer.main.get_command(app).commands
+    return page("Commands for recordings", "", *(_section(f"robrain {name}", commands[name]) for name in RECORDINGS))
 
 
 def _section(name: str, command: Any) -> str:

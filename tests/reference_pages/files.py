@@ -9,6 +9,7 @@ import msgspec
 from robrain.agent.host.robot_file import RobotFile
 from robrain.agent.manifest import ManifestTables
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.deploy.supervision.team_file import TeamFile
 from robrain.sim.scenarios.scenario_file import ScenarioTables
 from tests.reference_pages.markdown import page
 from tests.reference_pages.struct_tables import Struct, struct_table, summary
@@ -23,6 +24,12 @@ robrain; [Choose or write a scenario](../how-to/scenarios.md) shows them.
 ROBOT_FILES = """\
 `robrain agent ROBOT.toml` runs one robot. Only `[robot] name` is required; `[parameters.PLUGIN]` overrides the
 parameters in a plugin's manifest. `robrain arena --robot-files FOLDER` writes a file for each simulated robot.
+"""
+TEAM_FILES = """\
+`robrain up TEAM.toml --host NAME` starts the parts of one machine of a team, `robrain doctor TEAM.toml --host NAME`
+looks at what may keep them from starting. `[robots]` names the robot file of each robot that is not the scenario's:
+`r1 = "robots/r1.toml"`, relative to the team file. At least one `[[hosts]]` is required. [Start, watch and diagnose a
+team](../how-to/up.md) shows how the keys work together.
 """
 MANIFESTS = """\
 A manifest is the TOML file beside a plugin's class; the file's name is the plugin's name. [Write
@@ -44,6 +51,11 @@ def scenarios_page() -> str:
 def robot_files_page() -> str:
     """The whole of docs/reference/robot-files.md."""
     return page("Robot files", ROBOT_FILES, *file_sections(RobotFile))
+
+
+def team_files_page() -> str:
+    """The whole of docs/reference/team-files.md."""
+    return page("Team files", TEAM_FILES, *file_sections(TeamFile))
 
 
 def manifests_page() -> str:

@@ -4,7 +4,7 @@ import os
 import signal
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from urllib.parse import urlsplit
 
@@ -22,7 +22,8 @@ def stopped(processes: list[int]) -> Iterator[None]:
         yield
     finally:
         for process in processes:
-            os.kill(process, signal.SIGCONT)
+            with suppress(ProcessLookupError):  # `robrain up` has ended it, as it was silent for too long
+                os.kill(process, signal.SIGCONT)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -22,6 +23,10 @@ from tests.waiting import until
 pytestmark = pytest.mark.system
 
 THREADS_MAX = 16
+"""When nothing is asked."""
+PASSING = 4
+"""Each query that waits for replies has a thread for a moment."""
+WEIGHED = 20
 HEAVY = ("numpy", "scipy", "numba", "llvmlite", "pydantic", "rich", "prompt_toolkit", "jsonschema")
 NEED_NAVIGATION = {"localisation", "mapper", "planner", "explore", "idle", "visit", "recharge"}
 PLAIN = {"mocdevice", "scan", "range_sensors", "bm2", "driver", "obstacle_distance", "command", "counter", "home"}
@@ -58,9 +63,10 @@ def test_a_host_alone_has_few_threads_and_little_memory(commands: Commands, alon
     try:
         commands.line_with(alone, "agent: r1 is up with 5 plugins")
         until(lambda: weigh(alone.pid).threads <= THREADS_MAX)
-        weight = weigh(alone.pid)
-        assert 5 < weight.threads <= THREADS_MAX
-        assert 20 < weight.resident_mb < 80
+        weights = [weigh(alone.pid) for _ in range(WEIGHED) if time.sleep(0.1) is None]
+        assert 5 < min(weight.threads for weight in weights) <= THREADS_MAX
+        assert max(weight.threads for weight in weights) <= THREADS_MAX + PASSING
+        assert 20 < weights[-1].resident_mb < 80
     finally:
         commands.stop_all()
         hub.close()  # type: ignore[no-untyped-call]

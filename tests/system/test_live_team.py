@@ -54,7 +54,7 @@ def test_ctrl_c_stops_every_process_of_a_team(commands) -> None:
     process = commands.start("up", "arena_small", "--robots", "2", "--no-dashboard")
     commands.line_with(process, "r2: up")
     children = _children_of(process.pid)
-    assert len(children) == 4  # arena, coordinator and two agents
+    assert len(children) == 6  # a guard, hub, arena, coordinator and two agents
     process.send_signal(signal.SIGINT)
     assert process.wait(PATIENCE_S) == 0
     assert not [pid for pid in children if os.path.exists(f"/proc/{pid}")]

@@ -28,7 +28,7 @@ LATER_S = 40.0
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A minute of a team that does all that a lockstep run can do."""
     path = tmp_path_factory.mktemp("valid") / "run.mcap"
-    battery = BatterySpec(capacity_wh=2.5, soc_at_start=0.4)
+    battery = BatterySpec(capacity_wh=2.5, soc_at_start=0.45)
     scenario = Scenario.builtin("arena_small").replace(
         robots=3, motes=6, hardware=RobotHardware(battery=battery), chargers=(ChargerSpec(place_m=(0.6, 5.2)),)
     )
@@ -64,6 +64,7 @@ def without_centre(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = scenario.open(scenario.world(), record=path)
     with Team(LockstepTransport(run), by="script") as team:
         team.run_for(2.0)
+        assert run.tell_left() is not None
         run.end_coordinator()
         team.run_for(3.0)
     return path

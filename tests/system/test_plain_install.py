@@ -31,6 +31,8 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("dashboard", [], "team"),
     ("replay", ["run.mcap"], "team"),
     ("status", [], WORKS),
+    ("top", [], WORKS),
+    ("doctor", [], WORKS),
     ("wire", [], WORKS),
     ("call", ["r1", "counter", "seconds"], WORKS),
     ("shell", ["r1"], WORKS),
@@ -72,10 +74,26 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("bench live", [], "sim"),
     ("bench responses", [], "sim"),
     ("bench agents", [], "sim"),
+    ("lead", [], WORKS),
+    ("machine-files", ["machine"], WORKS),
+    ("journal backup", [], WORKS),
+    ("metrics", [], "metrics"),
 ]
 """Each command, arguments for it, and the extra that it needs."""
-LIVE = ("agent",)
-"""Commands that the fixture runs in the plain install."""
+LACKING = [
+    ("bridge", ["bridge.toml"], "bridge bridge.toml: there is no such file"),
+    ("journal check", ["x.journal"], "x.journal: is not there"),
+    ("journal restore", ["x.journal", "--journal", "y.journal"], "x.journal: is not there"),
+    ("pki init", ["pki"], r"pki: certificates need another package: pip install 'robrain\[security\]'"),
+    ("pki issue", ["robot", "r1"], "pki/members.json: no such file; .*"),
+    ("pki renew", ["robot", "r1"], "pki/members.json: no such file; .*"),
+    ("pki revoke", ["robot", "r1"], "pki/members.json: no such file; .*"),
+    ("pki show", [], "pki/members.json: no such file; .*"),
+    ("router", [], "give the router's folder: .*"),
+]
+"""Commands that need something that is not there, and what they say of it."""
+LIVE = ("agent", "hub")
+"""Commands that run in the plain install until they are stopped: in the fixture and in the test below."""
 
 
 class Plain:
@@ -144,6 +162,21 @@ def test_the_robots_bus_is_there_for_the_tools_of_python_can(plain: Plain) -> No
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_hub_and_the_parts_of_a_machine_run_in_a_plain_install(plain: Plain) -> None:
+    hub = plain.start("hub", "--listen", "tcp/127.0.0.1:0")
+    endpoint = plain.commands.line_with(hub, "hub: tcp/").split()[1]
+    assert plain.run("doctor", "--connect", endpoint).returncode == 0
+    port = plain.commands.hub.port
+    (plain.commands.folder / "r2.toml").write_text('[robot]\nname = "r2"\nload = ["command"]\n')
+    (plain.commands.folder / "team.toml").write_text(
+        f'[team]\nport = {port}\n[robots]\nr2 = "r2.toml"\n'
+        '[[hosts]]\nname = "base"\naddress = "127.0.0.1"\nparts = ["hub"]\n'
+        '[[hosts]]\nname = "cart"\naddress = "127.0.0.1"\nparts = ["r2"]\n'
+    )
+    cart = plain.start("up", "team.toml", "--host", "cart")
+    plain.commands.line_with(cart, "r2: up")
+
+
 def _leaves(command: object, path: str = "") -> Iterator[str]:
     children = getattr(command, "commands", None)
     if children is None:
@@ -153,8 +186,17 @@ def _leaves(command: object, path: str = "") -> Iterator[str]:
         yield from _leaves(child, f"{path} {name}".strip())
 
 
+@pytest.mark.parametrize(("command", "arguments", "said"), LACKING, ids=[command for command, _, _ in LACKING])
+def test_a_command_says_in_a_sentence_what_it_lacks(
+    plain: Plain, command: str, arguments: list[str], said: str
+) -> None:
+    done = plain.run(*command.split(), *arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(rf"robrain: {said}\n", done.stderr), done.stderr
+
+
 def test_no_command_is_left_out() -> None:
-    assert sorted([*LIVE, *(command for command, _, _ in COMMANDS)]) == sorted(_leaves(get_command(app)))
+    assert sorted([*LIVE, *(command for command, _, _ in [*COMMANDS, *LACKING])]) == sorted(_leaves(get_command(app)))
 
 
 def test_every_command_in_the_readme_exists() -> None:

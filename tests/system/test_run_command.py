@@ -40,6 +40,38 @@ def test_json_is_all_that_is_printed_and_has_every_figure(commands) -> None:
     assert times[-1] == pytest.approx(result["sim_time_s"])
 
 
+NARROW = """
+[scenario]
+name = "narrow"
+
+[team]
+robots = 2
+near_m = [2.0, 2.0]
+
+[floor]
+size_m = [8.0, 4.4]
+walls = [
+    { from_m = [4.0, 0.0], to_m = [4.0, 2.1], thickness_m = 0.15 },
+    { from_m = [4.0, 2.45], to_m = [4.0, 4.4], thickness_m = 0.15 },
+]
+"""
+"""Two rooms with a gap of 0.2 m between them, which robots see through."""
+
+
+def test_regions_left_are_in_the_summary_and_in_the_json_of_a_run(commands) -> None:
+    (commands.folder / "narrow.toml").write_text(NARROW, encoding="utf-8")
+    done = commands.run("run", "narrow.toml", "--time-limit", "20")
+    assert done.returncode == 0, done.stderr
+    assert "left to explore, by the team's map" in done.stdout
+    (row,) = re.findall(r"^too_narrow .*$", done.stdout, re.MULTILINE)
+    assert re.search(r"\d m² .* to .* the gap is 0\.[1-3]\d m wide \(on the map\), robots need 0\.44 m", row), row
+    result = json.loads(commands.run("run", "narrow.toml", "--time-limit", "20", "--json").stdout)
+    (region,) = result["exploration_left"]["regions"]
+    assert region["kind"] == "too_narrow"
+    assert region["place"]["x_m"] > 4.0
+    assert region["low"]["x_m"] < region["place"]["x_m"] < region["high"]["x_m"]
+
+
 def test_equal_seeds_give_equal_digests_whatever_the_hash_seed(commands) -> None:
     digests = []
     for seed, hash_seed in (("7", "1"), ("7", "2"), ("8", "1")):

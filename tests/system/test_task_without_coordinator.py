@@ -1,4 +1,4 @@
-"""`robrain task add` in a team that never had a coordinator; one that is started later knows how the task ended."""
+"""`robrain task add` and `cancel` in a team that never had a coordinator; one that is started later knows the ends."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from tests.waiting import until
 pytestmark = pytest.mark.system
 
 
-def test_a_task_is_taken_in_by_robots_done_and_noted_by_a_coordinator_that_is_started_later(
+def test_tasks_are_taken_in_done_or_cancelled_by_robots_and_noted_by_a_coordinator_that_is_started_later(
     commands, tmp_path: Path
 ) -> None:
     words = ("arena_small", "--robots", "2", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
@@ -31,6 +31,11 @@ def test_a_task_is_taken_in_by_robots_done_and_noted_by_a_coordinator_that_is_st
     record = json.loads(until(added, "no robot accepts the task", pause_s=0.5).stdout)
     assert record["state"] == "queued"
     assert record["why"] in {f"there is no coordinator; {who} accepted it" for who in ("r1, r2", "r2, r1")}
+    waits = task("add", "visit", "--at", "2,1", "--id", "waits", "--after", record["task"]["id"])
+    assert waits.returncode == 0, waits.stderr
+    cancelled = json.loads(task("cancel", "waits", "--json").stdout)
+    assert (cancelled["task"]["id"], cancelled["state"]) == ("waits", "cancelled")
+    assert cancelled["why"] in {f"there is no coordinator; {who} cancelled it" for who in ("r1, r2", "r2, r1")}
     coordinator = commands.start("coordinator", "--connect", endpoint)
     commands.line_with(coordinator, "coordinator: of team default")
 
@@ -39,3 +44,5 @@ def test_a_task_is_taken_in_by_robots_done_and_noted_by_a_coordinator_that_is_st
         return [one for one in listed if one["task"]["id"] == record["task"]["id"] and one["state"] == "done"]
 
     assert len(until(ended, "the task is not done", pause_s=0.5)) == 1
+    states = {one["task"]["id"]: one["state"] for one in json.loads(task("list", "--json").stdout)}
+    assert states["waits"] == "cancelled"

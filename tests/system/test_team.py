@@ -350,3 +350,22 @@ def test_a_team_that_nobody_answers_for_is_one_sentence() -> None:
         robrain.Team.connect("tcp/127.0.0.1:9")
     with pytest.raises(BadName):
         robrain.Team.connect("tcp/127.0.0.1:9", team="a/b")
+
+
+def test_what_exploration_has_left_is_asked_for(team: Team) -> None:
+    left = team.left()
+    assert left is not None
+    areas_m2 = [region.area_m2 for region in left.regions]
+    assert areas_m2 == sorted(areas_m2, reverse=True)
+
+
+def test_a_team_that_has_just_begun_to_explore_has_much_left() -> None:
+    with robrain.Scenario.builtin("depot").replace(robots=1).team() as team:
+        team.run_for(3.0)
+        left = team.left()
+    assert left is not None
+    assert sum(region.area_m2 for region in left.regions) + left.more_m2 > 10.0
+
+
+def test_a_coordinator_that_holds_nothing_back_leaves_no_robot_out(team: Team) -> None:
+    assert team.lead(by="operator:ann") == []

@@ -16,6 +16,7 @@ from robrain.coordinator.dashboard.panels.gui_values import set_visible
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages.team_messages import Halt
 from robrain.protocol.wire.topics import HALT
 
@@ -88,7 +89,7 @@ class HaltControl:
         try:
             with self._sending:
                 self._publisher.put(message)
-        except zenoh.ZError as error:
+        except (zenoh.ZError, CallError) as error:  # CallError: its certificate may not
             failure = str(error)
         if failure and client is not None:
             what = "halt" if message.halted else "resume"

@@ -1,26 +1,21 @@
 """Driving a robot by hand: while a button or key is held, the dashboard renews a short lease on the driver.
 
-`driver.move` drives for `LEASE_S` at most. If the browser closes, hangs or loses its link, the lease is not renewed,
-and the robot stops.
+If the browser hangs, its hold events cease; if the dashboard or its link fails, the lease is not renewed. Either way
+the robot stands within 0.3 s (see `server/hand_pilot.py`).
 """
 
+import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-import msgspec
 import viser
 
 from robrain.coordinator.dashboard.html.html_words import text
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value
 from robrain.coordinator.dashboard.panels.page_context import Page
-from robrain.coordinator.dashboard.server.asker import Answer
-from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.coordinator.dashboard.server.hand_pilot import HandPilot, Velocity
 
-LEASE_S = 0.5
-HELD_S = 0.3
-"""A button counts as released when its last hold event is older than this."""
-HOLD_HZ = 10.0
-REPEAT_S = 0.15
+HOLD_HZ = 40.0
 
 
 class Push(NamedTuple):
@@ -51,72 +46,59 @@ class HandDrive:
         self._page = page
         self._armed = gui.add_checkbox("Armed", False, hint="While armed, W A S D Q E drive the selected robot")
         self._armed.on_update(lambda _: page.post(self._arm))
-        self._speed = gui.add_slider("Speed (m/s)", 0.05, 0.6, 0.05, 0.25)
+        self._speed = gui.add_slider(
+            "Speed (m/s)", 0.05, 0.6, 0.05, 0.25, hint="The robot's hand_speed_m_s is the limit"
+        )
         self._status = gui.add_html("")
-        self._held: dict[Push, float] = {}
-        self._now_s = 0.0
-        self._sent_s: float | None = None
-        self._moving = ""
-        self._waits = False
+        self._pilot: HandPilot | None = None
+        self._shown = ""
         self._buttons = []
         for label, push in PUSHES:
             button = gui.add_button(label, disabled=True)
             self._buttons.append(button)
-            button.on_hold(self._holder(push), HOLD_HZ)
+            button.on_hold(self._holder(label, push), HOLD_HZ)
         self._arm()
 
     def let_go(self) -> None:
-        """Disarm, and let the lease run out."""
-        self._held.clear()
-        if self._armed.value:
+        """Disarm, and give the robot back."""
+        if self._armed.value or self._pilot is not None:
             set_value(self._armed, False)
             self._arm()
 
-    def step(self, now_s: float) -> None:
-        """Send the velocity of the held buttons, and once a stop when they are released."""
-        self._now_s = now_s
-        self._held = {push: at_s for push, at_s in self._held.items() if now_s - at_s <= HELD_S}
-        if not self._held and not self._moving:
+    def step(self) -> None:
+        """Show how the drive goes; it goes on without this."""
+        pilot = self._pilot
+        if pilot is None or not pilot.told or pilot.told == self._shown:
             return
-        if self._waits or (self._sent_s is not None and now_s - self._sent_s < REPEAT_S):
-            return
-        robot = self._moving or self._page.selected
-        pushes = list(self._held) if robot == self._page.selected else []
-        self._moving = robot if pushes else ""
-        self._sent_s = now_s
-        self._send(robot, pushes)
-
-    def _send(self, robot: str, pushes: list[Push]) -> None:
-        speed_m_s = self._speed.value
-        velocity = {
-            "forward_m_s": speed_m_s * sum(push.forward for push in pushes),
-            "left_m_s": speed_m_s * sum(push.left for push in pushes),
-            "yaw_rad_s": TURN_PER_SPEED * speed_m_s * sum(push.turn for push in pushes),
-            "lease_s": LEASE_S,
-        }
-        self._waits = True
-
-        def take(answer: Answer[bytes]) -> None:
-            self._waits = False
-            if answer.error:
-                self._moving = ""
-                self._held.clear()
-                self._show(f'<span class="rb-bad">✕ {text(robot)}: {text(answer.error)}</span>')
-            else:
-                self._show(f"▶ {text(robot)} is driving" if pushes else f"■ {text(robot)} stopped")
-
-        names = {"robot": robot, "plugin": "driver", "function": "move"}
-        self._page.context.asker.ask(ROBOT_CALL, msgspec.json.encode(velocity), take, timeout_s=1.0, **names)
+        self._shown = told = pilot.told
+        robot = text(pilot.robot)
+        if pilot.has_failed:
+            self._show(f'<span class="rb-bad">✕ {robot}: {text(told)}</span>')
+        else:
+            self._show(f"{'■' if told == 'stopped' else '▶'} {robot} {told}")
 
     def _arm(self) -> None:
-        armed = bool(self._armed.value)
+        page, armed = self._page, bool(self._armed.value)
         for button in self._buttons:
             button.disabled = not armed
+        if self._pilot is not None:
+            self._pilot.end()
+            self._pilot = None
+        if armed and page.selected:
+            self._pilot, self._shown = page.context.pilot(page.selected, page.client.client_id), ""
         self._show("Armed: hold a button or a key." if armed else "Not armed.")
 
     def _show(self, html: str) -> None:
         mark = " rb-teleop-armed" if self._armed.value else ""
         set_html(self._status, f'<div class="rb{mark}" data-testid="teleop">{html}</div>')
 
-    def _holder(self, push: Push) -> Callable[[viser.GuiEvent[viser.GuiButtonHandle]], None]:
-        return lambda _: self._page.post(lambda: self._held.update({push: self._now_s}))
+    def _holder(self, label: str, push: Push) -> Callable[[viser.GuiEvent[viser.GuiButtonHandle]], None]:
+        def hold(_: object) -> None:  # on viser's thread: the page's own step may take longer than a lease
+            pilot, speed_m_s = self._pilot, float(self._speed.value)
+            if pilot is not None:
+                velocity = Velocity(
+                    speed_m_s * push.forward, speed_m_s * push.left, TURN_PER_SPEED * speed_m_s * push.turn
+                )
+                pilot.press(label, velocity, time.monotonic())
+
+        return hold

@@ -89,7 +89,7 @@ class ClientPage:
         focus = Focus(self.selected, self._chosen, self._mote, middle, reach_m)
         for switch in self.switches:
             switch.draw(view, focus, now_s)
-        self.robot.drive.step(now_s)
+        self.robot.drive.step()
         period_s = MANY_PERIOD_S if len(view.robots) > MANY_ROBOTS else PERIOD_S
         if self._drawn_s is not None and now_s - self._drawn_s < period_s:
             return

@@ -12,8 +12,11 @@ from robrain.coordinator.dashboard.panels.halt_control import HaltControl
 from robrain.coordinator.dashboard.replay.replay_bar import ReplayBar
 from robrain.coordinator.dashboard.scene.scene import Scene
 from robrain.coordinator.dashboard.server.asker import Answer, Asker, Then
+from robrain.coordinator.dashboard.server.hand_pilot import HandPilot, driver_of
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
+from robrain.protocol.wire.answers.hand_control import HandControl
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.plan_messages import PlanningStatus
 from robrain.protocol.wire.messages.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.task_messages import KnownKind
@@ -107,6 +110,17 @@ class PageContext:
     """None for a live team."""
     halt: HaltControl | None
     """None for a recording."""
+    team: Endpoint | None
+    """The team's; None for a recording."""
+
+    def pilot(self, robot: str, browser: int) -> HandPilot | None:
+        """What drives a robot by hand for one browser, started; None for a recording."""
+        if self.team is None:
+            return None
+        by = f"dashboard-{str(self.team.session.zid())[:8]}-{browser}"
+        pilot = HandPilot(HandControl(driver_of(self.team, robot), by), robot)
+        pilot.start()
+        return pilot
 
     @property
     def is_live(self) -> bool:

@@ -4,6 +4,7 @@ import numpy as np
 
 from robrain.coordinator.dashboard.html.charts import add_chart
 from robrain.coordinator.dashboard.html.field_html import field_html, rules_html
+from robrain.coordinator.dashboard.html.left_html import left_html
 from robrain.coordinator.dashboard.html.panel_html import log_html, robots_html, summary_html
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_visible
 from robrain.coordinator.dashboard.panels.page_context import Page
@@ -25,6 +26,9 @@ class TeamTab:
         self._folder = gui.add_folder("Explored over time", visible=False)
         with self._folder:
             self._chart = add_chart(gui, "Explored (%)", ["explored"], (0.0, 100.0))
+        self._left_folder = gui.add_folder("Left to explore", visible=False)
+        with self._left_folder:
+            self._left = gui.add_html("")
         self._field_folder = gui.add_folder("Mote field", visible=False)
         with self._field_folder:
             self._field = gui.add_html("")
@@ -51,6 +55,7 @@ class TeamTab:
             self._listed_s, self._listed = now_s, shown
             set_html(self._robots, robots_html(view, now_s, self._page.selected))
         for folder, shown_html, html in (
+            (self._left_folder, self._left, left_html(view)),
             (self._field_folder, self._field, field_html(view)),
             (self._rules_folder, self._rules, rules_html(view)),
         ):

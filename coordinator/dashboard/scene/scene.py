@@ -8,6 +8,7 @@ import viser
 
 from robrain.coordinator.dashboard.layers.floor_layers import FieldLayer, FloorLayer, WallLayer
 from robrain.coordinator.dashboard.layers.layer import Layer
+from robrain.coordinator.dashboard.layers.left_layer import LeftLayer
 from robrain.coordinator.dashboard.layers.marker_layers import ChargerLayer, FrontierLayer, MoteLayer, TaskLayer
 from robrain.coordinator.dashboard.layers.radio_layer import RadioLayer
 from robrain.coordinator.dashboard.layers.robot_layers import CertaintyLayer, NameLayer, RobotLayer, TruthLayer
@@ -28,6 +29,7 @@ LAYERS: tuple[type[Layer], ...] = (
     TaskLayer,
     ChargerLayer,
     FrontierLayer,
+    LeftLayer,
     MoteLayer,
     RadioLayer,
     FieldLayer,

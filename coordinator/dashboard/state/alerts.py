@@ -3,8 +3,13 @@
 from enum import StrEnum
 from typing import NamedTuple
 
-from robrain.coordinator.dashboard.state.robot_view import Condition, RecorderView, RobotView
+from robrain.coordinator.dashboard.state.robot_view import Condition, Contact, RecorderView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.wire.border.refusals import RefusalCode
+from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.reasons.wire import TopicStale
+from robrain.protocol.wire.reasons.words import words
+from robrain.protocol.wire.topics import COORDINATOR_STATE
 
 LOW_SOC = 0.2
 LOW_MOTE_V = 2.4
@@ -43,15 +48,35 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
     if view.rejected:
         found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
     if view.team is not None:
+        found += _of_stale(view, view.team, now_s)
         found += _of_refusals("Coordinator", view.team.refused)
     found += _of_refusals("Dashboard", view.refused)
     return sorted(found, key=lambda alert: alert.level is not Level.BAD)
 
 
+def _of_stale(view: TeamView, team: TeamState, now_s: float) -> list[Alert]:
+    """Alerts for topics older than their deadline: the coordinator's own, and those it names of robots in contact."""
+    found: list[Alert] = []
+    deadline_s = COORDINATOR_STATE.deadline_s
+    if deadline_s is not None and view.coordinator_up and view.team_heard_s is not None and not view.is_replay:
+        age_s = now_s - view.team_heard_s
+        if age_s > deadline_s:
+            stale = TopicStale(COORDINATOR_STATE.name, "coordinator", age_s, deadline_s)
+            found.append(Alert(Level.WARN, "Coordinator", words(stale)))
+    for each in team.stale or ():
+        robot = view.robots.get(each.sender)
+        if robot is None or robot.contact(now_s) is Contact.UP:
+            found.append(Alert(Level.WARN, each.sender, words(each)))
+    return found
+
+
 def _of_refusals(subject: str, refused: object) -> list[Alert]:
     """Alerts for rejected messages, if their list is known."""
     known = refused[:REFUSALS_SHOWN] if isinstance(refused, list) else []
-    return [Alert(Level.WARN, subject, f"rejected {one.words}") for one in known]
+    return [
+        Alert(Level.WARN, subject, one.words if one.code == RefusalCode.LOST else f"rejected {one.words}")
+        for one in known
+    ]
 
 
 def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:

@@ -16,6 +16,7 @@ from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
+from robrain.protocol.wire.messages.left_messages import ExplorationLeft
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
@@ -100,6 +101,8 @@ class TeamView:
         self.recorders: dict[str, RecorderView] = {}
         self.map = MapView()
         self.team: TeamState | None = None
+        self.left: ExplorationLeft | None = None
+        """What exploration has left, as last published; None until it has ended once."""
         self.truth: ArenaTruth | None = None
         self.preparation: ArenaPreparation | None = None
         """Set while a lockstep run waits for its navigation to be compiled; None once it has begun."""
@@ -146,6 +149,7 @@ class TeamView:
             topics.TASK_DECISION: self._take_decision,
             topics.COORDINATOR_STATE: self._take_team,
             topics.COORDINATOR_CHARGES: self._take_charges,
+            topics.COORDINATOR_LEFT: self._take_left,
             topics.RECORDER_STATE: self._take_recorder,
             topics.HALT: self._take_halt,
             topics.ARENA_SCAN: self._take_scan,
@@ -299,6 +303,11 @@ class TeamView:
             _check_place(charge.charger)
         self.charges = schedule.charges
 
+    def _take_left(self, left: ExplorationLeft, names: Names, now_s: float) -> None:
+        for region in left.regions:
+            _check_place(region.place)
+        self.left = left
+
     def _take_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
         name = names["recorder"]
         if name in self.recorders or len(self.recorders) < RECORDERS:
@@ -371,6 +380,7 @@ class TeamView:
         self._sieve = ReadingSieve()
         self.truth = self.team = self.halt = self.sim_time_s = None
         self.charges = ()
+        self.left = None
         for robot in self.robots.values():
             robot.forget_run()
 

@@ -88,10 +88,15 @@ class EnergyBalance(InvariantJudge):
         robot = self._robot(state.robot)
         if battery.implausible:
             robot.doubted_ns = time_ns
-        if battery.charging:
+        if state.halted:  # its plugins stand still: it tells what it knew when it was halted
+            robot.away_ns = None
+        elif battery.charging:
             robot.begin = None
             self._judge_place(state.robot, robot, time_ns)
-            return
+        else:
+            self._judge_estimate(state.robot, robot, battery, time_ns)
+
+    def _judge_estimate(self, name: str, robot: _Robot, battery: BatteryState, time_ns: int) -> None:
         robot.away_ns, robot.is_away_told = None, False
         if robot.doubted_ns is not None and time_ns - robot.doubted_ns < DOUBTED_NS:
             robot.begin = None
@@ -99,8 +104,8 @@ class EnergyBalance(InvariantJudge):
             robot.begin, robot.least_high_j = (battery, robot.delivered_j or 0.0), battery.remaining_high_j
             robot.is_told = robot.is_balance_told = False
         elif battery.remaining_high_j > 0:  # a robot that tells no interval has nothing to judge
-            self._judge_rise(state.robot, robot, battery, time_ns)
-            self._judge_balance(state.robot, robot, battery, time_ns)
+            self._judge_rise(name, robot, battery, time_ns)
+            self._judge_balance(name, robot, battery, time_ns)
             robot.least_high_j = min(robot.least_high_j, battery.remaining_high_j)
 
     def _judge_place(self, name: str, robot: _Robot, time_ns: int) -> None:

@@ -179,7 +179,7 @@ def _run_section(run: RunData, number: int | None, pictures: _Pictures) -> str:
             drawn.append(pictures.add(name, figure, "" if number is None else f"run{number}_"))
     heading = "" if number is None else f"<h2>{safe_html(run.name, 200)}</h2>"
     left_out = f"<p>Nothing was recorded to draw of: {', '.join(missing)}.</p>" if missing else ""
-    tables = _happenings(run) + _tasks(run) + _origin(run)
+    tables = _left(run) + _happenings(run) + _tasks(run) + _origin(run)
     return heading + _lead(run) + _tiles(run) + _positions(run) + "".join(drawn) + left_out + tables
 
 
@@ -275,6 +275,26 @@ def _happenings(run: RunData) -> str:
         for happening in run.happenings
     ]
     return _details(f"Faults and recoveries ({len(rows)})", head, rows)
+
+
+def _left(run: RunData) -> str:
+    """What exploration had left at the end; empty if that was not recorded or is nothing."""
+    if run.left is None or not run.left.regions:
+        return ""
+    rows = [
+        (
+            region.kind.value.replace("_", " "),
+            f"{region.place.x_m:.1f}, {region.place.y_m:.1f}",
+            f"{region.area_m2:.1f}",
+            f"{region.low.x_m:.1f}, {region.low.y_m:.1f} to {region.high.x_m:.1f}, {region.high.y_m:.1f}",
+            region.words,
+        )
+        for region in run.left.regions
+    ]
+    if run.left.more:
+        rows.append((f"{run.left.more} smaller", "", f"{run.left.more_m2:.1f}", "", ""))
+    head = ("kind", "x, y (m)", "*area (m²)", "box (m)", "why")
+    return _details(f"Left to explore ({len(run.left.regions) + run.left.more})", head, rows, is_open=True)
 
 
 def _positions(run: RunData) -> str:

@@ -17,6 +17,7 @@ from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.arena_messages import ArenaTruth
+from robrain.protocol.wire.messages.left_messages import ExplorationLeft
 from robrain.protocol.wire.messages.map_messages import MapPatch
 from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.mote_messages import MoteReading
@@ -104,6 +105,8 @@ class RunData:
     """Time and known area, as the coordinator tells."""
     mote_field: MoteFieldState | None = None
     """How the motes were doing at the end, as the coordinator told; None if it did nothing for them by itself."""
+    left: ExplorationLeft | None = None
+    """What exploration had left, as the coordinator published last; None if it never did."""
     map_accuracy: list[tuple[float, MapAccuracy]] = field(default_factory=list)
     """Time and accuracy of the team's map by the ground truth; one entry for each change."""
     robots: dict[str, RobotRun] = field(default_factory=dict)
@@ -156,6 +159,7 @@ class _Gather:
             RobotState: self._take_state,
             ArenaTruth: self._take_truth,
             TeamState: self._take_team,
+            ExplorationLeft: self._take_left,
             MapPatch: self._take_patch,
             MoteReading: self._take_reading,
             TaskEvent: self._take_task,
@@ -218,6 +222,9 @@ class _Gather:
         self.run.known_m2.append((t_s, team.known_area_m2))
         if team.mote_field:
             self.run.mote_field = team.mote_field
+
+    def _take_left(self, left: ExplorationLeft, _t_s: float) -> None:
+        self.run.left = left
 
     def _take_patch(self, patch: MapPatch, _t_s: float) -> None:
         try:

@@ -14,6 +14,7 @@ from robrain.coordinator.recording.reader.map_at import KnownMap
 from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder_status import RecorderTelling
 from robrain.coordinator.recording.writer.recording_files import RecordingFiles, SplitAt
+from robrain.coordinator.recording.writer.rotation import Rotation
 from robrain.coordinator.recording.writer.run_digest import RunDigest
 from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.border.refusals import Refusal, Refusals, most_refused
@@ -29,7 +30,7 @@ from robrain.protocol.wire.inbox import Inbox, Sample
 
 logger = logging.getLogger(__name__)
 
-REFUSED_KINDS = 100
+REFUSED_KINDS = 200
 """Told in its state: it hears every topic."""
 INBOX_CAPACITY = 65536
 INBOX_BYTES = 256 * 1024 * 1024
@@ -59,7 +60,9 @@ class RecordingSummary(msgspec.Struct, frozen=True):
     lost_by_topic: dict[str, int] = {}
     """Both together, by the topic's name."""
     paths: list[Path] = []
-    """Every file, where the recording is split."""
+    """Every file, where the recording is split; those that were removed meanwhile are left out."""
+    removed: int = 0
+    """Older files that made room."""
 
 
 class Recorder:
@@ -75,6 +78,7 @@ class Recorder:
         provenance: what the run was started with.
         split: when to go on in a next file; never, if not given.
         visual: write what Foxglove and its like draw beside it, derived from what is recorded.
+        rotation: removes older recordings, in live.
 
     Raises:
         RecordingError: the file cannot be written; nothing is declared then, and nothing left on the disk.
@@ -88,7 +92,9 @@ class Recorder:
         *,
         split: SplitAt | None = None,
         visual: bool = False,
+        rotation: Rotation | None = None,
     ) -> None:
+        self._rotation = rotation
         self._clock = endpoint.clock
         self._refusals = Refusals(endpoint.clock)
         self._team = endpoint.team
@@ -104,6 +110,8 @@ class Recorder:
         self._known_map = KnownMap()
         self._file = self._open(path, provenance, split, visual=visual) if path is not None else None
         self._name = "rec_" + re.sub(r"[^A-Za-z0-9_.\-]", "_", path.stem)[:60] if path is not None else ""
+        if endpoint.member is not None and path is not None:  # the router lets it publish under this name alone
+            self._name = endpoint.member.name
         for topic in PUBLISHED:
             if topic.recorded:
                 endpoint.subscribe(self._inbox, topic)
@@ -181,6 +189,8 @@ class Recorder:
                 self._file.close()
             lost = self._file.lost_by_topic if self._file is not None else Counter[str]()
             paths = self._file.paths if self._file is not None else []
+            if self._rotation is not None:
+                paths = [path for path in paths if path.exists()]
             self._summary = RecordingSummary(
                 messages=self._messages,
                 bytes=self._file.size_bytes if self._file is not None else 0,
@@ -191,6 +201,7 @@ class Recorder:
                 lost=lost.total(),
                 lost_by_topic=dict(lost + self._inbox.dropped_by_topic),
                 paths=paths,
+                removed=self._rotation.removed if self._rotation is not None else 0,
             )
             if self._telling is not None:
                 self._telling.close()
@@ -217,6 +228,8 @@ class Recorder:
                 self._tell_map(file, now_ns)
                 if visual is not None:
                     visual.begin_anew()
+            if self._rotation is not None:
+                self._rotation.step(now_ns, file.paths[-1])
 
     def _tell_map(self, file: RecordingFiles, now_ns: int) -> None:
         """Have a new file begin with the whole map, so that it can be looked at alone."""
@@ -250,6 +263,7 @@ class Recorder:
             waiting=len(self._inbox),
             why="; ".join(words),
             closed=self._summary is not None,
+            removed=self._rotation.removed if self._rotation is not None else msgspec.UNSET,
         )
 
     def _lost(self) -> dict[str, int]:

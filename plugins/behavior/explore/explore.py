@@ -17,6 +17,7 @@ from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.exploration.strategies import JOINT, STRATEGIES, strategy_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.navigation.clearance import mapped_gap_cells
 from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
@@ -32,6 +33,8 @@ LOOK_PERIOD_S = 3.0
 """Period, while the robot searches for itself, of looking for a frontier to explore instead."""
 LOOK_M = 1.5
 """A frontier is looked at from no farther away."""
+HERE_M = 0.3
+"""A robot this near to a place stands there."""
 EVERYWHERE_M = 1e6
 """Robots within this distance are considered: all of the team."""
 DECIDE_PERIOD_S = 1.0
@@ -76,6 +79,8 @@ class ExploreBehavior(Behavior):
         self._own_choices = 0
         self._is_hidden = False
         """No place from which the robot could see its frontier is known."""
+        self._least_cells = MIN_CELLS
+        """A goal around which frontiers are shorter has been seen."""
         self._frame = ARENA
         """The map frame of the robot's own choice."""
         self._spent: deque[Point2D] = deque(maxlen=SPENT_MAX)
@@ -146,8 +151,10 @@ class ExploreBehavior(Behavior):
         """
         place = self._travel.standpoint(goal, LOOK_M)
         is_narrow = place is None
-        if place is None:
-            place = self._travel.narrow_standpoint(goal, LOOK_M)
+        if place is None or self._travel.pose().distance_m(place) < HERE_M:  # it stands there and has not seen it
+            nearer = self._travel.narrow_standpoint(goal, LOOK_M)
+            if nearer is not None and (place is None or nearer.distance_m(goal) < place.distance_m(goal)):
+                place, is_narrow = nearer, True
         if place is None:
             self._is_hidden = self._travel.plan(goal) is not None
             return self._is_hidden
@@ -157,6 +164,17 @@ class ExploreBehavior(Behavior):
         return False
 
     def _is_seen(self, view: MapView, goal: Point2D) -> bool:
+        return self._longest_frontier(view, goal) < self._least_cells
+
+    def _look_for(self, goal: Point2D) -> None:
+        """Note how short a frontier may be to be left: one that is short from the beginning may be a whole passage."""
+        view, self._least_cells = self._travel.view(), 1
+        cells = self._longest_frontier(view, goal)
+        shortest = mapped_gap_cells(self._travel.driver.radius_m(), view.geometry.resolution_m)
+        self._least_cells = cells if shortest <= cells < MIN_CELLS else MIN_CELLS
+
+    def _longest_frontier(self, view: MapView, goal: Point2D) -> int:
+        """Number of cells of the longest frontier around a goal; 0 if it is surely below `_least_cells`."""
         geometry = view.geometry
         row, column = geometry.cell_of(goal.x_m, goal.y_m)
         reach = round(self.parameters.seen_radius_m / geometry.resolution_m)
@@ -164,10 +182,10 @@ class ExploreBehavior(Behavior):
         rows = slice(max(row - reach - 1, 0), row + reach + 2)
         columns = slice(max(column - reach - 1, 0), column + reach + 2)
         left = frontier_mask(view.classes[rows, columns])[1:-1, 1:-1]
-        if np.count_nonzero(left) < MIN_CELLS:
-            return True
+        if np.count_nonzero(left) < self._least_cells:
+            return 0
         labels, groups = touching(left, corners=True)
-        return groups == 0 or int(np.bincount(labels.ravel())[1:].max()) < MIN_CELLS
+        return 0 if groups == 0 else int(np.bincount(labels.ravel())[1:].max())
 
     def _is_alone(self) -> bool:
         heard_ns = self.env.tasks.coordinator_heard_ns
@@ -224,6 +242,7 @@ class ExploreBehavior(Behavior):
     def _set_out(self, goal: Point2D) -> bool:
         if not self._aim(goal):
             return False
+        self._look_for(goal)
         self._own_choices += 1
         self._task = Task(id=f"own-{self.env.robot}-{self._own_choices}", kind=EXPLORE, place=goal)
         self._is_own = True
@@ -251,6 +270,7 @@ class ExploreBehavior(Behavior):
         self._travel.roams = False
         if not self._aim(task.place, round(min(task.priority, PRIORITY_MAX))):
             return TaskAnswer.refused(NoPath())
+        self._look_for(task.place)
         self._task, self._is_own = task, False
         self.env.board.behavior = "explore"
         return TaskAnswer(accepted=True)

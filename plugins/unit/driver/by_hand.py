@@ -1,53 +1,122 @@
-"""Driving by hand under a deadman's lease: a velocity holds only for as long as somebody goes on asking for it."""
+"""Driving by hand under a deadman's lease: the wheels turn only while the lease's holder goes on asking.
+
+A holder takes the lease, and each velocity that it asks for renews it. A holder that vanishes, hangs or loses its link
+renews nothing: the lease lapses and the robot stands. A lease that has lapsed is never renewed, so that commands that a
+stalled process or link delivers late move nothing; the holder takes a new one.
+"""
 
 import math
 
 from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.wire.answers.hand_control import HandLease
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.keys import is_name
 
 LONGEST_LEASE_S = 2.0
+RENEWALS = 4
+"""Renewals in the time of a lease, so that the holder may be late with one."""
 
 
 class ByHand:
-    """What is asked for, and until when."""
+    """Who may drive by hand, at what velocity, and until when.
 
-    def __init__(self) -> None:
+    Args:
+        lease_s: how long the wheels turn after the last command.
+
+    Raises:
+        ValueError: the lease is not within 0 and LONGEST_LEASE_S.
+
+    """
+
+    def __init__(self, lease_s: float) -> None:
+        if not 0 < lease_s <= LONGEST_LEASE_S:
+            raise ValueError(f"expected 0 < hand_lease_s <= {LONGEST_LEASE_S:g}, got {lease_s:g}")
         self.wanted = Twist2D()
         """Velocity in the body frame."""
+        self._lease_ns, self._lease_s = to_ns(lease_s), lease_s
+        self._number = 0
+        self._holder = ""
+        self._lapses_ns = 0
         self._until_ns: int | None = None
+        self._commanded_ns: int | None = None
 
     @property
     def has_driven(self) -> bool:
         """Whether somebody drives by hand, or did and `has_ended` has not reported the end yet."""
         return self._until_ns is not None
 
-    def ask(self, wanted: Twist2D, lease_s: float, now_ns: int) -> None:
-        """Want this velocity for so long; standing still gives the robot back at once.
+    def holder(self, now_ns: int) -> str:
+        """Who holds the lease now; empty if nobody does."""
+        return self._holder if self._lasts(self._lapses_ns, now_ns) else ""
+
+    def take(self, by: str, now_ns: int) -> HandLease:
+        """Give the lease to a holder. The same holder's earlier lease ends with it.
 
         Raises:
-            ValueError: a number is not finite, or the lease is not within 0 and LONGEST_LEASE_S.
+            CallError: somebody else holds it (`busy`), or the name cannot be one (`bad_arguments`).
 
         """
-        numbers = (wanted.forward_m_s, wanted.left_m_s, wanted.yaw_rad_s, lease_s)
+        if not is_name(by):
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"take_hand: {by!r} cannot be a holder's name")
+        holder = self.holder(now_ns)
+        if holder not in ("", by):
+            raise CallError(ErrorCode.BUSY, f"{holder} drives the robot by hand")
+        self._number += 1
+        self._holder, self._lapses_ns = by, now_ns + self._lease_ns
+        return HandLease(lease=self._number, lease_s=self._lease_s, renew_s=self._lease_s / RENEWALS)
+
+    def ask(self, wanted: Twist2D, lease: int, now_ns: int) -> None:
+        """Want this velocity, and renew the lease; standing still gives robot and lease back at once.
+
+        Raises:
+            CallError: a number is not finite (`bad_arguments`), or the lease is not held (`refused`).
+
+        """
+        numbers = (wanted.forward_m_s, wanted.left_m_s, wanted.yaw_rad_s)
         if not all(map(math.isfinite, numbers)):
-            raise ValueError(f"expected finite numbers, got {numbers}")
-        if not 0 < lease_s <= LONGEST_LEASE_S:
-            raise ValueError(f"expected 0 < lease_s <= {LONGEST_LEASE_S:g}, got {lease_s:g}")
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"move: expected finite numbers, got {numbers}")
+        is_held = lease == self._number and self.holder(now_ns) != ""
+        if not any(numbers):  # who wants to stand may do so at any time; another holder's drive goes on
+            if is_held:
+                self._lapses_ns = now_ns
+                self._until_ns = None if self._until_ns is None else now_ns
+            return
+        if not is_held:
+            why = "it has lapsed, or somebody else holds it; take it again with take_hand"
+            raise CallError(ErrorCode.REFUSED, f"move: lease {lease} is not held: {why}")
         self.wanted = wanted
-        self._until_ns = now_ns + to_ns(lease_s) if any(numbers[:3]) else now_ns
+        self._lapses_ns = self._until_ns = now_ns + self._lease_ns
 
     def holds(self, now_ns: int) -> bool:
         """Whether somebody drives now."""
-        return self._until_ns is not None and now_ns < self._until_ns
+        return self._until_ns is not None and self._lasts(self._until_ns, now_ns)
+
+    def _lasts(self, until_ns: int, now_ns: int) -> bool:
+        """Whether a lease has time left, and no more than it can have: a clock that was set back ends it."""
+        return 0 < until_ns - now_ns <= self._lease_ns
+
+    def is_command_due(self, now_ns: int, period_ns: int) -> bool:
+        """Whether the last command is a period old, half a look more or less; if so, now is when the next is made."""
+        last_ns = self._commanded_ns
+        if last_ns is not None and 0 <= now_ns - last_ns < period_ns - period_ns // 6:
+            return False
+        self._commanded_ns = now_ns
+        return True
 
     def has_ended(self, now_ns: int) -> bool:
         """Whether somebody drove, and does not any more; said once."""
-        if self._until_ns is None or now_ns < self._until_ns:
+        if self._until_ns is None or self.holds(now_ns):
             return False
-        self.let_go()
+        self.stand()
         return True
 
-    def let_go(self) -> None:
+    def stand(self) -> None:
         """Forget what was asked for."""
-        self._until_ns = None
+        self._until_ns = self._commanded_ns = None
         self.wanted = Twist2D()
+
+    def let_go(self) -> None:
+        """End the lease as well: whoever drives has to take it again."""
+        self.stand()
+        self._lapses_ns = 0

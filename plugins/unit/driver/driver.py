@@ -23,15 +23,18 @@ from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInt
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.driver.by_hand import ByHand
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
-from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, speed_to_stop
+from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, check_range, speed_to_stop
 from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, is_between, squeeze
 from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.ranges import METRES_MAX, Metres, Radians, Seconds, Speed, check_positive
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.model.ranges import Count, Metres, Name, Radians, Speed, check_positive
+from robrain.protocol.wire.answers.hand_control import HandLease
+from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
 PERIOD_S = 0.06
+HAND_PERIOD_S = PERIOD_S / 3
+"""Driven by hand, it looks this often whether the lease lapses; it commands at the usual period."""
 DELAY_S = PERIOD_S + 0.02
 """From the pose that a command is decided on until the wheels obey, at the most."""
 ARRIVED_M = 0.08
@@ -72,6 +75,10 @@ class Driver(Unit):
         """The robot's edge stays this far from what it sees ahead."""
         patience_s: float = 10.0
         """Time behind an obstacle after which an action fails."""
+        hand_lease_s: float = 0.1
+        """Driven by hand, the wheels are stopped this long after the last command; at most 2 s."""
+        hand_speed_m_s: float = 0.25  # with `hand_lease_s`, the robot stands 0.3 s after the last command
+        hand_turn_rate_rad_s: float = 1.0
         odometry: OdometryNoise = OdometryNoise(
             sigma_m_per_sqrt_m=0.01, sigma_rad_per_sqrt_m=0.005, sigma_rad_per_sqrt_rad=0.01
         )
@@ -88,10 +95,9 @@ class Driver(Unit):
 
     def init(self) -> None:
         limits = self.parameters
-        self._way = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3), PERIOD_S)
-        """Velocity of the body, frame odom."""
+        self._way = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3), PERIOD_S)  # of the body, frame odom
         self._turn = Ramp(RampLimits(limits.turn_acceleration_rad_s2, limits.turn_jerk_rad_s3), PERIOD_S)
-        self._hand = ByHand()
+        self._hand = ByHand(limits.hand_lease_s)
         self._actions = ActionDesk(self.env, self.progress, self.finished)
         self._action: Action | None = None
         self._path: Path | None = None
@@ -116,68 +122,70 @@ class Driver(Unit):
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
             self._stand()
         now_ns = self.env.clock.now_ns()
-        if self._hand.has_ended(now_ns):
+        if self._hand.has_ended(now_ns + to_ns(HAND_PERIOD_S)):  # or would, before it looks again
             self._let_go_of_the_hand()
         if self._hand.holds(now_ns):
-            self._step_by_hand(*self._moc.pose_if_fresh())
+            self._step_by_hand(now_ns, *self._moc.pose_if_fresh())
         elif self._to_turn_rad:
             self._step_turn(*self._moc.pose_if_fresh())
         elif self._path is not None:
             self._step_path(self._path, *self._moc.pose_if_fresh())
 
     def deactivate(self) -> None:
+        self._hand.let_go()
         self._forget()
         self._moc.stop()
 
     def emergency_halt(self) -> None:
+        self._hand.let_go()
         self._forget()
 
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
         """Drive along these points to the last one, at most this fast; `is_narrow` lets it squeeze where needed."""
-        _check_range("follow", *itertools.chain.from_iterable(map(_X_Y, path)))
+        check_range("follow", *itertools.chain.from_iterable(map(_X_Y, path)))
         if self._action is not None:
             self._action.cancel("another path was given")
         way = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
         if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the hand lets go
             self._path = way
-        elif way is not None:
-            self._set_out(way)
         else:
-            self._stand()
+            self._stand() if way is None else self._set_out(way)
 
     @external
     def drive_path(self, points: Annotated[list[Point2D], Meta(max_length=POINTS_MAX)]) -> str:
         """Drive along these points, frame odom, to the last one; returns the action's id."""
         if not points:
             raise CallError(ErrorCode.BAD_ARGUMENTS, "drive_path: expected at least one point, got none")
-        _check_range("drive_path", *itertools.chain.from_iterable(map(_X_Y, points)))
+        check_range("drive_path", *itertools.chain.from_iterable(map(_X_Y, points)))
         return self._start_path("drive_path", Path(points, ARRIVED_M))
 
     @external
-    def move(self, forward_m_s: Speed, left_m_s: Speed, yaw_rad_s: Speed, lease_s: Seconds = 0.5) -> None:
-        """Drive by hand at this velocity, body frame, for at most `lease_s`; call again in time to keep driving.
+    def take_hand(self, by: Name) -> HandLease:
+        """Take the lease without which nobody drives by hand: call `move` with its number, every `renew_s`."""
+        return self._hand.take(by, self.env.clock.now_ns())
+
+    @external
+    def move(self, forward_m_s: Speed, left_m_s: Speed, yaw_rad_s: Speed, lease: Count) -> None:
+        """Drive by hand at this velocity, body frame, until the lease lapses; this renews it. Zero ends it.
 
         The robot still stops before what it sees. Paths given meanwhile wait; actions are cancelled.
         """
         now_ns = self.env.clock.now_ns()
-        was_driven = self._hand.has_driven
-        try:
-            self._hand.ask(Twist2D(forward_m_s, left_m_s, yaw_rad_s), lease_s, now_ns)
-        except ValueError as error:
-            raise CallError(ErrorCode.BAD_ARGUMENTS, f"move: {error}") from error
-        if self._hand.holds(now_ns):
+        had_it = self._hand.holds(now_ns)
+        self._hand.ask(Twist2D(forward_m_s, left_m_s, yaw_rad_s), lease, now_ns)
+        if has_it := self._hand.holds(now_ns):
             self._actions.cancel_all("the robot is driven by hand")
             if self._action is not None:  # its path ends with it; a path from `follow` waits
                 self._action = self._path = None
             self._motion = Motion.DRIVING
+        if has_it != had_it:  # not each time: the ramps count on their period
+            self.period_s = HAND_PERIOD_S
             self.env.hurry()
-        elif not was_driven:  # nobody was driving by hand: whatever runs goes on
-            self._hand.let_go()
 
     @external
     def drive(self, distance_m: Metres) -> str:
         """Drive straight ahead, or back if negative, without turning; returns the action's id."""
-        _check_range("drive", distance_m)
+        check_range("drive", distance_m)
         pose = self._moc.pose()
         goal = Point2D(pose.x_m + distance_m * math.cos(pose.yaw_rad), pose.y_m + distance_m * math.sin(pose.yaw_rad))
         return self._start_path("drive", Path([goal], PLACED_M, pose.yaw_rad))
@@ -185,13 +193,13 @@ class Driver(Unit):
     @external
     def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> str:
         """Drive straight to a pose, frame odom, turning on the way; returns the action's id."""
-        _check_range("go_to", x_m, y_m, yaw_rad)
+        check_range("go_to", x_m, y_m, yaw_rad)
         return self._start_path("go_to", Path([Point2D(x_m, y_m)], PLACED_M, wrap_angle_rad(yaw_rad), TURNED_RAD))
 
     @external
     def turn(self, angle_rad: Radians) -> str:
         """Turn on the spot, to the left if positive, also by more than a full turn; returns the action's id."""
-        _check_range("turn", angle_rad)
+        check_range("turn", angle_rad)
         pose = self._moc.pose()
         action = self._actions.start("turn")
         self._stand()
@@ -305,7 +313,8 @@ class Driver(Unit):
             self._action = action
 
     def _forget(self) -> None:
-        self._hand.let_go()
+        self._hand.stand()
+        self.period_s = PERIOD_S
         self._action = None
         self._path = None
         self._to_turn_rad = 0.0
@@ -338,8 +347,8 @@ class Driver(Unit):
             self._way.stand()
             self._turn.stand()
 
-    def _step_by_hand(self, pose: Pose2D, is_fresh: bool) -> None:
-        if not self._sees(is_fresh=is_fresh):
+    def _step_by_hand(self, now_ns: int, pose: Pose2D, is_fresh: bool) -> None:
+        if not self._hand.is_command_due(now_ns, to_ns(PERIOD_S)) or not self._sees(is_fresh=is_fresh):
             return
         wanted, limits = self._hand.wanted, self.parameters
         speed_m_s = math.hypot(wanted.forward_m_s, wanted.left_m_s)
@@ -347,8 +356,10 @@ class Driver(Unit):
         free_m = self._lookout.free_m(pose, heading_rad)
         self._note(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else "")
         ahead_m = self._way.ahead(math.cos(heading_rad), math.sin(heading_rad))
-        self._go_towards(pose, heading_rad, min(speed_m_s, limits.speed_m_s), free_m, ahead_m)
-        self._turn.follow(max(-limits.turn_rate_rad_s, min(limits.turn_rate_rad_s, wanted.yaw_rad_s)), 0.0)
+        slow_m_s = min(speed_m_s, limits.speed_m_s, limits.hand_speed_m_s)
+        self._go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m)
+        rate_rad_s = min(limits.turn_rate_rad_s, limits.hand_turn_rate_rad_s)
+        self._turn.follow(max(-rate_rad_s, min(rate_rad_s, wanted.yaw_rad_s)), 0.0)
         self._moc.drive(self._twist(pose))
 
     def _step_turn(self, pose: Pose2D, is_fresh: bool) -> None:
@@ -487,11 +498,3 @@ class Driver(Unit):
             why = self._why
             self._stand()
             action.fail(f"{why} for {self.parameters.patience_s:g} s")
-
-
-def _check_range(function: str, *numbers: float) -> None:
-    """Check numbers from other plugins, too: only external calls are checked by their types."""
-    for number in numbers:
-        if not -METRES_MAX <= number <= METRES_MAX:
-            text = f"{function}: expected finite numbers of at most {METRES_MAX:g}, got {number}"
-            raise CallError(ErrorCode.BAD_ARGUMENTS, text)

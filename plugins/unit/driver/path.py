@@ -9,6 +9,8 @@ import math
 import msgspec
 
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
+from robrain.protocol.model.ranges import METRES_MAX
+from robrain.protocol.wire.errors import CallError, ErrorCode
 
 CORNER_M = 0.25
 """A waypoint that is not the last counts as passed within this."""
@@ -250,3 +252,11 @@ class Ramp:
         share = left / speed if speed > 0.0 else 0.0
         self.x, self.y = share * self.x, share * self.y
         self._acceleration_x = self._acceleration_y = 0.0
+
+
+def check_range(function: str, *numbers: float) -> None:
+    """Check numbers from other plugins, too: only external calls are checked by their types."""
+    for number in numbers:
+        if not -METRES_MAX <= number <= METRES_MAX:
+            text = f"{function}: expected finite numbers of at most {METRES_MAX:g}, got {number}"
+            raise CallError(ErrorCode.BAD_ARGUMENTS, text)

@@ -70,6 +70,10 @@ class SequenceWindow:
         self.arrived += 1
         return True
 
+    def is_newest(self, sequence: int) -> bool:
+        """Whether none that has arrived is newer."""
+        return self._newest is not None and sequence == self._newest % SEQUENCES
+
     def mote_holds_from(self, sequence: int) -> None:
         """The mote says which is the oldest reading that it has not got rid of."""
         if self._newest is not None:

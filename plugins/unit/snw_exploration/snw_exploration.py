@@ -10,6 +10,7 @@ from robrain.plugins.unit.snw_exploration.asking import Asking, AskingParameters
 from robrain.plugins.unit.snw_exploration.base_links import BaseLinks
 from robrain.plugins.unit.snw_exploration.interface import HeardMote, HeardRobot, RssiMeasurement, SnwInterface
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, place_of
+from robrain.plugins.unit.snw_exploration.over_hops import OverHops
 from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_positive
@@ -34,6 +35,8 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 
+IN_REACH_NS = to_ns(15.0)
+"""For so long after it was heard a mote is spoken to directly alone."""
 PREFIX = "m"
 """A mote's name on the wire is this and its number."""
 QUANTITIES = {int(quantity): quantity.wire_name for quantity in Quantity}
@@ -53,6 +56,8 @@ class SnwCounters(msgspec.Struct):
     duties: int
     """Duty commands sent."""
     duties_given_up: int
+    over_hops: int
+    """Requests, acknowledgements and duties that other motes were given to pass on."""
     refused: int
     """Wishes and readings on the wire that cannot be, and motes beyond the most."""
 
@@ -101,6 +106,7 @@ class SNwExploration(Unit):
         self._records: dict[int, MoteRecord] = {}
         self._counts = SnwCounters(*[0] * len(SnwCounters.__struct_fields__))
         self._asking = Asking(self.parameters, self._send)
+        self._over_hops = OverHops(self._send, self.parameters.acknowledge_every)
         self._links = BaseLinks(self.env.robot)
         self._next_beacon_ns = 0
         self._tells_links = True
@@ -165,7 +171,7 @@ class SNwExploration(Unit):
     @external
     def counters(self) -> SnwCounters:
         """Counters of the packets received."""
-        return msgspec.structs.replace(self._counts, requests=self._asking.requests)
+        return msgspec.structs.replace(self._counts, requests=self._asking.requests, over_hops=self._over_hops.sent)
 
     def _take(self, packet: HeardPacket) -> None:
         message = packet.message
@@ -202,9 +208,10 @@ class SNwExploration(Unit):
         if message.type == STORED_TYPE:
             record.note_answer(reading.sequence)
         self._answer(record, packet.stamp_ns)
+        self._over_hops.hear(record.number, packet.stamp_ns)
 
     def _take_forwarded(self, payload: bytes, stamp_ns: int) -> None:
-        """A reading has come over other motes: its own mote is not in reach, and is not spoken to."""
+        """A reading has come over other motes, by which its own mote can be spoken to."""
         try:
             forwarded = ForwardedPayload.unpack(payload)
         except BadPacket:
@@ -214,12 +221,15 @@ class SNwExploration(Unit):
         if record is None:
             return
         self._hear_team()
-        if not record.window.add(forwarded.reading.sequence, is_live=False):
+        if record.window.add(forwarded.reading.sequence, is_live=False):
+            record.readings += 1
+            self._counts.readings += 1
+            self._tell_team(record, wire_reading(forwarded.reading, self.env.robot, stamp_ns, forwarded))
+        else:
             self._counts.repeated += 1
-            return
-        record.readings += 1
-        self._counts.readings += 1
-        self._tell_team(record, wire_reading(forwarded.reading, self.env.robot, stamp_ns, forwarded))
+        is_in_reach = record.latest is not None and stamp_ns - record.stamp_ns <= IN_REACH_NS
+        if self.parameters.collect and not is_in_reach:
+            self._over_hops.hear_forwarded(record, forwarded.reading, forwarded.forwarder, stamp_ns)
 
     def _tell_team(self, record: MoteRecord, reading: MoteReading) -> None:
         if record.publisher is None:
@@ -295,7 +305,7 @@ class SNwExploration(Unit):
             if isinstance(message, MoteReading) and (message.via == self.env.robot or message.sequence is None):
                 continue
             try:
-                record = self._record(_number_of(message.mote))
+                record = self._record(number_of(message.mote))
                 if record is None:
                     continue
                 if isinstance(message, MoteReading):
@@ -309,7 +319,7 @@ class SNwExploration(Unit):
                 self._counts.refused += 1
 
     def _wanted(self, mote: str) -> MoteRecord:
-        record = self._record(_number_of(mote))
+        record = self._record(number_of(mote))
         if record is None:
             raise ValueError(f"expected one of the {self.parameters.max_motes} known motes, got {mote!r}")
         return record
@@ -356,7 +366,13 @@ def wire_reading(reading: ReadingPayload, via: str, stamp_ns: int, way: Forwarde
     )
 
 
-def _number_of(mote: str) -> int:
+def number_of(mote: str) -> int:
+    """A mote's number by its name on the wire.
+
+    Raises:
+        ValueError: that is no mote's name.
+
+    """
     digits = mote.removeprefix(PREFIX)
     if not (mote.startswith(PREFIX) and digits.isascii() and digits.isdigit() and int(digits) < BROADCAST):
         raise ValueError(f"expected a mote's name, {PREFIX} and its number, got {mote!r}")

@@ -39,6 +39,13 @@ class Scorer(Protocol):
     def value(self, path: Sequence[str]) -> float:
         """What a path is worth."""
 
+    def keep_first(self, count: int) -> None:
+        """From now on the first `count` tasks of every path stay where they are: the robot has begun them."""
+
+
+BEGUN_SCORE = 1e15
+"""Bid for a task that the robot has begun: the greatest that a ballot can carry."""
+
 
 class Bidder:
     """A robot that allocates tasks with others.
@@ -64,11 +71,15 @@ class Bidder:
         """The best bid known of each task that has one."""
         self.heard: dict[str, int] = {}
         self.limit: int | None = None
-        """The most tasks that it bids for at a time; None for any number."""
+        """The most tasks of its path, those that are fixed included; None for any number."""
+        self.is_resting = False
+        """Whether it bids for nothing until `open` is called again."""
         self.number = number
         """Of its last ballot."""
         self._tasks: list[str] = []
         self._fixed: list[str] = []
+        self._begun: list[str] = []
+        """Tasks that the robot has begun, in that order."""
         self._is_stale = True
         """Whether an opinion has changed since the bundle was built."""
 
@@ -77,19 +88,37 @@ class Bidder:
         """The tasks that are open for bids, sorted."""
         return self._tasks
 
-    def open(self, tasks: Iterable[str], fixed: Sequence[str] = ()) -> None:
+    def open(self, tasks: Iterable[str], fixed: Sequence[str] = (), *, rests: bool = False) -> None:
         """Bid for these tasks from now on; all earlier bids are forgotten.
 
         Args:
             tasks: ids, at most 256; of more the first ones by name count.
             fixed: path of tasks that the robot does in any case and nobody bids for.
+            rests: whether it leaves all of them to the others.
 
         """
+        self.is_resting = rests
         self._tasks = sorted(set(tasks))[:TASKS_MAX]
         self._fixed = list(fixed)
         self.winning, self.heard, self.bundle = {}, {}, []
-        self.path = self.scorer.ordered(self._fixed)
+        self.path = self.scorer.ordered(self._first())
         self._is_stale = True
+
+    @property
+    def begun(self) -> list[str]:
+        """Tasks that the robot has begun, in that order; nobody takes them from it."""
+        return self._begun
+
+    def begin(self, task: str) -> None:
+        """The robot begins a task of its path: it keeps it, before all that it has not begun."""
+        self._begun = [*(one for one in self._begun if one != task), task]
+        self.scorer.keep_first(len(self._begun))
+        self._is_stale = True
+
+    def forget_begun(self) -> None:
+        """A new negotiation: what the robot has begun is not part of it."""
+        self._begun = []
+        self.scorer.keep_first(0)
 
     def build(self) -> bool:
         """Build the bundle anew if an opinion has changed; whether the own bids are others then.
@@ -103,9 +132,14 @@ class Bidder:
         self._is_stale = False
         before = {task: bid for task, bid in self.winning.items() if bid.robot == self.robot}
         self.winning = {task: bid for task, bid in self.winning.items() if bid.robot != self.robot}
-        self.bundle, self.path = [], self.scorer.ordered(self._fixed)
+        self.bundle, self.path = [], self.scorer.ordered(self._first())
         limit = math.inf
-        while (best := None if len(self.bundle) == self.limit else self._best(limit)) is not None:
+        for task in self._begun:
+            if task in self._tasks:
+                self.winning[task] = Bid(task=task, robot=self.robot, score=BEGUN_SCORE)
+                self.bundle.append(task)
+        most = 0 if self.is_resting else self.limit and max(0, self.limit - len(self._fixed))
+        while (best := None if most is not None and len(self.bundle) >= most else self._best(limit)) is not None:
             bid, found = best
             self.bundle.append(bid.task)
             # Here, not once none wins: whether one wins depends on lesser bids, and greater ones would then on those.
@@ -113,6 +147,10 @@ class Bidder:
             self.winning[bid.task] = bid
             limit = bid.score
         return before != {task: self.winning[task] for task in self.bundle}
+
+    def _first(self) -> list[str]:
+        """What is in its path in any case: what it has begun, and what nobody bids for."""
+        return [*self._begun, *(task for task in self._fixed if task not in self._begun)]
 
     def _best(self, limit: float) -> tuple[Bid, Insertion] | None:
         """The winning bid of greatest gain for one more task, at most `limit`; None if no bid wins."""

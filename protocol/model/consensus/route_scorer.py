@@ -7,9 +7,9 @@ the charger, cannot be inserted.
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
-from zlib import crc32
 
 from robrain.protocol.model.consensus.bidder import Insertion
+from robrain.protocol.model.consensus.chance import chance
 
 SLACK_J = 1e-6
 """Tolerance for sums of joules, against rounding that depends on the order of summation."""
@@ -17,7 +17,10 @@ TWO_OPT_PASSES = 8
 """Passes over a route at most; almost all routes are settled after three."""
 
 NOISE = 0.3
-"""Width of the noise of scores (chosen)."""
+"""Width of the noise of scores, unless another is given (chosen)."""
+FREE_START_SHARE = 0.25
+"""Share of the variants in which a robot without tasks does not count the way from where it is to a charger. Otherwise
+it never begins if this way takes more than any single task is worth, though it would be worth driving for several."""
 LEAST_COST_J = 1e-3
 """Costs below this count as this, for the prize per joule."""
 
@@ -53,6 +56,8 @@ class Drive(NamedTuple):
     ready_s: float = 0.0
     wait_w: float = 0.0
     """Power while it waits for a task's earliest start."""
+    counts_end: bool = True
+    """Whether the way to the charger is part of what a route costs. The energy for it is kept in any case."""
 
 
 class RouteScorer:
@@ -61,29 +66,36 @@ class RouteScorer:
     Args:
         drive: what driving takes the robot.
         stops: the tasks that it is able to do, by id.
+        noise: width of the noise of scores, relative to them.
 
     """
 
-    def __init__(self, drive: Drive, stops: Mapping[str, Stop]) -> None:
-        self._drive = drive
+    def __init__(self, drive: Drive, stops: Mapping[str, Stop], noise: float = NOISE) -> None:
+        self._drive, self._noise = drive, noise
         self._stops = stops
         places = range(len(drive.energy_j))
         end_of = [min(drive.ends, key=lambda end, place=place: (drive.energy_j[place][end], end)) for place in places]  # type: ignore[misc]
         self._home_j = [drive.energy_j[place][end] for place, end in zip(places, end_of, strict=True)]
-        self._legs_j = [[*row, home_j] for row, home_j in zip(drive.energy_j, self._home_j, strict=True)]
+        self._end_j = self._home_j if drive.counts_end else [0.0] * len(self._home_j)
+        """Of the way to the charger, as far as it counts."""
+        self._legs_j = [[*row, end_j] for row, end_j in zip(drive.energy_j, self._end_j, strict=True)]
         """Energy between places; the last column is for the way to the charger."""
         self._is_timed = drive.wait_w > 0 or any(s.earliest_s > 0 or s.latest_s < math.inf for s in stops.values())
         is_even = all(drive.energy_j[a][b] == drive.energy_j[b][a] for a in places for b in places[:a])
         self._is_plain = is_even and not self._is_timed
         """Whether what a route costs is the sum of its legs, whichever way they are driven."""
         self._variant = 0
+        self._kept = 0
+        """First tasks of every path that stay where they are."""
         self._spent: tuple[tuple[str, ...], float, list[int]] = ((), 0.0, [drive.start])
         """A path, its energy, and the places from the start on."""
         self._insertions: dict[tuple[str, ...], dict[str, Insertion | None]] = {}
         """Those found by this variant: bundles are built anew again and again, mostly alike."""
+        self._not_counted_j = 0.0
+        """Energy of a route with one task that this variant does not count."""
 
     def cost_j(self, path: Sequence[str]) -> float:
-        """Energy of a route, the way to the charger included; infinite if it cannot be kept, 0 without tasks."""
+        """Energy of a route, that to the charger included if it counts; infinite if it cannot be kept, or 0."""
         drive = self._drive
         if not path:
             return 0.0
@@ -99,16 +111,23 @@ class RouteScorer:
             if now_s > stop.latest_s:
                 return math.inf
             place = stop.place
-        spent_j += self._home_j[place]
-        return spent_j if spent_j <= drive.usable_j + SLACK_J else math.inf
+        return spent_j + self._end_j[place] if spent_j + self._home_j[place] <= drive.usable_j + SLACK_J else math.inf
 
     def value(self, path: Sequence[str]) -> float:
         """Prizes less energy of a route."""
         return math.fsum(self._stops[task].prize_j for task in path) - self.cost_j(path)
 
     def begin(self, variant: int) -> None:
-        """See Scorer: odd variants score by prize per joule; all but 0 have noise."""
+        """See Scorer: variants other than 0 score by prize and energy in three ways, with noise."""
         self._variant = variant
+        start = self._drive.start
+        is_free = chance(variant, "start", start) < FREE_START_SHARE
+        self._not_counted_j = self._end_j[start] if is_free and self._end_j[start] < math.inf else 0.0
+        self._insertions.clear()
+
+    def keep_first(self, count: int) -> None:
+        """See Scorer."""
+        self._kept = count
         self._insertions.clear()
 
     def insertion(self, path: Sequence[str], task: str) -> Insertion | None:
@@ -128,6 +147,8 @@ class RouteScorer:
         base_j = self._spent[1]
         best: Insertion | None = None
         for position, more_j in self._by_energy(self._spent[2], stop):
+            if position < self._kept:
+                continue
             gain = stop.prize_j - more_j
             if best is not None and not gain > best.gain:
                 continue
@@ -136,16 +157,27 @@ class RouteScorer:
                 gain = stop.prize_j - (longer_j - base_j)
                 if longer_j == math.inf or (best is not None and not gain > best.gain):
                     continue
-            elif base_j + more_j > self._drive.usable_j + SLACK_J:
+            elif base_j + more_j + self._reserve_j(position, stop) > self._drive.usable_j + SLACK_J:
                 continue
             best = Insertion(gain, position)
-        if best is None or not self._variant or not best.gain > 0:
+        if best is None or not self._variant:
             return best
-        gain = best.gain
-        if self._variant % 2:
-            gain = stop.prize_j / max(stop.prize_j - gain, LEAST_COST_J)
-        chance = crc32(f"{self._variant}:{self._drive.start}:{task}".encode()) / 2**32
-        return best._replace(gain=gain * (1 + NOISE * (chance - 0.5)))
+        return best._replace(gain=self._varied(task, stop.prize_j, best.gain + (0.0 if path else self._not_counted_j)))
+
+    def _reserve_j(self, position: int, stop: Stop) -> float:
+        """Energy to be kept for the way to the charger, beside what counts, with a stop at a position."""
+        if self._drive.counts_end:
+            return 0.0
+        places = self._spent[2]
+        return self._home_j[stop.place if position == len(places) - 1 else places[-1]]
+
+    def _varied(self, task: str, prize_j: float, gain_j: float) -> float:
+        """The score of this variant: by turns the prize per joule, its square per joule, and the least energy."""
+        if not gain_j > 0:
+            return 0.0
+        cost_j = max(prize_j - gain_j, LEAST_COST_J)
+        by = (1.0, prize_j, prize_j * prize_j)[self._variant % 3]
+        return by / cost_j * (1 + self._noise * (chance(self._variant, self._drive.start, task) - 0.5))
 
     def _places(self, path: Sequence[str]) -> list[int]:
         return [self._drive.start, *(self._stops[task].place for task in path)]
@@ -160,7 +192,7 @@ class RouteScorer:
             if more_j < math.inf:
                 found.append((position, more_j))
             place = then
-        back_j = self._home_j[place] if len(places) > 1 else 0.0
+        back_j = self._end_j[place] if len(places) > 1 else 0.0
         more_j = legs_j[place][stop.place] + there_j[-1] - back_j + service_j
         if more_j < math.inf:
             found.append((len(places) - 1, more_j))
@@ -170,7 +202,8 @@ class RouteScorer:
         """The path after moves of one task and reversals of stretches (2-opt), as long as one saves energy."""
         best = list(path)
         if self._is_plain:
-            return self._ordered_by_legs(best)
+            shorter = self._ordered_by_legs(list(best))
+            return best if not self._drive.counts_end and self.cost_j(shorter) == math.inf else shorter
         best_j = self.cost_j(best)
         for _ in range(TWO_OPT_PASSES):
             found = self._better(best, best_j)
@@ -185,8 +218,8 @@ class RouteScorer:
         places = [*self._places(path), len(legs_j)]
         for _ in range(TWO_OPT_PASSES):
             is_better = False
-            for first in range(1, len(places) - 1):
-                for last in range(1, len(places) - 1):
+            for first in range(1 + self._kept, len(places) - 1):
+                for last in range(1 + self._kept, len(places) - 1):
                     if first < last and _reversal_j(legs_j, places, first, last) < -SLACK_J:
                         places[first : last + 1] = places[first : last + 1][::-1]
                         path[first - 1 : last] = path[first - 1 : last][::-1]
@@ -202,8 +235,8 @@ class RouteScorer:
     def _better(self, path: list[str], cost_j: float) -> tuple[list[str], float] | None:
         """The route after one pass of moves; None if none saves energy."""
         is_better = False
-        for first in range(len(path)):
-            for last in range(len(path)):
+        for first in range(self._kept, len(path)):
+            for last in range(self._kept, len(path)):
                 if first < last:
                     changed = path[:first] + path[first : last + 1][::-1] + path[last + 1 :]
                     found_j = self.cost_j(changed)

@@ -306,9 +306,9 @@ class Localiser:
         m2, rad2 = (max(now - then, 0.0) for now, then in zip(self._map_drift, map.drift, strict=True))
         x, y, yaw = map.variances
         x_yaw, y_yaw = map.with_yaw
-        # An error of yaw at the anchor moves the robot, which is some metres away from it.
-        x += max(dy_m * (dy_m * yaw - 2.0 * x_yaw), -x)
-        y += max(dx_m * (dx_m * yaw + 2.0 * y_yaw), -y)
+        # An error of yaw at the anchor, or of the walls since, moves the robot, which is some metres away from it.
+        x += max(dy_m * (dy_m * (yaw + rad2) - 2.0 * x_yaw), -x)
+        y += max(dx_m * (dx_m * (yaw + rad2) + 2.0 * y_yaw), -y)
         self._of_map = x + m2, y + m2, yaw + rad2
 
     def may_be_at(self, pose: Pose2D) -> bool:

@@ -6,6 +6,8 @@ that robots plan on is too coarse to tell such a gap from one slightly narrower:
 enough, and what the robot sees in front of the gap decides.
 """
 
+import math
+
 PREFERRED_MARGIN_M = 0.08
 """Margin beyond the radius, where there is room."""
 LEAST_MARGIN_M = 0.02
@@ -20,6 +22,16 @@ def least_clearance_m(radius_m: float) -> float:
 def least_gap_m(radius_m: float) -> float:
     """The width of the narrowest gap that a robot of this radius drives through."""
     return 2.0 * least_clearance_m(radius_m)
+
+
+def mapped_gap_cells(radius_m: float, resolution_m: float) -> int:
+    """The least number of whole free cells that the narrowest gap that can be driven shows on a map, at least 1.
+
+    A gap of width w between walls along the axes of a map with cells of size a leaves floor(w / a) − 1 to w / a cells
+    free. So a gap that shows n cells has a width of n to n + 2 cells: whether it is one cell too narrow, the map cannot
+    tell.
+    """
+    return max(1, math.floor(least_gap_m(radius_m) / resolution_m + 1e-9) - 1)
 
 
 def mapped_clearance_m(radius_m: float, resolution_m: float) -> float:

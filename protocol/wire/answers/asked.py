@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol
 import msgspec
 import zenoh
 
+from robrain.protocol.wire.answers.trace import read_trace
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.topic import JSON
 
@@ -37,6 +38,10 @@ class Asked(Protocol):
     @property
     def by(self) -> str:
         """Who asks; empty if that is not said."""
+
+    @property
+    def trace(self) -> str:
+        """Trace of the task that it is about; empty if that is not said. See `trace.py`."""
 
     @property
     def payload(self) -> bytes:
@@ -79,6 +84,12 @@ class ZenohQuery:
     def by(self) -> str:
         """See `Asked`."""
         return self._query.parameters.get(BY) or ""
+
+    @property
+    def trace(self) -> str:
+        """See `Asked`."""
+        attachment = self._query.attachment
+        return read_trace(attachment.to_bytes()) if attachment is not None else ""
 
     @property
     def payload(self) -> bytes:

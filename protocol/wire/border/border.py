@@ -108,6 +108,12 @@ class Border:
         self._refuse(topic, key, RefusalCode.FROM_FUTURE, why)
         return True
 
+    def note_lost(self, topic: Heard, key: str, count: int) -> None:
+        """Count messages that were lost on the way for good."""
+        if self._refusals is not None:
+            why = "the network was away or full for longer than its sender keeps them"
+            self._refusals.note(topic.name, key, RefusalCode.LOST, why, count)
+
     def _refuse(self, topic: Heard, key: str, code: RefusalCode, why: str) -> None:
         if self._refusals is not None:
             self._refusals.note(topic.name, key, code, why)

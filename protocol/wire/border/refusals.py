@@ -1,4 +1,4 @@
-"""Refused messages: counted by topic, sender and reason, and logged at most once a minute."""
+"""Refused and lost messages: counted by topic, sender and reason, and logged at most once a minute."""
 
 import logging
 import threading
@@ -43,6 +43,8 @@ class RefusalCode(StrEnum):
     """A robot refused an offer because it has accepted one of a later epoch."""
     FAILED = "failed"
     """It was accepted, but handling it raised an exception."""
+    LOST = "lost"
+    """It was lost on the way for good: its sender keeps too few to send it again."""
 
 
 class Refusal(msgspec.Struct, frozen=True, kw_only=True):
@@ -68,6 +70,8 @@ class Refusal(msgspec.Struct, frozen=True, kw_only=True):
     def words(self) -> str:
         """The refusal for people, without the root and the team of the key."""
         sender = self.key.partition("/")[2].partition("/")[2] or self.key
+        if self.code == RefusalCode.LOST:
+            return f"{self.count} × {self.topic} from {sender} lost: {self.why}"
         return f"{self.count} × {self.topic} from {sender} ({self.code}): {self.why}"
 
 
@@ -88,19 +92,20 @@ class Refusals:
         self._told_ns: int | None = None
         self._counting = threading.Lock()
 
-    def note(self, topic: str, key: str, code: RefusalCode, why: str) -> None:
-        """Count a refused message, and log if a line is due.
+    def note(self, topic: str, key: str, code: RefusalCode, why: str, count: int = 1) -> None:
+        """Count a refused message, or several, and log if a line is due.
 
         Args:
             topic: name of the topic in the table.
             key: key of the message, or the name of a record.
             code: the reason.
             why: the reason in words.
+            count: how many.
 
         """
         key = safe_text(key, KEY_LENGTH)
         with self._counting:
-            self.total += 1
+            self.total += count
             kind = (topic, key, str(code))
             if kind not in self._found and len(self._found) >= KINDS_MAX:
                 kind = (topic, OTHERS, str(code))
@@ -109,7 +114,7 @@ class Refusals:
                 topic=topic,
                 key=kind[1],
                 code=kind[2],
-                count=1 if before is None else before.count + 1,
+                count=count if before is None else before.count + count,
                 why=safe_text(why, WHY_LENGTH),
             )
             text = self._due(self._clock.now_ns())
@@ -137,7 +142,7 @@ class Refusals:
         fresh.sort(key=lambda pair: -pair[0])
         named = [f"{count} of {one.topic} ({one.key}), {one.code}: {one.why}" for count, one in fresh[:TOLD_MAX]]
         more = f"; and of {len(fresh) - TOLD_MAX} other kinds" if len(fresh) > TOLD_MAX else ""
-        return f"refused messages: {'; '.join(named)}{more}"
+        return f"refused or lost messages: {'; '.join(named)}{more}"
 
 
 Refused = Annotated[list[Refusal], Meta(max_length=1000)] | msgspec.UnsetType

@@ -10,6 +10,8 @@ decides:
 - A query is answered within the tick if request and reply need no longer than the time limit; otherwise it times out.
   Whoever has lost the token of the party that would answer is told that nobody answers. A reply that nobody waits for
   (`Endpoint.ask_into`) arrives after as long as both take.
+
+The process of a party may die or stand still (`drop`, `sleep`), with the radio that it uses.
 """
 
 from collections import deque
@@ -27,7 +29,7 @@ from robrain.protocol.wire.inbox import Sample
 from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.links.party_exchange import PartyExchange
 from robrain.protocol.wire.links.radio_network import EVERYWHERE, RadioNetwork, is_direct
-from robrain.protocol.wire.links.radio_query import RadioQuery
+from robrain.protocol.wire.links.radio_query import RadioQuery, Waiting
 from robrain.protocol.wire.topic import Delivery, Topic
 
 RESEND_NS = to_ns(0.5)
@@ -73,6 +75,10 @@ class RadioExchange(PartyExchange):
         """When the last sample from one party to another arrives."""
         self._missed: dict[tuple[str, str], _Stream] = {}
         """By key and hearer."""
+        self._dead: set[str] = set()
+        """Parties whose process has died; what is left of it says nothing any more."""
+        self._asleep: dict[str, Waiting] = {}
+        """Requests that wait for each party whose process stands still."""
 
     @classmethod
     def open(cls, session: zenoh.Session, network: RadioNetwork, clock: Clock, lost_after_s: float) -> "RadioExchange":
@@ -104,6 +110,38 @@ class RadioExchange(PartyExchange):
         """A party closes an endpoint; with the last one its radio is off, also as a relay."""
         home.links -= 1
 
+    def drop(self, party: str) -> None:
+        """A party's process has died: nothing that it declared is there any more, and it says nothing more.
+
+        What is on its way to it arrives nowhere. What endpoints of this party have declared stays without effect, also
+        when another process is started.
+        """
+        self._dead.add(party)
+        self._asleep.pop(party, None)
+        home = self._homes.pop(party, None)
+        if home is None:
+            return
+        for at in [at for at, stream in self._missed.items() if party in (at[1], stream.speaker)]:
+            del self._missed[at]
+        for pair in [pair for pair in self._heard_ns if party in pair]:
+            del self._heard_ns[pair]
+        self._takers.clear()
+        for key in sorted(home.own_tokens):
+            self._token_anywhere(key)
+
+    def begin_life(self, party: str) -> None:
+        """A party's process is started."""
+        self._dead.discard(party)
+
+    def sleep(self, party: str) -> None:
+        """A party's process stands still: requests to it wait, and whoever asks is not answered in time."""
+        self._asleep.setdefault(party, [])
+
+    def wake(self, party: str) -> None:
+        """It goes on, and sees to what has waited."""
+        for do in self._asleep.pop(party, ()):
+            do()
+
     def step(self) -> None:
         """Take in who hears whom now, and deliver what has arrived meanwhile."""
         now_ns = self._clock.now_ns()
@@ -121,6 +159,8 @@ class RadioExchange(PartyExchange):
 
     def deliver_from(self, party: str, topic: Heard, key: str, payload: bytes) -> None:
         """Hand a party's sample to all whom it reaches."""
+        if party in self._dead:
+            return
         takers = self._takers.get(key)
         if takers is None:
             takers = self._takers[key] = [home for home in self._homes.values() if home.takes(topic, key)]
@@ -184,7 +224,10 @@ class RadioExchange(PartyExchange):
     def _arrive(self, speaker: str, hearer: str, due_ns: int, sample: Sample) -> None:
         """Hand a sample over when it arrives, after all that the speaker has sent there before."""
         pair = speaker, hearer
-        due_ns = self._last_ns[pair] = max(due_ns, self._last_ns.get(pair, 0))
+        last_ns = self._last_ns.get(pair, 0)
+        if due_ns < last_ns and not self._network.overtakes(speaker, hearer):
+            due_ns = last_ns
+        self._last_ns[pair] = max(due_ns, last_ns)
         self._network.counters.delivered += self._at(due_ns, partial(self._homes[hearer].hand, sample))
 
     def _at(self, due_ns: int, do: Callable[[], object]) -> bool:
@@ -229,12 +272,15 @@ class RadioExchange(PartyExchange):
         """
         key = selector.partition("?")[0]
         query = RadioQuery(self._network, party, self._clock.now_ns(), limit_ns, take, None if waits else self._after)
+        if party in self._dead:
+            over()
+            return query
         known = [
             (speaker, answers)
             for speaker, home in self._homes.items()
             if (answers := home.answerers(key)) and (is_direct(party, speaker) or (speaker, party) in self._heard_ns)
         ]
-        query.ask(selector, payload, known, over)
+        query.ask(selector, payload, known, over, self._asleep)
         return query
 
     def _after(self, delay_ns: int, do: Callable[[], object]) -> None:

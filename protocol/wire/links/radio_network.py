@@ -28,6 +28,9 @@ class RadioNetwork(Protocol):
     def spread(self, speaker: str, hearers: Sequence[str], size: int, now_ns: int) -> dict[str, int]:
         """Send a sample once; returns how long it takes to each hearer that it reaches, and counts the others."""
 
+    def overtakes(self, speaker: str, hearer: str) -> bool:
+        """Whether samples from one party to another may overtake earlier ones now."""
+
     def carry(self, speaker: str, hearer: str, size: int, now_ns: int, limit_ns: int) -> int | None:
         """Send a request or a reply, again if it is lost; returns how long it takes, None if that is over the limit."""
 

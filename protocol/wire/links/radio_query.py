@@ -1,6 +1,6 @@
 """One query between parties that hear each other by radio."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
 from robrain.protocol.wire.answers.asked import Answer, Asked
@@ -9,6 +9,8 @@ from robrain.protocol.wire.links.radio_network import RadioNetwork, is_direct
 
 After = Callable[[int, Callable[[], object]], object]
 """Does something after so many nanoseconds."""
+Waiting = list[Callable[[], None]]
+"""Requests that wait for a party whose process stands still."""
 
 
 class RadioQuery:
@@ -48,6 +50,7 @@ class RadioQuery:
         payload: bytes,
         answerers: Iterable[tuple[str, list[Callable[[Asked], None]]]],
         over: Callable[[], None],
+        asleep: Mapping[str, Waiting],
     ) -> None:
         """Send the request.
 
@@ -56,13 +59,19 @@ class RadioQuery:
             payload: the request.
             answerers: parties that answer it, and with what.
             over: called after the last reply.
+            asleep: parties whose process stands still; they take the request when it goes on, and reply too late.
 
         """
         asked = []
         for speaker, answers in answerers:
             self._network.counters.asked += not is_direct(self._party, speaker)
             there_ns = self._carried(self._party, speaker, len(selector) + len(payload), 0)
-            if there_ns is not None:
+            if there_ns is None:
+                continue
+            if speaker in asleep:
+                self._is_not_answered()
+                asleep[speaker].extend(partial(_take_late, answer, selector, payload) for answer in answers)
+            else:
                 asked += [(speaker, there_ns, answer) for answer in answers]
         left = len(asked)
         if not left:
@@ -94,7 +103,23 @@ class RadioQuery:
             return 0
         took_ns = self._network.carry(speaker, hearer, size, self._now_ns, self._limit_ns - before_ns)
         if took_ns is None:
-            self.is_late = True
-            self._network.counters.timed_out += 1
+            self._is_not_answered()
             return None
         return before_ns + took_ns
+
+    def _is_not_answered(self) -> None:
+        self.is_late = True
+        self._network.counters.timed_out += 1
+
+
+def _take_late(answer: Callable[[Asked], None], selector: str, payload: bytes) -> None:
+    """Hand over a request of which the asker has given up."""
+    answer(LocalQuery(Gathering(selector, payload, 1, _drop, _ignore)))
+
+
+def _drop(_answer: Answer) -> None:
+    """The asker does not wait for it any more."""
+
+
+def _ignore() -> None:
+    """The asker does not wait for the end."""

@@ -19,10 +19,11 @@ from robrain.protocol.wire.links.link import (
     TakeQuery,
     TakeSample,
 )
-from robrain.protocol.wire.publisher import PRIORITY, Publisher
+from robrain.protocol.wire.links.lost_samples import LostSamples
+from robrain.protocol.wire.links.qos import publisher_options, query_options
+from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topic import JSON, Delivery, Topic, Urgency
 
-CONGESTION = {False: zenoh.CongestionControl.DROP, True: zenoh.CongestionControl.BLOCK}
 HISTORY_TIMEOUT_S = 5.0
 
 
@@ -43,12 +44,7 @@ class ZenohLink:
 
     def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
         """See `Link`."""
-        options: dict[str, Any] = {
-            "encoding": topic.encoding,
-            "priority": PRIORITY[topic.urgency],
-            "congestion_control": CONGESTION[topic.is_blocking],
-            "express": topic.is_blocking,
-        }
+        options = publisher_options(topic)
 
         def declare() -> Any:
             declared: Any
@@ -75,13 +71,19 @@ class ZenohLink:
         # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
         own_key = selector if "*" not in selector else None
 
+        lost: LostSamples | None = None
+
         def heard(sample: zenoh.Sample) -> None:
-            take(own_key or str(sample.key_expr), sample.payload.to_bytes())
+            key = own_key or str(sample.key_expr)
+            if lost is not None:
+                lost.note_sender(sample, key)
+            take(key, sample.payload.to_bytes())
 
         if self._exchange is not None:
             self.declarations.append(self._exchange.subscribe(selector, topic, inbox))
         declared: Any
         if self._exchange is None and topic.delivery is Delivery.LOSSLESS:
+            lost = LostSamples(topic, selector, inbox.border)
             declared = ext.declare_advanced_subscriber(
                 self._session,
                 selector,
@@ -93,6 +95,8 @@ class ZenohLink:
         else:
             declared = self._session.declare_subscriber(selector, self._callback(heard, waits=waits))
         self.declarations.append(declared)
+        if lost is not None:
+            self.declarations.append(declared.sample_miss_listener(self._callback(lost.missed, waits=False)))
 
     def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
         """See `Link`."""
@@ -129,7 +133,7 @@ class ZenohLink:
 
     def ask(self, selector: str, payload: bytes | None, urgency: Urgency, timeout_s: float) -> Replies:
         """See `Link`."""
-        options: dict[str, Any] = {"payload": payload, "encoding": JSON, "priority": PRIORITY[urgency]}
+        options: dict[str, Any] = {"payload": payload, "encoding": JSON, **query_options(urgency)}
         if self._exchange is None:
             return Replies(_answers(self._session.get(selector, timeout=timeout_s, **options)))
         own = LockstepReplies(self._zid)

@@ -22,6 +22,16 @@ ASKED_BYTES_MAX = 8192
 """Longest submission among them, as JSON: ballots must not grow beyond what others accept (chosen)."""
 
 
+ENDED_TOLD = 64
+"""Most tasks in one ballot of which a robot says that they have ended."""
+
+CANCELLED_MAX = 64
+"""Most cancellations that a robot remembers until a coordinator has noted them; it then accepts no other (chosen)."""
+CANCELLED_TEXT_MAX = 200
+"""Longest name and reason of who cancels a task: every ballot has all cancellations."""
+CancelledText = Annotated[str, Meta(max_length=CANCELLED_TEXT_MAX)]
+
+
 class TaskHeld(msgspec.Struct, frozen=True, kw_only=True):
     """A task that a robot does, or holds for later."""
 
@@ -71,6 +81,28 @@ class TaskTaken(msgspec.Struct, frozen=True, kw_only=True):
     """Whether more than half of the team has it: it is not lost with this robot."""
 
 
+class TaskDropped(msgspec.Struct, frozen=True, kw_only=True):
+    """A task that was cancelled at a robot that heard no coordinator. No robot begins it."""
+
+    id: Name
+    """Id of the task."""
+    by: CancelledText = ""
+    """Who cancelled it."""
+    why: CancelledText = ""
+    """In their own words."""
+
+
+class DropTaken(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot's answer to who cancels a task at it. The same request again has a newer answer."""
+
+    task: Task
+    """As the robot knows it."""
+    known_to: Names
+    """The robots that know that it is cancelled, sorted."""
+    is_kept: bool
+    """Whether more than half of the team knows it: no group of robots that allocates tasks begins it."""
+
+
 class TeamBallot(Message, frozen=True, kw_only=True):
     """A robot's part in the allocation of tasks without a coordinator: 5 Hz while it hears none."""
 
@@ -89,6 +121,11 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     noted."""
     asked: Annotated[list[TaskAsked], Meta(max_length=ASKED_TOLD)] = msgspec.field(default_factory=list)
     """Those among them that other robots may not have yet."""
+
+    dropped: Annotated[list[TaskDropped], Meta(max_length=CANCELLED_MAX)] = msgspec.field(default_factory=list)
+    """Tasks cancelled without a coordinator that none is known to have noted, also those cancelled at other robots."""
+    ended: Annotated[list[Name], Meta(max_length=ENDED_TOLD)] = msgspec.field(default_factory=list)
+    """Tasks that others bid for, or do, although a coordinator has told this robot that they have ended."""
 
     def __post_init__(self) -> None:
         if self.ballot.robot != self.robot:

@@ -59,6 +59,8 @@ class ProcessInfo(msgspec.Struct, frozen=True):
     """Its process id there."""
     zid: Text
     """Id of its Zenoh session."""
+    version: Text = ""
+    """Version of its robrain; empty if it is older than this field."""
 
     def __str__(self) -> str:
         return f"process {self.pid} on {self.host}, Zenoh id {self.zid[:8]}"

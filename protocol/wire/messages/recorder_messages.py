@@ -44,3 +44,5 @@ class RecorderState(Message, frozen=True, kw_only=True):
     """What is wrong with it; empty if nothing is."""
     closed: bool = False
     """It has finished its file."""
+    removed: Count | msgspec.UnsetType = msgspec.UNSET
+    """Older files that it has removed to make room; absent if it removes none."""

@@ -125,6 +125,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """How long it goes on with its tasks while it hears no coordinator, if that is longer than the lease."""
     refused: Refused = msgspec.UNSET
     """Messages and requests that the robot's host and plugins have refused."""
+    left_out: Count | msgspec.UnsetType = msgspec.UNSET
+    """Messages of its telemetry that it has not sent, as its link is thin; absent if none."""
 
     def __post_init__(self) -> None:
         if len(self.pose_covariance) not in COVARIANCE_LENGTHS:

@@ -210,6 +210,8 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     """When they were judged; 0 if never."""
     changes: Annotated[list[TaskChange], Meta(max_length=100_000)] = []
     """The last ones, oldest first."""
+    trace: Name = ""
+    """Its trace, as the log lines of its robots have it; empty if the coordinator is of an earlier version."""
 
 
 def _flat(value: object, name: str = "") -> dict[str, object]:

@@ -22,6 +22,9 @@ from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.robot_messages import Faults
 from robrain.protocol.wire.messages.rule_messages import Rules
 from robrain.protocol.wire.reasons import IdleReason, Unavailable
+from robrain.protocol.wire.reasons.tasks import MinorityHeard
+from robrain.protocol.wire.reasons.wire import TopicStale
+from robrain.protocol.wire.reasons.words import told
 
 
 class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -72,6 +75,30 @@ class HaltStatus(msgspec.Struct, frozen=True, kw_only=True):
     """All other robots ever known, including lost ones."""
 
 
+class StandByStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """A coordinator that stands by, as the one that coordinates sees it."""
+
+    process: Name
+    """Host and process id."""
+    in_step: bool
+    """Whether nothing is acknowledged that is not on its disk too."""
+    behind: Count = 0
+    """Changes of the journal that are not on its disk."""
+    why: Text = ""
+    """Why it is not in step, in words."""
+    held_back: MinorityHeard | None = None
+    """Why no task is offered, as it may be leading; None if tasks are."""
+
+    @property
+    def words(self) -> str:
+        """In one line."""
+        if self.held_back is not None:
+            return f"no task is offered: {told(self.held_back)} (robrain lead)"
+        if self.in_step:
+            return f"{self.process} stands by, in step"
+        return f"{self.process} stands by, {self.behind} changes behind: {self.why or 'it is catching up'}"
+
+
 class TeamState(Message, frozen=True, kw_only=True):
     """The coordinator's summary: 2 Hz, only the latest counts."""
 
@@ -91,10 +118,14 @@ class TeamState(Message, frozen=True, kw_only=True):
     """None until somebody halts the team."""
     refused: Refused = msgspec.UNSET
     """What the coordinator has refused, largest count first; absent if nothing."""
+    stale: Annotated[list[TopicStale], Meta(max_length=10_000)] | msgspec.UnsetType = msgspec.UNSET
+    """Topics that are older than their deadline, of robots that are there; absent if none."""
     rules: Rules = msgspec.UNSET
     """Its rules, and what they have done."""
     mote_field: MoteFieldState | msgspec.UnsetType = msgspec.UNSET
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
+    stand_by: StandByStatus | msgspec.UnsetType = msgspec.UNSET
+    """The coordinator that stands by with a journal of its own; absent if there was none."""
 
 
 class Halt(Message, frozen=True, kw_only=True):

@@ -41,6 +41,14 @@ class OthersExplore(Reason, frozen=True, kw_only=True, tag="others_explore"):
     frontiers: Count
 
 
+class LacksRange(Reason, frozen=True, kw_only=True, tag="lacks_range"):
+    """The robot could get to the borders left, and not from there to a charger with its reserve."""
+
+    frontiers: Count
+    reach_m: Length
+    """Length of path that its energy lasts for."""
+
+
 class PlanPending(Reason, frozen=True, kw_only=True, tag="plan_pending"):
     """Tasks are being planned, and the robot may get one."""
 
@@ -63,6 +71,7 @@ IdleReason = (
     | TooNarrow
     | TriedInVain
     | OthersExplore
+    | LacksRange
     | PlanPending
     | TaskSoon
     | TeamHalted

@@ -4,6 +4,10 @@ from robrain.protocol.model.ranges import Epoch, Name, Quantity, Seconds, Text
 from robrain.protocol.wire.reasons.reason import Reason, Said
 
 
+class DoneJustNow(Reason, frozen=True, tag="done_just_now"):
+    """The robot has just done the task; its report is under way."""
+
+
 class EpochAhead(Reason, frozen=True, tag="epoch_ahead"):
     """The offer's epoch is more than a day ahead of the robot's clock."""
 
@@ -83,7 +87,8 @@ class RobotHalted(Reason, frozen=True, tag="robot_halted"):
 
 
 OfferRefusal = (
-    EpochAhead
+    DoneJustNow
+    | EpochAhead
     | EpochOld
     | NeedsEnergy
     | NeedsTime

@@ -96,6 +96,17 @@ class IsState(Reason, frozen=True, tag="is_state"):
     state: TaskState
 
 
+class MinorityHeard(Reason, frozen=True, tag="minority_heard"):
+    """The coordinator hears too few of its robots, and another coordinator may lead the others."""
+
+    heard: Count
+    """Robots that it hears."""
+    robots: Count
+    """Robots that count: those heard in the last ten minutes that have not ended."""
+    stand_by: Name
+    """The process with a copy of its journal, which is silent as well."""
+
+
 class NobodyHasAll(Reason, frozen=True, tag="nobody_has_all"):
     """The team has all plugins that it needs, but no robot has all of them."""
 
@@ -189,6 +200,14 @@ class ChargedEnough(Reason, frozen=True, tag="charged_enough"):
     """Its state of charge, 0 to 1."""
     waiting: Name
     """Name of the robot that waits for the charger."""
+
+
+class ChargedForTasks(Reason, frozen=True, tag="charged_for_tasks"):
+    """The robot has charged enough for the tasks that wait for it."""
+
+    robot: Name
+    soc: Charge
+    """Its state of charge, 0 to 1."""
 
 
 class ContactBack(Reason, frozen=True, tag="contact_back"):
@@ -338,6 +357,7 @@ Standing = (
     | Cancelled
     | CannotBePlanned
     | ChargedEnough
+    | ChargedForTasks
     | ContactBack
     | DataOld
     | DoneBefore
@@ -351,6 +371,7 @@ Standing = (
     | IsState
     | LeaseRanOut
     | LeftOut
+    | MinorityHeard
     | MoteCutOff
     | MoteEnds
     | MoteHeard

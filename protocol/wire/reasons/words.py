@@ -4,7 +4,7 @@ No decision depends on a sentence: `tests/coordinator/test_reasons_are_data.py`.
 """
 
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.wire.reasons import idle, offers, plans, robots, tasks
+from robrain.protocol.wire.reasons import idle, offers, plans, robots, tasks, wire
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.plans import ChargerWait, Chosen, LeftOut
@@ -12,7 +12,7 @@ from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import RobotReason
 from robrain.protocol.wire.reasons.tasks import TaskReason
 
-AnyReason = IdleReason | OfferRefusal | RobotReason | LeftOut | Chosen | ChargerWait | TaskReason
+AnyReason = IdleReason | OfferRefusal | RobotReason | LeftOut | Chosen | ChargerWait | TaskReason | wire.TopicStale
 
 
 def told(reason: AnyReason | None) -> str:
@@ -64,6 +64,8 @@ def words(reason: AnyReason) -> str:
             return f"{robot}, which heard it, is not there: {words(out)}"
         case tasks.ChargedEnough(robot=robot, soc=soc, waiting=waiting):
             return f"{robot} has charged to {soc:.0%}, enough for now: {waiting} waits"
+        case tasks.ChargedForTasks(robot=robot, soc=soc):
+            return f"{robot} has charged to {soc:.0%}, enough for the tasks that wait for it"
         case plans.ChargersTaken(count=count):
             return f"waits for a charger: {count} of {count} are taken"
         case robots.Charging():
@@ -82,6 +84,8 @@ def words(reason: AnyReason) -> str:
             return f"would take {100 * share:.2g} % of its energy; {robot} takes {100 * least_share:.2g} % of its own"
         case tasks.DoneBefore(robot=robot):
             return f"{robot} had done it before it was given to another"
+        case offers.DoneJustNow():
+            return "has just done it"
         case offers.EpochAhead(epoch=epoch):
             return f"epoch {epoch} is more than a day ahead of the robot's clock"
         case offers.EpochOld(epoch=epoch, newest=newest):
@@ -124,10 +128,14 @@ def words(reason: AnyReason) -> str:
             return f"lacks {missing_j:.0f} J"
         case robots.LacksPlugins(plugins=plugins):
             return f"has no {' and no '.join(plugins)}"
+        case idle.LacksRange(frontiers=count, reach_m=reach_m):
+            return f"idle because its energy lasts for {reach_m:.0f} m: too little for {_borders(count)} and a charger"
         case tasks.LeaseRanOut(robot=robot):
             return f"{robot} is silent, and the lease ran out"
         case robots.LostContact(silent_s=silent_s):
             return f"lost contact {silent_s:.1f} s ago"
+        case tasks.MinorityHeard(heard=heard, robots=count, stand_by=process):
+            return f"{heard} of {count} robots are heard, and {process} may lead the others"
         case tasks.MoteCutOff(mote=mote, others=others):
             return f"nobody hears {mote}{f' and {others} others' if others else ''}"
         case tasks.MoteEnds(mote=mote, left_s=left_s):
@@ -263,6 +271,8 @@ def words(reason: AnyReason) -> str:
                 f"idle because the way to {_borders(count)} is {gap_m:.2f} m wide at x {place.x_m:.1f}, "
                 f"y {place.y_m:.1f} and the robot needs {needed_m:.2f} m"
             )
+        case wire.TopicStale(topic=topic, sender=sender, age_s=age_s, deadline_s=deadline_s):
+            return f"{topic} of {sender} is {age_s:.1f} s old, more than {deadline_s:.1f} s"
         case idle.TriedInVain(frontiers=count):
             return f"idle because it has just tried in vain to get to {_borders(count)}"
         case robots.Unreachable(why=why):

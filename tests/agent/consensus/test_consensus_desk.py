@@ -8,10 +8,10 @@ import pytest
 
 from robrain.agent.board import Board
 from robrain.agent.consensus.consensus_desk import AGAIN_NS, GOES_ON_S, TELLING, ConsensusDesk, chargers_in
-from robrain.agent.consensus.known_tasks import TASKS_MAX, KnownTasks
+from robrain.agent.consensus.known_tasks import ENDED_MAX, TASKS_MAX, KnownTasks
 from robrain.agent.consensus.task_scorer import task_scorer
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.model.consensus.ballot import Ballot
+from robrain.protocol.model.consensus.ballot import Ballot, Bid
 from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -297,3 +297,80 @@ def test_so_many_ends_are_remembered_and_then_no_task_is_begun(one: OneRobot) ->
     assert known.is_full
     known.done.pop("d0")
     assert not known.is_full
+
+
+def test_what_a_mate_knows_to_have_ended_is_open_no_more(one: OneRobot) -> None:
+    one.tell(visit("t1"))
+    alone(one, ended=["t1"])
+    assert one.consensus.known.open == {}
+    assert one.begun == []
+    with pytest.raises(CallError, match="t1 is refused: there was a task of that name"):
+        one.consensus.submit(TaskSubmission(task=visit("t1")), one.clock.now_ns())
+
+
+def test_a_mate_that_bids_for_a_task_is_told_that_it_has_ended(one: OneRobot) -> None:
+    for state in (TaskState.QUEUED, TaskState.DONE):
+        one.tell(visit("t1"), state)
+        one.tell(visit("t2"), state)
+    alone(one)
+    assert {tuple(ballot.ended) for ballot in one.run(0.4)} == {()}
+    bid = Bid(task="t1", robot="r2", score=5.0)
+    said = Ballot(robot="r2", number=one.clock.now_ns() // 1000 + 900, bids=(bid,))
+    one._ballots["r2"].put(TeamBallot(robot="r2", ballot=said))
+    one.says = {"r3": {}}
+    assert {tuple(ballot.ended) for ballot in one.run(0.4)} == {("t1",)}
+
+
+def test_of_tasks_that_have_ended_the_last_ones_are_remembered() -> None:
+    known = KnownTasks()
+    known.note_ended(f"t{number}" for number in range(ENDED_MAX + 5))
+    assert not known.has_ended("t4")
+    assert known.has_ended("t5")
+    known.hear(heard(visit("t5")))
+    assert not known.has_ended("t5"), "a coordinator gives the name again"
+
+
+def test_what_was_done_is_told_until_the_coordinator_has_noted_it(one: OneRobot) -> None:
+    one.tell(visit("t1"))
+    alone(one, done=[TaskDone(id="t1", robot="r2", epoch=4)])
+    one.is_coordinated, one.says = True, {}
+    one.run(2.5)
+    told = one.run(5.0)
+    assert 4 <= len(told) <= 6
+    assert {done.id for ballot in told for done in ballot.done} == {"t1"}
+    one.tell(visit("t1"), TaskState.DONE, "r2")
+    one.run(1.5)
+    assert one.run(5.0) == []
+
+
+def test_a_robot_stops_what_a_mate_knows_to_have_ended(one: OneRobot) -> None:
+    one.tell(visit("t1"))
+    alone(one)
+    assert one.consensus._begin(visit("t1"), one.clock.now_ns())
+    one.says["r2"] = {"ended": ["t1"]}
+    one.run(0.4)
+    assert one.desk.facts.task is not None
+    assert one.desk.facts.task.state is TaskState.CANCELLED
+
+
+def test_what_a_mate_that_vanished_had_begun_by_itself_is_free_when_that_has_let_it_go(one: OneRobot) -> None:
+    one.tell(visit("t1"))
+    alone(one, held=[TaskHeld(id="t1", epoch=4)])
+    one.run(1.0)
+    del one.says["r2"]
+    one.run(GOES_ON_S)
+    assert one.consensus.is_leaderless
+    assert not one.consensus._free(one.clock.now_ns())
+    one.run(5.0)
+    assert [task.id for task in one.consensus._free(one.clock.now_ns())] == ["t1"]
+    one.says["r2"] = {}
+    one.run(0.3)
+    assert one.consensus._holders == {}
+
+
+def test_what_a_mate_says_to_hold_no_more_is_free_at_once(one: OneRobot) -> None:
+    one.tell(visit("t1"))
+    alone(one, held=[TaskHeld(id="t1", epoch=4)])
+    one.says["r2"] = {}
+    one.run(0.3)
+    assert [task.id for task in one.consensus._free(one.clock.now_ns())] == ["t1"]

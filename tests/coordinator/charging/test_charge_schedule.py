@@ -81,6 +81,17 @@ def test_a_turn_is_not_cut_short_for_little_nor_if_the_last_short_one_was_of_no_
     assert schedule(vain, SHORT)["r1"].to_soc == 0.95
 
 
+def test_a_charge_ends_when_there_is_enough_for_the_tasks_that_wait_for_it():
+    there = {"bound_for": HERE, "is_there": True}
+    turn = schedule([seeker("r1", 0.3, 0.0, needs_soc=0.42, **there)], SHORT)["r1"]
+    assert (turn.to_soc, turn.until_s) == (0.42, pytest.approx(charging_s(0.12)))
+    assert schedule([seeker("r1", 0.5, 0.0, needs_soc=0.42, **there)], SHORT)["r1"].until_s == 0.0
+    assert schedule([seeker("r1", 0.3, 0.0, needs_soc=1.4, **there)], SHORT)["r1"].to_soc == 0.95
+    vain = seeker("r1", 0.3, 0.0, needs_soc=0.42, is_whole=True, **there)
+    assert schedule([vain], SHORT)["r1"].to_soc == 0.95
+    assert schedule([seeker("r1", 0.3, 9.0, needs_soc=0.42, bound_for=HERE)], SHORT)["r1"].to_soc == 0.95
+
+
 def test_one_that_has_enough_already_is_to_leave_now():
     turns = schedule([seeker("r1", 0.7, 0.0, bound_for=HERE, is_there=True), seeker("r2", 0.2, 30.0)], SHORT)
     assert (turns["r1"].to_soc, turns["r1"].until_s) == (0.7, 0.0)

@@ -8,6 +8,7 @@ import pytest
 from robrain.coordinator.charging.charge_turns import TO_SOC
 from robrain.coordinator.charging.charge_watch import DETOUR, STILL_M, ChargeWatch
 from robrain.coordinator.charging.chargers import Charger
+from robrain.coordinator.planning.energy_budget import CHARGED_SHARE
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import ChargerWays
 from robrain.coordinator.team.roster import Robot
@@ -33,6 +34,7 @@ class World:
             chargers=SimpleNamespace(of={"r1": (Charger(NEAR), Charger(FAR))}),
             ways_to_chargers=lambda _robot: self.known,
             why_out=lambda _robot, _now_ns: self.out,
+            takes_j=lambda _robot: None,
             has_route=lambda _robot: self.route,
         )
         self.watch = ChargeWatch(self.planning, SimpleNamespace(), SimpleNamespace())
@@ -129,3 +131,16 @@ def test_who_goes_to_charge_of_its_own_accord_is_not_told_otherwise_on_its_way()
     found = world.seeker(below=0.0)
     assert (found.bound_for, found.is_there, found.to_soc) == (NEAR, True, None)
     assert world.seeker(below=0.0, is_paused=True).to_soc == TO_SOC
+
+
+def test_a_robot_at_a_charger_needs_twice_what_the_tasks_that_wait_for_it_take_and_its_reserve():
+    world = World(soc=0.3)
+    world.change(behavior="recharge", pose=Pose2D(NEAR.x_m, NEAR.y_m, 0.0))
+    assert world.seeker(below=0.0).needs_soc is None
+    world.planning.takes_j = lambda _robot: 0.2 * CAPACITY_J
+    needed = 0.3 + (2.0 * 0.2 + 0.1 - 0.3) / CHARGED_SHARE
+    assert world.seeker(below=0.0).needs_soc == pytest.approx(needed)
+    world.planning.takes_j = lambda _robot: 0.01 * CAPACITY_J
+    assert world.seeker(below=0.0).needs_soc == 0.35  # below that it would be sent back at once
+    world.change(pose=Pose2D(HERE.x_m, HERE.y_m, 0.0))
+    assert world.seeker(below=0.0).needs_soc is None  # not there yet

@@ -25,6 +25,7 @@ from robrain.protocol.wire.messages.recorder_messages import LostMessages, Recor
 from robrain.protocol.wire.messages.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.wire.messages.task_messages import RobotVerdict
 from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.reasons.wire import TopicStale
 from robrain.protocol.wire.topics import RECORDER_STATE
 
 PLACE = Point2D(0.0, 0.0)
@@ -151,6 +152,24 @@ def test_alerts_name_what_is_wrong_the_worst_first() -> None:
     view.team = TeamState(robots=[], refused=[refusal])
     (alert,) = alerts_of(view, 0.0)
     assert alert.text == "rejected 3 × robot_state from robot/r9/state (malformed): no pose"
+
+
+def test_stale_topics_and_lost_samples_are_alerts() -> None:
+    view = TeamView()
+    view.robots["r1"] = RobotView("r1", 0, present=True, heard_s=9.0)
+    view.coordinator_up, view.team_heard_s = True, 9.0
+    stale = [TopicStale("robot_state", name, 0.42, 0.3) for name in ("r1", "r2")]
+    lost = Refusal(topic="robot_event", key="robrain/t/robot/r1/event/a/b", code="lost", count=3, why="the hub was off")
+    view.team = TeamState(robots=[], stale=stale, refused=[lost])
+    assert [(alert.subject, alert.text) for alert in alerts_of(view, 9.5)] == [
+        ("r1", "robot_state of r1 is 0.4 s old, more than 0.3 s"),
+        ("r2", "robot_state of r2 is 0.4 s old, more than 0.3 s"),
+        ("Coordinator", "3 × robot_event from robot/r1/event/a/b lost: the hub was off"),
+    ]
+    texts = [alert.text for alert in alerts_of(view, 11.0) if alert.subject == "Coordinator"]
+    assert texts[0] == "coordinator_state of coordinator is 2.0 s old, more than 1.5 s"
+    silent = [alert.text for alert in alerts_of(view, 20.0) if alert.subject == "r1"]
+    assert silent == ["says nothing, though its process is there"]  # once
 
 
 def test_only_a_robot_all_of_which_has_stopped_has_acknowledged() -> None:

@@ -20,6 +20,7 @@ from robrain.coordinator.recording.report.run_groups import group_runs
 from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.left_messages import ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.wire.messages.mote_messages import MoteReading
 from robrain.protocol.wire.messages.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.plan_messages import TaskDecision
@@ -189,6 +190,23 @@ def test_a_recording_of_nothing_makes_a_report_that_says_so(tmp_path: Path) -> N
     report = write_report([write(tmp_path / "empty.mcap", [])], tmp_path / "out")
     assert report.figures == []
     assert f"Nothing was recorded to draw of: {', '.join(FIGURES)}." in report.page.read_text()
+
+
+def test_a_report_names_what_exploration_had_left_when_it_was_told_last(tmp_path: Path) -> None:
+    corner = Point2D(4.1, 1.4)
+    gap = RegionLeft(
+        kind=LeftKind.TOO_NARROW, place=Point2D(9.1, 2.2), area_m2=5.0, low=corner, high=Point2D(9.9, 3.1),
+        gap_m=0.387, needed_m=0.44,
+    )  # fmt: skip
+    glass = msgspec.structs.replace(gap, kind=LeftKind.UNREACHABLE)
+    said = [("coordinator/left", 1.0, ExplorationLeft(regions=[glass]))]
+    said.append(("coordinator/left", 2.0, ExplorationLeft(regions=[gap], more=2, more_m2=1.5)))
+    text = write_report([write(tmp_path / "run.mcap", said)], tmp_path / "out").page.read_text()
+    assert "Left to explore (3)" in text
+    assert "4.1, 1.4 to 9.9, 3.1" in text
+    assert "the gap is 0.39 m wide (on the map), robots need 0.44 m" in text
+    assert "2 smaller" in text
+    assert "unreachable" not in text
 
 
 def test_a_report_on_what_is_no_recording_leaves_nothing(tmp_path: Path) -> None:

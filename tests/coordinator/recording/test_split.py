@@ -20,9 +20,11 @@ from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
 from robrain.coordinator.recording.reader.reading import read_messages, read_provenance
 from robrain.coordinator.recording.writer import recording_file
+from robrain.coordinator.recording.writer import rotation as rotation_module
 from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder import Recorder, RecorderInbox
 from robrain.coordinator.recording.writer.recording_files import SplitAt
+from robrain.coordinator.recording.writer.rotation import KeepFiles, Rotation, own_recordings
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -262,3 +264,21 @@ def test_what_is_lost_while_a_recorder_looks_how_it_does_is_told_in_words_too(
     assert state.why == "1 messages came faster than they are written"
     monkeypatch.undo()
     recorder.close()
+
+
+def test_recorder_that_rotates_removes_older_recordings_and_counts_them(
+    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rotation_module, "YOUNG_S", 0.0)  # the run's clock is not that of the files
+    old = tmp_path / "depot-1.mcap"
+    old.write_bytes(b"old")
+    os.utime(old, ns=(0, 0))
+    path = tmp_path / "depot-2.mcap"
+    series = own_recordings(path, is_given=False)
+    recorder = Recorder(stage.wire, path, PROVENANCE, rotation=Rotation(tmp_path, series, KeepFiles(size_bytes=1)))
+    stage.say_for(recorder, 10)
+    summary = recorder.close()
+    assert not old.exists()
+    assert summary.removed == 1
+    assert summary.paths == [path]
+    assert sum(1 for _ in read_messages(path)) == 20

@@ -20,7 +20,14 @@ from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskWithdr
 from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.wire.messages.task_messages import TaskRecord
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.reasons.offers import NeedsEnergy, Occupied, OfferRefusal, PositionLost, RobotHalted
+from robrain.protocol.wire.reasons.offers import (
+    DoneJustNow,
+    NeedsEnergy,
+    Occupied,
+    OfferRefusal,
+    PositionLost,
+    RobotHalted,
+)
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import Failed, Refused
 from robrain.protocol.wire.reasons.tasks import LeaseRanOut, NeverTaken, NobodyDoes, RobotOut
@@ -205,7 +212,8 @@ def test_task_that_every_robot_has_refused_for_good_has_failed(desk: Desk) -> No
 
 
 @pytest.mark.parametrize(
-    "passing", [Occupied("recharge", "it goes home to charge"), PositionLost("r1", "no walls"), RobotHalted()]
+    "passing",
+    [DoneJustNow(), Occupied("recharge", "it goes home to charge"), PositionLost("r1", "no walls"), RobotHalted()],
 )
 def test_what_a_robot_is_at_just_now_is_not_its_last_word(desk: Desk, passing: OfferRefusal) -> None:
     desk.add()
@@ -230,6 +238,17 @@ def test_an_offer_that_is_not_taken_is_taken_back_in_time_after_the_clock_was_se
         now_ns = NOW_NS + to_ns(later_s)
         desk.roster.note_state(RobotState(robot="r1"), now_ns)
         desk.tasks.settle(now_ns)
+        assert desk.stands()[0] is state
+
+
+def test_an_offer_is_not_taken_back_because_the_coordinator_stood_still(desk: Desk) -> None:
+    desk.add()
+    desk.tasks.offer("t1", "r1", NOW_NS)
+    later_ns = NOW_NS + to_ns(20.0)
+    desk.roster.note_pause(later_ns - NOW_NS)
+    desk.tasks.note_pause(later_ns)
+    for waited_s, state in ((0.0, TaskState.OFFERED), (1.9, TaskState.OFFERED), (2.1, TaskState.QUEUED)):
+        desk.tasks.settle(later_ns + to_ns(waited_s))
         assert desk.stands()[0] is state
 
 

@@ -176,3 +176,12 @@ def test_what_a_robot_holds_and_should_not_is_taken_back() -> None:
     )
     assert strays(robot(0.0, status(), held), [record(TaskState.RUNNING), after], 0) == []
     assert strays(robot(0.0, status()), [record(TaskState.RUNNING), after], 0) == []  # it is on its way
+
+
+@pytest.mark.parametrize("other", [None, Robot("r1")])
+def test_a_robot_that_a_new_coordinator_has_not_heard_goes_on_as_long_as_its_mates_would(other: Robot | None) -> None:
+    one = record(TaskState.RUNNING)
+    assert reconcile(one, other, to_ns(100.0), to_ns(0.0), 120.0) is not None  # silent, and not given to others
+    assert reconcile(one, other, to_ns(100.0), to_ns(0.0), 120.0).state is TaskState.LOST_CONTACT
+    assert reconcile(one, other, to_ns(121.0), to_ns(0.0), 120.0).state is TaskState.QUEUED
+    assert reconcile(one, other, to_ns(3.0), to_ns(0.0)).state is TaskState.QUEUED

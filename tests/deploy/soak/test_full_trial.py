@@ -11,12 +11,20 @@ from robrain.coordinator.recording.reader.checking import check_recording
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
 from robrain.deploy.soak.full_drawing import KNOWS, draw_full_script
-from robrain.deploy.soak.full_trial import run_full_trial
+from robrain.deploy.soak.full_trial import run_full_trial, scenario_of
 from robrain.deploy.soak.planted import planted
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
-from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskOrder, script_json
+from robrain.sim.stand_in.fault_script import (
+    CancelOrder,
+    FaultScript,
+    HaltOrder,
+    PointRobot,
+    ScriptRadio,
+    TaskOrder,
+    script_json,
+)
 from robrain.sim.stand_in.judge import Invariant
 
 NEAR = Task(id="t1", kind="visit", place=Point2D(7.2, 3.0), service_s=12.0)
@@ -40,6 +48,34 @@ def test_a_lease_that_is_not_kept_is_found() -> None:
     with planted("lease_not_kept"):
         broken = run_full_trial(CUT_OFF).broken
     assert recorded.Invariant.TASK_AT_ONE in {one.invariant for one in broken}
+
+
+def test_a_robot_that_charges_does_a_task_that_nobody_else_can_do_as_soon_as_it_has_enough() -> None:
+    """Not when its battery is full, half an hour later."""
+    script = msgspec.structs.replace(
+        CUT_OFF,
+        robots=(
+            PointRobot(name="r1", place=Point2D(4.225, 5.025), soc=0.33),
+            PointRobot(name="r2", place=Point2D(7.025, 2.825), soc=0.86),
+        ),
+        chargers=(Point2D(0.625, 0.625), Point2D(5.825, 5.425)),
+        tasks=(TaskOrder(at_s=1.5, task=Task(id="t6", kind="visit", place=Point2D(1.825, 1.425))),),
+        faults=(
+            FaultSpec(robot="r2", kind=FaultKind.KILL, at_s=17.3),
+            FaultSpec(robot="r1", kind=FaultKind.CAN_SHORTED, at_s=9.1, until_s=11.4),
+        ),
+        seed=2207,
+    )
+    verdict = run_full_trial(script)
+    assert (verdict.broken, verdict.done) == ((), 1)
+    assert verdict.sim_time_s < 180.0
+
+
+def test_the_robots_of_a_shrunk_script_are_named_anew_with_their_faults() -> None:
+    script = msgspec.structs.replace(CUT_OFF, robots=CUT_OFF.robots[1:])
+    scenario = scenario_of(script)
+    assert [one.robot for one in scenario.faults] == ["r1"]
+    assert scenario.world().robots[0].name == "r1"
 
 
 def test_a_forgotten_cancellation_is_found() -> None:
@@ -101,3 +137,20 @@ def test_the_command_runs_scripts_of_the_full_stack_and_one_again_from_its_file(
 def test_full_is_refused_where_it_says_nothing(other: str) -> None:
     with pytest.raises(UsageError, match=r"^--full: expected neither --planted nor --repeat"):
         CliRunner().invoke(app, ["soak", "--full", other], catch_exceptions=False)
+
+
+def test_some_scripts_have_a_radio_and_their_scenario_has_its_links() -> None:
+    scripts = [draw_full_script(seed) for seed in range(1, 41)]
+    with_radio = [script for script in scripts if script.radio is not None]
+    assert 6 <= len(with_radio) <= 20
+    for script in with_radio:
+        links = scenario_of(script).links
+        assert links is not None
+        assert ScriptRadio(range_m=links.range_m, loss=links.loss, delay_s=links.delay_s) == script.radio
+    assert scenario_of(CUT_OFF).links is None
+
+
+def test_a_robot_that_is_cut_off_on_top_of_a_radio_leaves_its_task_to_another() -> None:
+    radio = ScriptRadio(range_m=15.0, loss=0.05, delay_s=0.01)
+    verdict = run_full_trial(msgspec.structs.replace(CUT_OFF, radio=radio))
+    assert (verdict.broken, verdict.done) == ((), 1)

@@ -82,13 +82,14 @@ def test_where_the_robot_failed_it_goes_again_only_later() -> None:
     assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(20.0)) == first
 
 
-def test_what_stayed_unknown_although_the_robot_was_there_is_left_alone() -> None:
+def test_what_stayed_unknown_although_the_robot_was_there_is_looked_at_once_more_and_then_left_alone() -> None:
     one = chooser("r1")
-    for end in (WEST, EAST):
-        found = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0)
+    for at_s, end in ((0.0, WEST), (0.0, EAST), (3.0, WEST), (6.0, EAST)):
+        found = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s))
         assert is_at(found, end)
         one.note_visit(found)
-    assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
+    for at_s in (9.0, 12.0, 60.0):
+        assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s)) is None
 
 
 def test_without_a_map_there_is_nothing_to_choose() -> None:

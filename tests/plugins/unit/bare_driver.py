@@ -155,15 +155,22 @@ class BareDriver:
         for function in self._at_end:
             function(why)
 
+    def hand(self, forward_m_s: float, left_m_s: float, yaw_rad_s: float) -> None:
+        """Drive by hand under a new lease."""
+        by_hand(self.plugin, forward_m_s, left_m_s, yaw_rad_s)
+
     def step(self, count: int = 1, each: Callable[[], None] | None = None) -> None:
-        """Step the driver; the robot obeys in between."""
+        """Have the driver step for so many periods; the robot obeys in between."""
         for _ in range(count):
-            self.clock.advance_to(self.clock.now_ns() + to_ns(PERIOD_S))
-            self.wheels.move(PERIOD_S)
-            self._mailbox.deliver()
-            if each is not None:
-                each()
-            self.plugin.step()
+            until_ns = self.clock.now_ns() + to_ns(PERIOD_S)
+            while (left_ns := until_ns - self.clock.now_ns()) > 0:
+                passes_ns = min(left_ns, to_ns(self.plugin.period_s))
+                self.clock.advance_to(self.clock.now_ns() + passes_ns)
+                self.wheels.move(passes_ns * 1e-9)
+                self._mailbox.deliver()
+                if each is not None:
+                    each()
+                self.plugin.step()
         self._mailbox.deliver()
 
     def wait(self, seconds: float) -> None:
@@ -179,3 +186,8 @@ class BareDriver:
         """Commands since the last call."""
         said, self.wheels.said = self.wheels.said, []
         return said
+
+
+def by_hand(driver: Driver, forward_m_s: float, left_m_s: float, yaw_rad_s: float) -> None:
+    """Drive by hand under a new lease."""
+    driver.move(forward_m_s, left_m_s, yaw_rad_s, driver.take_hand("ann").lease)

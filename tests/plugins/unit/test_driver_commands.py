@@ -129,7 +129,7 @@ def test_path_is_driven_no_faster_than_asked_and_no_faster_than_the_robot_may(ro
     robot.step(40)
     assert robot.wheels.twist.forward_m_s == pytest.approx(limit_m_s)
     # The same while a hand holds the robot.
-    robot.plugin.move(0.1, 0.0, 0.0, 0.3)
+    robot.hand(0.1, 0.0, 0.0)
     robot.plugin.follow([Point2D(9.0, 0.0)], asked_m_s)
     robot.step(40)
     assert robot.wheels.twist.forward_m_s == pytest.approx(limit_m_s)
@@ -204,9 +204,9 @@ def test_path_that_is_followed_after_a_turn_is_driven_without_turning_on(robot):
 
 
 def test_turn_stops_what_was_driven_at_once_whoever_drove(robot):
-    for start in (lambda: robot.plugin.drive(5.0), lambda: robot.plugin.move(0.4, 0.0, 0.0, 2.0)):
+    for start, steps in ((lambda: robot.plugin.drive(5.0), 10), (lambda: robot.hand(0.4, 0.0, 0.0), 1)):
         start()
-        robot.step(10)
+        robot.step(steps)
         robot.commands()
         robot.plugin.turn(1.0)
         assert robot.commands() == ["stop"]
@@ -232,7 +232,7 @@ def test_invalid_number_to_drive_by_is_refused_and_changes_nothing(robot, functi
             lambda: plugin.go_to(0.0, number, 0.0),
             lambda: plugin.go_to(0.0, 0.0, number),
         ],
-        "move": [lambda: plugin.move(number, 0.0, 0.0), lambda: plugin.move(0.0, 0.0, 0.0, number)],
+        "move": [lambda: plugin.move(number, 0.0, 0.0, 1), lambda: plugin.move(0.0, 0.0, number, 1)],
     }[function]
     for ask in asked:
         with pytest.raises(CallError, match=r"expected (finite numbers|at least one point)"):

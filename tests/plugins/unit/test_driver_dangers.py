@@ -10,6 +10,7 @@ from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.clock import to_ns
 from tests.plugins.unit.bare_driver import BareDriver
+from tests.plugins.unit.bare_driver import by_hand as hand
 
 STILL = Twist2D()
 BRAKED_M_S = 1.2 * PERIOD_S
@@ -20,7 +21,7 @@ GENTLE_M_S = 4.0 * PERIOD_S**2
 
 @pytest.fixture
 def robot():
-    one = BareDriver()
+    one = BareDriver(hand_lease_s=2.0, hand_speed_m_s=0.6)
     one.plugin.activate()
     return one
 
@@ -38,7 +39,7 @@ def ahead(plugin):
 
 
 def by_hand(plugin):
-    plugin.move(0.5, 0.0, 0.0, 2.0)
+    hand(plugin, 0.5, 0.0, 0.0)
 
 
 def wheels_stand(robot, steps=10):
@@ -79,7 +80,7 @@ def test_robot_that_is_touched_stops_turning_too(robot, start, rate_rad_s):
     if start == "go_to":
         under_way(robot, lambda plugin: plugin.go_to(4.0, 0.0, math.pi), 12)
     else:
-        under_way(robot, lambda plugin: plugin.move(0.0, 0.0, rate_rad_s, 2.0), 12)
+        under_way(robot, lambda plugin: hand(plugin, 0.0, 0.0, rate_rad_s), 12)
     assert robot.wheels.twist.yaw_rad_s == pytest.approx(rate_rad_s, abs=0.5)
     robot.bump(math.pi - robot.wheels.at.yaw_rad)
     robot.step()
@@ -280,7 +281,7 @@ BLIND = {
 def test_robot_that_is_blind_stands_and_starts_again_from_rest(robot, start, blind):
     why, make_blind = BLIND[blind]
     if start is by_hand:
-        robot.plugin.move(0.5, 0.0, 1.0, 2.0)
+        robot.hand(0.5, 0.0, 1.0)
         robot.step(10)
     else:
         under_way(robot, start, 10)

@@ -24,6 +24,9 @@ class Coverage:
     def begin(self, variant: int) -> None:
         assert variant == 0
 
+    def keep_first(self, count: int) -> None:
+        assert count == 0
+
     def insertion(self, path: Sequence[str], task: str) -> Insertion:
         return Insertion(self.value([*path, task]) - self.value(path), len(path))
 

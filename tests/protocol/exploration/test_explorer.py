@@ -12,6 +12,7 @@ from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.map_patch import to_message
 from robrain.protocol.wire.reasons.idle import (
+    LacksRange,
     NothingUnknown,
     NoWay,
     OthersExplore,
@@ -174,7 +175,11 @@ def test_where_a_robot_has_been_and_seen_no_more_nobody_is_sent_again_until_some
     second = explorer.choose([robot("r1", 7.0)], [], 0)[0].place
     assert not near(second, first.x_m, first.y_m)
     explorer.note_visit(second)
-    assert explorer.choose([robot("r1", 7.0), robot("r2")], [], 0) == []
+    again = explorer.choose([robot("r1", 7.0), robot("r2")], [], 0)  # as nothing else is left, once more
+    assert len(again) == 2
+    for choice in again:
+        explorer.note_visit(choice.place)
+    assert explorer.choose([robot("r1", 7.0), robot("r2")], [], to_ns(5.0)) == []
     assert not explorer.has_failures  # nothing is left to be tried again later
     floor.draw(8.0, 2.0, 8.1, 2.3)
     assert len(explorer.choose([robot("r1", 7.0), robot("r2")], [], 0)) == 1
@@ -307,3 +312,29 @@ def test_at_the_edge_of_the_map_only_cells_of_the_map_count(place):
     x_m, y_m = round(place.x_m - 0.05, 1), round(place.y_m - 0.05, 1)
     floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
     assert not explorer._is_spent(place)
+
+
+def test_robot_is_sent_to_no_frontier_from_which_its_energy_does_not_last_to_a_charger():
+    home = Point2D(3.0, 2.7)
+    explorer = Explorer(corridor().team_map)
+
+    def chosen(reach_m, homes=(home,)):
+        explorer.idle.clear()
+        one = robot("r1", 6.0)._replace(reach_m=reach_m, homes=homes)
+        return places(explorer.choose([one], [], 0))
+
+    # 2 m to the right end and some 5 m home from there; 4 m to the left end and 1 m home from there.
+    assert near(chosen(math.inf)["r1"], 7.95, 2.75)
+    assert near(chosen(12.0)["r1"], 7.95, 2.75)
+    assert near(chosen(6.0)["r1"], 2.0, 2.75)
+    assert chosen(3.0) == {}
+    assert explorer.idle["r1"] == LacksRange(frontiers=2, reach_m=3.0)
+    assert near(chosen(3.0, ())["r1"], 7.95, 2.75)
+
+
+def test_charger_that_the_map_knows_no_path_to_is_taken_to_be_half_as_far_again_as_the_straight_line():
+    explorer = Explorer(corridor().team_map)
+    one = robot("r1", 4.0)._replace(homes=(Point2D(2.0, 5.5),))
+    least_m = 2.0 + 1.5 * math.hypot(0.0, 2.75)
+    assert "r1" in places(explorer.choose([one._replace(reach_m=least_m + 1.5)], [], 0))
+    assert explorer.choose([one._replace(reach_m=least_m - 1.5)], [], 0) == []

@@ -14,6 +14,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.exploration.auto import auto
 from robrain.protocol.exploration.baselines import burgard, minpos, nearest
 from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.rooms import rooms
 from robrain.protocol.exploration.situation import KEEP_M, Busy, Candidate, Choice, Seeker, Situation
 from robrain.protocol.exploration.strategies import (
     AUTO,
@@ -21,6 +22,7 @@ from robrain.protocol.exploration.strategies import (
     JOINT,
     MINPOS,
     NEAREST,
+    ROOMS,
     STRATEGIES,
     TOURS,
     strategy_of,
@@ -36,7 +38,7 @@ __all__ = ["install"]
 A, B, C = (Candidate(Point2D(float(x_m), 0.0), 1.0, 1.0) for x_m in (1, 5, 9))
 R1, R2 = Seeker("r1", Point2D(0.0, 0.0)), Seeker("r2", Point2D(2.0, 0.0))
 WAYS_M = np.array([[1.0, 5.0, 9.0], [1.0, 3.0, math.inf]])
-STOCK = {AUTO: auto, NEAREST: nearest, MINPOS: minpos, BURGARD: burgard, JOINT: joint, TOURS: tours}
+STOCK = {AUTO: auto, NEAREST: nearest, MINPOS: minpos, BURGARD: burgard, JOINT: joint, TOURS: tours, ROOMS: rooms}
 
 GREEDY = """
 from robrain.protocol.exploration.situation import Choice
@@ -125,7 +127,7 @@ def test_the_goal_that_a_robot_has_counts_as_nearer() -> None:
 
 
 def test_an_unknown_strategy_is_refused_with_those_that_there_are() -> None:
-    with pytest.raises(ValueError, match="one of auto, burgard, joint, minpos, nearest, tours; got nearst"):
+    with pytest.raises(ValueError, match="one of auto, burgard, joint, minpos, nearest, rooms, tours; got nearst"):
         PlanningPolicy(exploration="nearst")
     with pytest.raises(UnknownEntry):
         strategy_of("nearst", lambda _name, _why: None)

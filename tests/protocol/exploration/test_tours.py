@@ -12,7 +12,7 @@ from robrain.protocol.exploration.frontier_paths import FIELD_KEPT_NS, FrontierF
 from robrain.protocol.exploration.joint import joint
 from robrain.protocol.exploration.situation import Busy, Candidate, Seeker, Situation
 from robrain.protocol.exploration.tour_kernels import LEAST_SAVING, Places, plan_tours
-from robrain.protocol.exploration.tours import CONSIDERED, FAR_M, STAY_M, tours
+from robrain.protocol.exploration.tours import CONSIDERED, FAR_M, tours
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
@@ -89,8 +89,8 @@ def test_of_very_many_frontiers_those_that_promise_most_for_their_distance_are_s
 
 
 def test_shapes_that_do_not_fit_are_refused():
-    with pytest.raises(ValueError, match=r"expected 2 places, got ways \(3, 3\) and weights \(2,\)"):
-        plan_tours(Places(np.zeros((1, 2)), np.zeros((3, 3)), np.ones(2), STAY_M, FAR_M))
+    with pytest.raises(ValueError, match=r"expected 2 places, got .*\(\(3, 3\), \(2,\), \(1,\)\)"):
+        plan_tours(Places(np.zeros((1, 2)), np.zeros((3, 3)), np.ones(2), np.ones(1), FAR_M))
 
 
 # -- the tours themselves ---------------------------------------------------------------------------------------
@@ -107,17 +107,17 @@ def problems(draw):
         for place in range(places):
             if draw(st.integers(0, 5)) == 0:
                 first_m[robot, place] = math.inf
-    weights = np.array([draw(st.integers(1, 12)) for _ in range(places)], np.float64)
-    return first_m, ways_m[robots:, robots:], weights
+    weights, stays_m = np.array([[draw(st.integers(1, 12)) for _ in range(places)] for _ in range(2)], np.float64)
+    return first_m, ways_m[robots:, robots:], weights, stays_m
 
 
 def cost(problem, robot, tour):
-    first_m, between_m, weights = problem
+    first_m, between_m, weights, stays_m = problem
     way_m = total = 0.0
     for index, place in enumerate(tour):
         way_m += first_m[robot, place] if index == 0 else between_m[tour[index - 1], place]
         total += weights[place] * way_m * FAR_M / (way_m + FAR_M)
-        way_m += STAY_M
+        way_m += stays_m[place]
     return total
 
 
@@ -125,7 +125,7 @@ def cost(problem, robot, tour):
 @given(problems())
 def test_every_place_that_can_be_reached_is_in_one_tour_of_a_robot_that_reaches_it(problem):
     first_m = problem[0]
-    made = plan_tours(Places(*problem, STAY_M, FAR_M))
+    made = plan_tours(Places(*problem, FAR_M))
     assert sorted(place for tour in made for place in tour) == np.nonzero(np.isfinite(first_m).any(axis=0))[0].tolist()
     assert all(math.isfinite(first_m[robot, place]) for robot, tour in enumerate(made) for place in tour)
 
@@ -134,7 +134,7 @@ def test_every_place_that_can_be_reached_is_in_one_tour_of_a_robot_that_reaches_
 @given(problems())
 def test_no_move_of_one_place_and_no_reversal_makes_tours_cheaper(problem):
     first_m = problem[0]
-    made = plan_tours(Places(*problem, STAY_M, FAR_M))
+    made = plan_tours(Places(*problem, FAR_M))
     now = sum(cost(problem, robot, tour) for robot, tour in enumerate(made))
     others = []
     for robot, tour in enumerate(made):
@@ -191,13 +191,20 @@ def test_between_two_frontiers_the_less_of_both_directions_counts():
 # -- the default ------------------------------------------------------------------------------------------------
 
 
-def test_one_or_two_robots_are_sent_on_tours_and_more_jointly_whoever_is_busy():
+def test_up_to_four_robots_are_sent_on_tours_and_more_jointly_whoever_is_busy():
     near, rich = candidate(2.0, unknown_m2=3.5), candidate(8.0, unknown_m2=12.0)
     alone = straight([near, rich], [seeker("r1")])
     assert goals(tours(alone)) != goals(joint(alone))
     assert auto(alone) == tours(alone)
-    for others in (1, 2):
+    for others in (3, 4):
         busy = [Busy(Point2D(0.0, 40.0), Point2D(0.0, 50.0 + index)) for index in range(others)]
-        situation = straight([near, rich], [seeker("r1")], busy)
+        situation = straight([candidate(2.0, unknown_m2=4.2), rich], [seeker("r1")], busy)
         assert goals(tours(situation)) != goals(joint(situation))
-        assert auto(situation) == (tours if others == 1 else joint)(situation)
+        assert auto(situation) == (tours if others == 3 else joint)(situation)
+
+
+def test_a_frontier_takes_a_robot_of_a_team_longer_than_one_that_is_alone():
+    poor, rich = candidate(-1.0, unknown_m2=2.0), candidate(12.0, unknown_m2=9.0)
+    assert goals(tours(straight([poor, rich], [seeker("r1")]))) == {"r1": poor.place}
+    far_away = Busy(Point2D(0.0, 40.0), Point2D(0.0, 50.0))
+    assert goals(tours(straight([poor, rich], [seeker("r1")], [far_away]))) == {"r1": rich.place}

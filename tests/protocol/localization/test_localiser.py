@@ -10,6 +10,8 @@ from robrain.protocol.model.localization.mote_relocalisation import Signals, fin
 from robrain.protocol.model.localization.odometry import moved_along
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from tests.bench.localisation import SILENT_S, follow
+from tests.bench.localisation_world import drive
 from tests.protocol.mapping.lidar_floor import (
     CORRIDOR,
     CORRIDOR_PLACES,
@@ -286,7 +288,16 @@ def test_walls_that_were_drawn_from_an_unsure_place_keep_that():
     localiser.see(ROOM.points(true), local_map(drawn))
     assert localiser.drift[0] == pytest.approx(sure.drift[0] + 0.04, rel=1e-3)
     assert localiser.drift[1] == pytest.approx(sure.drift[1] + 0.0025, rel=1e-3)
-    assert localiser.covariance[0, 0] - sure.covariance[0, 0] == pytest.approx(0.04, rel=1e-3)
+    # Their yaw moves the robot too, 4.1 m from where the map began.
+    assert localiser.covariance[0, 0] - sure.covariance[0, 0] == pytest.approx(0.04 + 4.1**2 * 0.0025, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", [2001, 2018, 2042])
+def test_a_robot_whose_map_has_turned_with_it_says_how_far_off_it_may_be(seed):
+    """Walls drawn while its yaw was wrong by 5°: 10 m from where that began, the robot is nearly 1 m off."""
+    track = follow(drive(seed), motes=False, scans=True)
+    assert track.rmse_m > 0.2
+    assert track.silent_s < SILENT_S
 
 
 def test_what_the_submap_had_of_drift_when_it_began_is_in_its_own_variances():

@@ -3,11 +3,35 @@
 from robrain.protocol.model.consensus.ballot import Ballot, Bid, Heard, Standing
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages import arena_messages, consensus_messages
+from robrain.protocol.wire.messages import arena_messages, consensus_messages, left_messages
 from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.team_messages import StandByStatus
+from robrain.protocol.wire.reasons.tasks import MinorityHeard
+
+STAND_BY = StandByStatus(
+    process="host-12", in_step=False, behind=3, why="it is silent", held_back=MinorityHeard(1, 4, "host-12")
+)
 
 STAMP = {"stamp_ns": 1_500_000_000, "seq": 3}
 EXAMPLES_OF_LINKS = [
+    left_messages.ExplorationLeft(
+        **STAMP,
+        regions=[
+            left_messages.RegionLeft(
+                kind=left_messages.LeftKind.TOO_NARROW,
+                place=Point2D(9.1, 2.2),
+                area_m2=5.03,
+                low=Point2D(4.1, 1.4),
+                high=Point2D(9.9, 3.1),
+                gap_m=0.387,
+                needed_m=0.44,
+                gap_at=Point2D(3.886, 2.201),
+                tries=2,
+            )
+        ],
+        more=3,
+        more_m2=1.7,
+    ),
     consensus_messages.TeamBallot(
         **STAMP,
         robot="r1",
@@ -32,6 +56,8 @@ EXAMPLES_OF_LINKS = [
                 at_ns=1_400_000_000,
             )
         ],
+        ended=["t6"],
+        dropped=[consensus_messages.TaskDropped(id="t5", by="ann", why="not needed")],
     ),
     arena_messages.ArenaLinks(
         **STAMP,

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.border.border import Border
+from robrain.protocol.wire.inbox import LARGE_BYTES, Inbox
 from robrain.protocol.wire.messages.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robot_messages import RobotState
 from robrain.protocol.wire.messages.team_messages import Halt
@@ -184,3 +185,26 @@ def test_an_owner_that_drains_in_the_midst_of_an_append_harms_nothing(line):
 def test_the_topics_used_here_are_delivered_as_these_tests_assume():
     assert ROBOT_STATE.delivery is Delivery.LATEST
     assert ROBOT_LOG.delivery is not Delivery.LATEST
+
+
+def test_large_samples_are_bounded_by_their_bytes_and_small_ones_by_their_number():
+    inbox = Inbox(1000, border=Border(), max_bytes=3 * LARGE_BYTES)
+    large = b"x" * (LARGE_BYTES + 1)
+    for number in range(5):
+        inbox.append(ROBOT_EVENT, f"k{number}", large)
+        inbox.append(ROBOT_EVENT, "small", b"{}")
+    assert inbox.dropped == 3
+    assert [len(payload) for _, _, payload in inbox.drain_raw()].count(len(large)) == 2
+    assert inbox.append(ROBOT_EVENT, "k", large)  # there is room again
+    assert inbox.received == 11
+
+
+def test_large_sample_that_replaces_another_takes_its_room():
+    inbox = Inbox(border=Border(), max_bytes=3 * LARGE_BYTES)
+    large = b"x" * (LARGE_BYTES + 1)
+    for _ in range(50):
+        assert inbox.append(ROBOT_STATE, "r1", large)
+    assert inbox.append(ROBOT_STATE, "r2", large)
+    assert not inbox.append(ROBOT_STATE, "r3", large)
+    assert inbox.append(ROBOT_STATE, "r1", large)
+    assert (inbox.dropped, len(inbox)) == (1, 2)

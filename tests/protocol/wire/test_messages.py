@@ -20,19 +20,21 @@ from robrain.protocol.wire.messages import (
     offer_messages,
     plan_messages,
     plugin_messages,
-    recorder_messages,
     replay_messages,
     robot_messages,
     rule_messages,
+    standing_messages,
     team_messages,
 )
 from robrain.protocol.wire.reasons.idle import NoWay
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import LostContact, Refused
 from robrain.protocol.wire.reasons.tasks import RobotOut
+from robrain.protocol.wire.reasons.wire import TopicStale
 from tests.message_modules import message_modules
-from tests.protocol.wire.link_examples import EXAMPLES_OF_LINKS
+from tests.protocol.wire.link_examples import EXAMPLES_OF_LINKS, STAND_BY
 from tests.protocol.wire.mote_examples import EXAMPLES_OF_MOTES, FIELD
+from tests.protocol.wire.recorder_examples import EXAMPLES_OF_RECORDERS
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 """One example of each message, as it is on the wire. Changed bytes break older peers and recordings: think first."""
@@ -49,6 +51,8 @@ FUNCTION = plugin_messages.FunctionInfo(
 )
 
 FAULTED = [robot_messages.PluginFault(plugin="scan", why="no lidar")]
+HALTED = team_messages.HaltStatus(halted=True, by=["operator"], reason="somebody walks there", since_ns=1_400_000_000,
+                                  stamp_ns=1_400_000_000, stopped=["r1"], not_stopped=["r2"])  # fmt: skip
 EXAMPLES = [
     *EXAMPLES_OF_LINKS,
     robot_messages.RobotState(
@@ -107,6 +111,7 @@ EXAMPLES = [
         loaded=3735928559,
         goes_on_s=120.0,
         refused=REFUSED,
+        left_out=12,
     ),
     map_messages.MapPatch(
         **STAMP,
@@ -178,6 +183,23 @@ EXAMPLES = [
         change=41,
         reason=RobotOut("r1", Refused(NoPath())),
     ),
+    standing_messages.JournalChanges(
+        **STAMP,
+        term=1_700_000_000_000,
+        first=7,
+        last=8,
+        entries=[
+            standing_messages.JournalEntry(
+                seq=8,
+                alarms=[standing_messages.JournalAlarm(rule="warm", source="m1", taken_ns=5, fired_ns=6)],
+                epoch_ceiling=1_700_000_001_000,
+            )
+        ],
+        stand_by="host-12",
+    ),
+    standing_messages.StandByState(
+        **STAMP, process="host-12", term=1_700_000_000_000, on_disk=7, trouble="the disk is full"
+    ),
     team_messages.TeamState(
         **STAMP,
         robots=[
@@ -201,15 +223,9 @@ EXAMPLES = [
         tasks_open=1,
         tasks_done=6,
         messages=1234,
-        halt=team_messages.HaltStatus(
-            halted=True,
-            by=["operator"],
-            reason="somebody walks there",
-            since_ns=1_400_000_000,
-            stamp_ns=1_400_000_000,
-            stopped=["r1"],
-            not_stopped=["r2"],
-        ),
+        halt=HALTED,
+        stale=[TopicStale("robot_state", "r2", 0.42, 0.3)],
+        stand_by=STAND_BY,
         refused=REFUSED,
         rules=[
             rule_messages.RuleStatus(
@@ -234,17 +250,7 @@ EXAMPLES = [
         ],
     ),
     *EXAMPLES_OF_MOTES,
-    recorder_messages.RecorderState(
-        **STAMP,
-        recorder="rec_run",
-        file="run_0002.mcap",
-        messages=120_000,
-        bytes=34_000_000,
-        lost=[recorder_messages.LostMessages(topic="robot_state", messages=12)],
-        waiting=40,
-        why="No space left on device",
-        refused=REFUSED,
-    ),
+    *EXAMPLES_OF_RECORDERS,
     replay_messages.ReplayRequest(playing=False, seek_s=90.5, speed=4.0),
     replay_messages.ReplayStatus(position_s=90.5, duration_s=3600.0, speed=4.0, playing=False),
     team_messages.Halt(**STAMP, halted=True, by="operator", reason="somebody walks there"),

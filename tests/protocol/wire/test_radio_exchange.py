@@ -45,6 +45,9 @@ class Air:
             return {}
         return dict.fromkeys(reached, self.delay_ns)
 
+    def overtakes(self, speaker, hearer):
+        return False
+
     def carry(self, speaker, hearer, size, now_ns, limit_ns):
         return self.delay_ns if self.reaches(speaker, hearer) and self.delay_ns <= limit_ns else None
 
@@ -326,3 +329,60 @@ def test_put_of_another_thread_goes_where_there_is_a_way(team):
     assert texts(near) == [1]
     assert not texts(far)
     assert near.outside == 1
+
+
+def test_process_that_dies_says_and_hears_nothing_more_and_its_token_is_gone_at_once(team):
+    inboxes = {party: team.hear(party, ROBOT_STATE) for party in ("r1", "r2", "")}
+    team.ends["r1"].token(ROBOT_ALIVE, robot="r1")
+    team.go(0.1)
+    team.ends[""].answer(ROBOT_CALL, lambda request: b"1", robot="r2")
+    publisher = team.ends["r1"].publisher(ROBOT_STATE, robot="r1")
+    other = team.ends["r2"].publisher(ROBOT_STATE, robot="r2")
+    team.exchange.drop("r1")
+    assert team.ends["r2"].present(ROBOT_ALIVE) == []
+    publisher.put(RobotState(robot="r1"))
+    other.put(RobotState(robot="r2"))
+    assert [len(inbox.drain()) for inbox in inboxes.values()] == [0, 1, 1]
+    with pytest.raises(NobodyThere):
+        team.ends["r1"].ask(ROBOT_CALL, b"[]", robot="r2", plugin="p", function="f")
+
+
+def test_what_is_on_its_way_to_a_process_that_dies_does_not_reach_the_next_one(team):
+    team.air.delay_ns = to_ns(0.5)
+    team.ends["r2"].publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2"))
+    team.exchange.drop("r1")
+    team.exchange.begin_life("r1")
+    team.ends["r1"] = team.open("r1")
+    heard = team.hear("r1", ROBOT_STATE)
+    team.go(1.0)
+    assert not heard.drain()
+    team.ends["r2"].publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2"))
+    team.go(2.0)
+    assert len(heard.drain()) == 1
+
+
+def test_dead_process_undeclares_what_it_had_without_harm_to_the_next_one(team):
+    old = team.ends["r1"]
+    old.token(ROBOT_ALIVE, robot="r1")
+    inbox = team.hear("r1", ROBOT_STATE)
+    assert not inbox.drain()
+    team.exchange.drop("r1")
+    team.exchange.begin_life("r1")
+    team.ends["r1"] = team.open("r1")
+    team.ends["r1"].token(ROBOT_ALIVE, robot="r1")
+    team.go(0.1)
+    old.close()
+    assert [names["robot"] for names in team.ends["r2"].present(ROBOT_ALIVE)] == ["r1"]
+
+
+def test_requests_to_a_process_that_stands_still_wait_until_it_goes_on(team):
+    asked = []
+    team.ends["r2"].answer(ROBOT_CALL, lambda request: asked.append(request.asked) or b"1", robot="r2")
+    team.exchange.sleep("r2")
+    with pytest.raises(CallError) as error:
+        team.ends["r1"].ask(ROBOT_CALL, b"[]", robot="r2", plugin="p", function="f")
+    assert error.value.code is ErrorCode.TIMEOUT
+    assert asked == []
+    team.exchange.wake("r2")
+    assert len(asked) == 1
+    assert team.ends["r1"].ask(ROBOT_CALL, b"[]", robot="r2", plugin="p", function="f") == b"1"

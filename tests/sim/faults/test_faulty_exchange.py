@@ -163,7 +163,7 @@ def test_those_on_one_side_of_a_partition_hear_each_other(wire):
 
 
 def test_a_component_that_hangs_keeps_its_token_and_sees_to_requests_when_it_wakes(wire):
-    wire.exchange.sleep("r1")
+    wire.exchange.sleep("r1", is_hung=True)
     with pytest.raises(CallError, match="no reply in time"):
         wire.ask()
     wire.run(5.0)

@@ -78,13 +78,14 @@ def test_equal_seeds_give_equal_runs_and_others_do_not() -> None:
     assert run(3) != run(4)
 
 
-@pytest.mark.parametrize("strategy", ["auto", "nearest", "minpos", "burgard", "joint", "tours"])
+@pytest.mark.parametrize("strategy", ["auto", "nearest", "minpos", "burgard", "joint", "rooms", "tours"])
 @pytest.mark.parametrize("revise_s", [0.0, 1.0])
 def test_each_strategy_explores_a_floor(strategy: str, revise_s: float) -> None:
     policy = PlanningPolicy(exploration=strategy, revise_s=revise_s)
     result = run_ideal(Scenario.builtin("arena_small").replace(seed=3, robots=3, planning=policy))
     assert result.explored_fraction >= 0.98
-    assert sorted(result.explored_percent_s) == [50, 90, 95]
+    reached = [percent for percent in (50, 90, 95, 99) if result.explored_fraction >= percent / 100]
+    assert sorted(result.explored_percent_s) == reached
     assert result.distance_m > 0
 
 

@@ -39,8 +39,8 @@ def corridor(links, *, robots, length_m=30.0, walls=""):
 class RadioTeam:
     """A run of a corridor with a robot at each of these distances from its west end, metres."""
 
-    def __init__(self, links, xs_m, *, seed=1, party="", record=None, **floor):
-        scenario = corridor(links, robots=len(xs_m), **floor).replace(seed=seed)
+    def __init__(self, links, xs_m, *, seed=1, party="", record=None, faults=(), **floor):
+        scenario = corridor(links, robots=len(xs_m), **floor).replace(seed=seed, faults=faults)
         world = scenario.world()
         robots = [
             msgspec.structs.replace(robot, start=Pose2D(x_m, Y_M, 0.0))

@@ -59,6 +59,25 @@ def test_a_task_that_is_submitted_without_a_coordinator_is_done_once_and_noted_b
         assert watch.done == {name: 1}
 
 
+def test_a_running_task_that_is_cancelled_without_a_coordinator_is_ended_and_stays_so() -> None:
+    with team_of(3) as (team, run, watch):
+        pass_time(team, watch, 10.0)
+        name = team.submit("visit", place=PLACES[0], service_s=30.0).task.id
+        pass_time(team, watch, 2.0)
+        assert team.get(name).state is TaskState.RUNNING
+        run.end_coordinator()
+        pass_time(team, watch, 3.0)
+        record = team.cancel(name, why="not needed")
+        assert (record.task.id, record.state) == (name, TaskState.CANCELLED)
+        assert record.why.startswith("there is no coordinator; r1, r")
+        pass_time(team, watch, 40.0)
+        assert not any(host.desk.is_busy for host in run.hosts)
+        run.begin_coordinator()
+        pass_time(team, watch, 5.0)
+        assert team.get(name).state is TaskState.CANCELLED
+        assert not watch.done
+
+
 def test_a_coordinator_that_comes_while_robots_are_asked_takes_the_task(monkeypatch) -> None:
     def found(wire):
         run.begin_coordinator()

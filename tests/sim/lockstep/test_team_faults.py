@@ -165,10 +165,6 @@ def test_a_hardware_fault_may_be_drawn_from_the_seed() -> None:
 REFUSED = {
     "a robot that there is not": (fault(FaultKind.KILL, "r9"), SMALL, "no robot 'r9'; there are coordinator, r1 to r2"),
     "hardware of such a robot": (fault(FaultKind.CAN_CUT, "r9"), SMALL, "no robot 'r9'; there are r1 to r2"),
-    "a partition with links": (
-        fault(FaultKind.PARTITION), SMALL.replace(links=LinkSpec()), "expected no partition with",
-    ),
-    "a hang with links": (fault(FaultKind.HANG), SMALL.replace(links=LinkSpec()), "expected no hang with"),
 }  # fmt: skip
 
 

@@ -3,7 +3,6 @@
 import pytest
 
 from robrain import LinkSpec, PartitionSpec, Scenario
-from robrain.sim.faults.fault_checks import STANDING
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario_file import builtin_names
@@ -24,7 +23,6 @@ FAULTS = (
     FaultSpec(robot="r1", kind=FaultKind.DELAY, at_s=0.1, until_s=0.5, late_s=(0.0, 0.1)),
     FaultSpec(robot="r1", kind=FaultKind.PARTITION, at_s=1.5, until_s=1.8),
 )
-WITH_LINKS = tuple(fault for fault in FAULTS if fault.kind not in WIRE | STANDING)
 LINKS = LinkSpec(
     range_m=12.0, wall_db=6.0, loss=0.2, delay_s=0.01, bandwidth_bytes_s=500_000.0,
     partitions=(PartitionSpec(from_s=1.5, until_s=1.8, groups=(("r2",),)),),
@@ -47,7 +45,7 @@ def digest(scenario: Scenario, run_s: float = RUN_S) -> str:
 def test_equal_seeds_give_equal_digests(name: str, links: LinkSpec | None) -> None:
     scenario = Scenario.builtin(name)
     if links is not None or scenario.links is not None:
-        scenario = scenario.replace(links=links or scenario.links, faults=WITH_LINKS)
+        scenario = scenario.replace(links=links or scenario.links, faults=FAULTS)
     else:
         scenario = scenario.replace(faults=FAULTS)
     assert digest(scenario) == digest(scenario)

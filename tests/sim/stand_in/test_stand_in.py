@@ -23,7 +23,7 @@ from robrain.sim.stand_in.fault_script import (
 )
 from robrain.sim.stand_in.judge import Invariant, Judge
 from robrain.sim.stand_in.script_drawing import draw_script
-from robrain.sim.stand_in.stand_in_run import StandInRun
+from robrain.sim.stand_in.stand_in_run import TICK_S, StandInRun
 from robrain.sim.stand_in.trial import run_trial
 
 
@@ -127,23 +127,54 @@ def test_a_clock_that_is_set_back_silences_nobody(component, topic, period_s):
     assert max(gaps_s) <= period_s + 0.11
 
 
-def test_a_robot_that_the_coordinator_does_not_hear_drops_its_task_before_another_has_it():
-    # Its states are refused, as from the future, while it hears the coordinator well.
-    skew = FaultSpec(robot="r2", kind=FaultKind.CLOCK_SKEW, at_s=0.9, until_s=30.0, skew_s=18.0)
-    run = StandInRun(with_faults(skew, tasks=(visit("t1", 10.0, 19.0, at_s=1.0),)))
-    judge, both = Judge(run), 0
-    begun = dict.fromkeys(run.bodies, False)
+def test_a_coordinator_whose_clock_is_set_ahead_for_a_moment_takes_no_task_from_anybody():
+    skew = FaultSpec(robot=COORDINATOR, kind=FaultKind.CLOCK_SKEW, at_s=3.0, until_s=3.2, skew_s=14.0)
+    hang = FaultSpec(robot="r1", kind=FaultKind.HANG, at_s=2.8, until_s=3.3)
+    events = [event for _, event in said(with_faults(skew, hang), TASK_EVENT)]
+    begun = {event.task.id for event in events if event.state is TaskState.RUNNING}
+    assert begun == {"t1", "t2", "t3", "t4"}
+    assert [event for event in events if event.state is TaskState.LOST_CONTACT] == []
+    assert len([event for event in events if event.state is TaskState.QUEUED]) == len(begun)
+
+
+def test_a_coordinator_whose_clock_is_set_ahead_still_notices_a_robot_that_dies():
+    skew = FaultSpec(robot=COORDINATOR, kind=FaultKind.CLOCK_SKEW, at_s=3.0, until_s=30.0, skew_s=14.0)
+    kill = FaultSpec(robot="r2", kind=FaultKind.KILL, at_s=3.0, until_s=30.0)
+    tasks = (visit("t1", 10.0, 19.0, at_s=1.0),)
+    events = said(with_faults(skew, kill, tasks=tasks), TASK_EVENT)
+    again_s = [at_s for at_s, event in events if event.state is TaskState.OFFERED and event.robot == "r1"]
+    assert again_s[0] == pytest.approx(5.1, abs=0.3)
+
+
+def ticks_at_two_robots(script):
+    """In how many ticks two robots are at work, the robots that ever were, and what the judge found."""
+    run = StandInRun(script)
+    judge, both, begun = Judge(run), 0, set()
     while not judge.is_over:
         run.tick()
         judge.step()
         at = [name for name, body in run.bodies.items() if body.work is not None]
         both += len(at) > 1
-        begun |= dict.fromkeys(at, True)
+        begun |= set(at)
     broken = judge.finish()
     run.close()
-    assert begun == {"r1": True, "r2": True}
-    assert both == 0
+    return both, begun, broken
+
+
+def test_a_robot_that_the_coordinator_does_not_hear_drops_its_task_before_another_has_it():
+    # Its states are refused, as from the future, while it hears the coordinator well.
+    skew = FaultSpec(robot="r2", kind=FaultKind.CLOCK_SKEW, at_s=0.9, until_s=30.0, skew_s=18.0)
+    assert ticks_at_two_robots(with_faults(skew, tasks=(visit("t1", 10.0, 19.0, at_s=1.0),))) == (0, {"r1", "r2"}, [])
+
+
+def test_a_robot_that_stood_still_does_not_take_old_summaries_for_new_ones():
+    # Summaries of the first moments of its hang are in its inbox; later ones are lost, and another has its task.
+    hang = FaultSpec(robot="r2", kind=FaultKind.HANG, at_s=3.0, until_s=6.0)
+    cut = FaultSpec(robot="r2", kind=FaultKind.PARTITION, at_s=3.6, until_s=30.0)
+    both, begun, broken = ticks_at_two_robots(with_faults(hang, cut, tasks=(visit("t1", 10.0, 19.0, at_s=1.0),)))
+    assert begun == {"r1", "r2"}
     assert broken == []
+    assert both <= (6.0 - 5.0) / TICK_S + 2  # while it hangs, and the step in which it wakes
 
 
 def test_a_script_is_the_same_after_its_file(tmp_path):

@@ -303,6 +303,18 @@ def test_a_robot_that_charges_away_from_chargers_does_not_balance() -> None:
     ]
 
 
+def test_where_a_halted_robot_charges_is_not_judged_as_it_tells_what_it_knew_when_it_was_halted() -> None:
+    told = with_robot(at=(5.0, 5.0))
+    drive(told, 5.0, **battery(0.5, charging=True))
+    told.states["r1"]["halted"] = True
+    told.truths["r1"]["at"] = (2.0, 5.0)
+    drive(told, 5.0, **battery(0.5, charging=True))
+    assert told.found(Invariant.ENERGY, CHARGER) == []
+    told.states["r1"]["halted"] = False
+    drive(told, 5.0, **battery(0.5, charging=True))
+    assert [type(found) for found in told.found(Invariant.ENERGY, CHARGER)] == [ChargedAway]
+
+
 def test_charge_that_rises_without_a_charger_does_not_balance() -> None:
     told = with_robot()
     soc = discharge(told, 20.0, 0.5)

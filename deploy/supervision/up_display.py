@@ -4,16 +4,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import msgspec
-from rich.console import Group
 from rich.live import Live
-from rich.markup import escape
-from rich.table import Table
 
 from robrain.deploy.commands.terminal import both_at_a_terminal, clock_of, console, print_line, say
+from robrain.deploy.processes.forwarder_words import said
 from robrain.deploy.processes.live_process import tell
-from robrain.deploy.processes.robot_files import said
-from robrain.deploy.processes.up import TeamStatus, UpDisplay, UpResult
-from robrain.deploy.run.run_display import accuracy_lines, tell_recorded
+from robrain.deploy.supervision.part import PartEvent
+from robrain.deploy.supervision.part_table import drawn
+from robrain.deploy.supervision.up import TeamStatus, UpDisplay, UpResult
 from robrain.protocol.wire.hub import hub_endpoint
 
 
@@ -52,6 +50,10 @@ class JsonLines:
         """Print where the page is."""
         _print(DashboardEvent(url))
 
+    def part(self, event: PartEvent) -> None:
+        """Print what happened to a part."""
+        _print(event)
+
     def show(self, status: TeamStatus) -> None:
         """Print new forwarders."""
         for robot, address in status.forwarders.items():
@@ -80,6 +82,11 @@ class PlainLines:
         """Print where the page is."""
         print_line(f"dashboard: {url}")
 
+    def part(self, event: PartEvent) -> None:
+        """Print what happened to a part, in one line on stderr."""
+        if event.is_news:
+            say(event.words)
+
     def show(self, status: TeamStatus) -> None:
         """Print what has changed."""
         now = dict(status.robots) | {"coordinator": "up" if status.coordinator_up else "starting"}
@@ -95,6 +102,14 @@ class PlainLines:
 
     def ended(self, result: UpResult) -> None:
         """Print the result of the run."""
+        for name, count in result.restarts.items():
+            again = "once" if count == 1 else f"{count} times"
+            print_line(f"{name} was started again {again}{', then given up' if name in result.given_up else ''}")
+        if not result.sim_time_s:
+            print_line(result.ended)
+            return
+        from robrain.deploy.run.run_display import accuracy_lines, tell_recorded  # brings the simulator
+
         print_line(
             f"{result.ended}: {result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)}, "
             f"{result.collisions} collisions"
@@ -113,7 +128,8 @@ class DrawnTable(PlainLines):
 
     def show(self, status: TeamStatus) -> None:
         """Draw the team's status."""
-        self._live.update(_team_table(status))
+        heading = f"{status.explored_fraction:.1%} explored, {clock_of(status.sim_time_s)}; Ctrl-C stops the team"
+        self._live.update(drawn(heading, status.parts))
 
 
 @contextmanager
@@ -133,16 +149,5 @@ def _warn_of_taken(endpoint: str, taken: str) -> None:
         say(f"{taken} is in use: the hub of this team is at {endpoint}, other commands need --connect {endpoint}")
 
 
-def _team_table(status: TeamStatus) -> Group:
-    share = f"{status.explored_fraction:.1%} explored, {clock_of(status.sim_time_s)}; Ctrl-C stops the team"
-    table = Table(box=None, pad_edge=False, show_header=False)
-    table.add_row("coordinator", "[green]up[/]" if status.coordinator_up else "[yellow]starting[/]")
-    for name, text in status.robots:
-        table.add_row(escape(name), escape(text), f"[dim]base station {status.forwarders.get(name, '–')}[/]")
-    for name, exit_status, line in status.exited:
-        table.add_row(f"[red]{escape(name)}[/]", f"exited with {exit_status}: {escape(line)}")
-    return Group(share, table)
-
-
-def _print(event: HubEvent | DashboardEvent | ForwarderEvent | UpResult) -> None:
+def _print(event: HubEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult) -> None:
     tell(msgspec.json.encode(event).decode())

@@ -1,0 +1,78 @@
+"""Backs up the coordinator's journal when it is asked to, beside the coordinator's loop, one backup at a time."""
+
+import logging
+import socket
+import threading
+from datetime import UTC, datetime
+
+from robrain.coordinator.journal.backup import ENDING, backup_folder, prune_backups, write_backup
+from robrain.coordinator.journal.errors import JournalError
+from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages.standing_messages import JournalBackup
+from robrain.protocol.wire.standing_topics import COORDINATOR_BACKUP
+
+logger = logging.getLogger(__name__)
+
+KEPT = 14
+"""Backups that stay in the folder; the oldest go first."""
+MICROSECONDS = "%Y%m%dT%H%M%S.%f"
+"""Two backups never have one name, and the order of the names is that of time, in UTC."""
+CLOSE_TIMEOUT_S = 5.0
+
+
+class BackupDesk:
+    """Answers the query for a backup.
+
+    Args:
+        wire: the coordinator's Zenoh endpoint.
+        journal: its journal; one in memory is not backed up.
+        kept: backups that stay in the folder.
+
+    """
+
+    def __init__(self, wire: Endpoint, journal: Journal, kept: int = KEPT) -> None:
+        self._journal, self._clock, self._kept = journal, wire.clock, kept
+        self._writing = threading.Lock()
+        self._is_closing = False
+        wire.answer(COORDINATOR_BACKUP, self._back_up, serve=Serve.SHARED)
+
+    def close(self) -> None:
+        """End the backup that is being written, whose part is removed, and begin no other."""
+        self._is_closing = True
+        if self._writing.acquire(timeout=CLOSE_TIMEOUT_S):
+            self._writing.release()
+
+    def _back_up(self, _request: Request[None]) -> JournalBackup:
+        path = self._journal.path
+        if path is None:
+            raise CallError(ErrorCode.REFUSED, "the journal is in memory: there is nothing to back up")
+        if not self._writing.acquire(blocking=False):
+            raise CallError(ErrorCode.BUSY, "another backup is being written; ask again when that is done")
+        try:
+            self._end_if_closing()
+            now = datetime.fromtimestamp(to_seconds(self._clock.now_ns()), UTC)
+            target = backup_folder(path) / f"{now.strftime(MICROSECONDS)}{ENDING}"
+            found = write_backup(self._journal.database, path, target, self._end_if_closing)
+            removed = prune_backups(target.parent, self._kept, target)
+        except JournalError as error:
+            logger.warning("%s", error)
+            raise CallError(ErrorCode.REFUSED, str(error)) from error
+        finally:
+            self._writing.release()
+        logger.info("the journal is backed up in %s; %d old backups removed", target, len(removed))
+        return JournalBackup(
+            host=cut(socket.gethostname()),
+            path=cut(str(target.absolute()), TEXT_MAX),
+            bytes=found.bytes,
+            tasks=found.tasks,
+            open=found.open,
+            last_changed_ns=found.last_changed_ns,
+        )
+
+    def _end_if_closing(self) -> None:
+        if self._is_closing:
+            raise CallError(ErrorCode.UNLOADED, "the coordinator ends")

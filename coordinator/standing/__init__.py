@@ -1,0 +1,1 @@
+"""A coordinator that stands by for another, with a copy of its journal."""

@@ -1,0 +1,168 @@
+"""A coordinator that stands by: it keeps a copy of the journal of the one that coordinates, over the wire.
+
+It asks for the whole journal page by page, then follows the changes. A change with a number that does not follow is
+left, and sent again; a coordinator with another term, or that no longer has the changes, is copied again.
+"""
+
+import logging
+from enum import StrEnum
+
+from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.wire.answers.later import Later
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.standing_messages import (
+    CopyRequest,
+    JournalChanges,
+    JournalPage,
+    StandByState,
+)
+from robrain.protocol.wire.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
+
+logger = logging.getLogger(__name__)
+
+TELL_NS = to_ns(0.2)
+SILENT_NS = to_ns(1.5)
+"""A coordinator that is silent for longer is gone, as for robots."""
+ASK_TIMEOUT_S = 2.0
+
+
+class Following(StrEnum):
+    """How a copy stands."""
+
+    NOTHING = "nothing"
+    """No coordinator has been heard."""
+    COPYING = "copying"
+    BEHIND = "behind"
+    """The copy is whole, and the coordinator does not wait for it: it may lack what was acknowledged."""
+    IN_STEP = "in_step"
+    """Nothing is acknowledged that is not in the copy."""
+    ALONE = "alone"
+    """It was in step when the coordinator was heard last."""
+
+
+class StandBy:
+    """Follows a coordinator's journal.
+
+    Args:
+        wire: this process's Zenoh endpoint.
+        journal: its own journal, which becomes the copy.
+        process: names this process.
+
+    """
+
+    def __init__(self, wire: Endpoint, journal: Journal, process: str) -> None:
+        self._wire, self._journal, self._process = wire, journal, process
+        self._inbox = Inbox(capacity=4096)
+        wire.subscribe(self._inbox, COORDINATOR_JOURNAL)
+        self._tell = wire.publisher(COORDINATOR_STAND_BY)
+        self._term = self._written = self._on_disk = self._told = 0
+        self._is_kept_by = ""
+        self._heard_ns: int | None = None
+        self._tell_ns = 0
+        self._trouble = ""
+        self._copying_term = 0
+        self._after = self._from = 0
+        self._asked: Later[JournalPage] | None = None
+        self._disk_waits = False
+
+    def following(self, now_ns: int) -> Following:
+        """How the copy stands."""
+        if self._heard_ns is None:
+            return Following.NOTHING
+        if self._copying_term:
+            return Following.COPYING
+        is_in_step = self._is_kept_by == self._process and not self._trouble
+        if now_ns - self._heard_ns > SILENT_NS and is_in_step:
+            return Following.ALONE
+        return Following.IN_STEP if is_in_step else Following.BEHIND
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether a coordinator was heard, and is not any more."""
+        return self._heard_ns is not None and now_ns - self._heard_ns > SILENT_NS
+
+    def step(self) -> None:
+        """Hear what has changed, write it, and say how far it is."""
+        now_ns = self._wire.clock.now_ns()
+        try:
+            for received in self._inbox.drain() if self._inbox.has_some else ():
+                self._hear(received.message, now_ns)
+            if self._copying_term:
+                self._copy()
+            if self._written != self._on_disk and not self._disk_waits:
+                if self._trouble:
+                    self._journal.follow(())  # what a failed disk has kept is not known: it is written once more
+                self._wait_for_disk()
+        except JournalUnwritable as error:  # it is sent again
+            self._trouble = cut(str(error))
+        if self._on_disk != self._told or not 0 <= now_ns - self._tell_ns < TELL_NS:
+            self._tell_ns, self._told = now_ns, self._on_disk
+            said = StandByState(process=self._process, term=self._term, on_disk=self._on_disk, trouble=self._trouble)
+            self._tell.put(said)
+
+    def _hear(self, changes: JournalChanges, now_ns: int) -> None:
+        if changes.term < max(self._term, self._copying_term):
+            return  # of a coordinator that was replaced
+        self._heard_ns, self._is_kept_by = now_ns, changes.stand_by
+        if changes.term > max(self._term, self._copying_term):
+            self._begin_copy(changes.term)
+            return
+        if self._copying_term:
+            return  # sent again once the copy is whole
+        if changes.first > self._written + 1:
+            self._begin_copy(changes.term)
+            return
+        new = [entry for entry in changes.entries if entry.seq > self._written]
+        following = [entry for place, entry in enumerate(new) if entry.seq == self._written + 1 + place]
+        if following:
+            self._journal.follow(following)
+            self._written = following[-1].seq
+
+    def _begin_copy(self, term: int) -> None:
+        self._journal.begin_copy()
+        while self._journal.told:
+            logger.warning("%s", self._journal.told.pop(0))
+        self._term, self._copying_term, self._trouble = 0, term, ""
+        self._after, self._from, self._asked = 0, -1, None
+        self._written = self._on_disk = 0
+
+    def _copy(self) -> None:
+        if self._asked is None:
+            self._asked = self._wire.ask_later(
+                COORDINATOR_COPY, CopyRequest(after=self._after), timeout_s=ASK_TIMEOUT_S
+            )
+        try:
+            page = self._asked.take()
+        except (CallError, NobodyThere):
+            self._asked = None
+            return
+        if page is None:
+            return
+        self._asked = None
+        if page.term != self._copying_term:
+            return  # of another coordinator; its changes are heard as well
+        self._journal.put_page(page)
+        if self._from < 0:
+            self._from = page.seq  # later pages may have more; to write that again changes nothing
+        if page.tasks:
+            self._after = page.tasks[-1].number
+            return
+        self._term, self._copying_term, self._trouble = page.term, 0, ""
+        self._written, self._on_disk = self._from, 0
+
+    def _wait_for_disk(self) -> None:
+        written, term = self._written, self._term
+        self._disk_waits = True
+
+        def told(error: JournalUnwritable | None) -> None:
+            if error is not None:
+                self._trouble = cut(str(error))
+            elif term == self._term:
+                self._on_disk, self._trouble = written, ""
+            self._disk_waits = False
+
+        self._journal.when_on_disk(told)

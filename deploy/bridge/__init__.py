@@ -1,0 +1,1 @@
+"""Joins two teams on purpose, by rules."""

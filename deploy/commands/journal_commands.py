@@ -1,0 +1,96 @@
+"""`robrain journal`: back up a coordinator's journal while it runs, check and restore it."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, say
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+
+if TYPE_CHECKING:
+    from robrain.coordinator.journal.journal_check import JournalContents
+
+EXIT_PROBLEMS = 1
+"""A journal or backup that was checked has problems."""
+
+journal_app = typer.Typer(
+    name="journal",
+    help="Back up, check and restore a coordinator's journal.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@journal_app.command()
+def backup(
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    journal: Annotated[
+        Path | None, typer.Option(help="Back up this file, which no coordinator has open, instead of asking one.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="With --journal: file to write; it must not exist.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Have the coordinator back up its journal, on its own machine, into FILE.backups; the newest 14 are kept."""
+    from robrain.deploy.errors import UsageError
+
+    if (journal is None) != (output is None):
+        raise UsageError("--journal and --output: give both, or neither")
+    if journal is not None and output is not None:
+        from robrain.coordinator.journal.backup import back_up_closed
+
+        found = back_up_closed(journal, output)
+        _print(found, f"{output}: {_words(found)}", as_json=as_json)
+        return
+    from robrain.deploy.processes.live_process import client_session, live_endpoint
+    from robrain.protocol.wire.border.safe_text import safe_text
+    from robrain.protocol.wire.standing_topics import COORDINATOR_BACKUP
+
+    check_name("team", team)
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
+        told = wire.ask(COORDINATOR_BACKUP)
+    text = f"{told.path} on {told.host}: {told.tasks} tasks, {told.open} of them open, {told.bytes / 1e6:.2f} MB"
+    _print(told, safe_text(text), as_json=as_json)
+
+
+@journal_app.command()
+def restore(
+    backup: Annotated[Path, typer.Argument(help="A backup.")],
+    journal: Annotated[Path, typer.Option(help="The journal whose content is replaced; made if there is none.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Make a journal hold what a backup holds; refused while a coordinator has it open."""
+    from robrain.coordinator.journal.backup import restore_backup
+
+    done = restore_backup(backup, journal)
+    _print(done, "\n".join([*done.told, f"{journal}: {_words(done.contents)}"]), as_json=as_json)
+
+
+@journal_app.command()
+def check(
+    journal: Annotated[Path, typer.Argument(help="A backup, or a journal that no coordinator has open.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Check a journal or a backup. Exit status 1 if it has problems."""
+    from robrain.coordinator.journal.journal_check import check_journal
+
+    found = check_journal(journal)
+    _print(found, "\n".join([f"{journal}: {_words(found)}", *found.problems]), as_json=as_json)
+    if found.problems:
+        raise typer.Exit(EXIT_PROBLEMS)
+
+
+def _words(found: "JournalContents") -> str:
+    last = datetime.fromtimestamp(found.last_changed_ns / 1e9, UTC).isoformat(sep=" ", timespec="seconds")
+    text = f"{found.tasks} tasks, {found.open} of them open, {found.bytes / 1e6:.2f} MB"
+    return f"{text}, last changed {last}" if found.last_changed_ns else text
+
+
+def _print(value: object, text: str, *, as_json: bool) -> None:
+    import msgspec
+
+    say(msgspec.json.encode(value, enc_hook=str).decode() if as_json else text)

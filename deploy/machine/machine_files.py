@@ -1,0 +1,41 @@
+"""`robrain machine-files`: writes the files for real machines into a folder, to be copied to their places."""
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+FILES = Path(__file__).parent
+FOLDERS = ("systemd", "container", "zenohd", "udev", "network", "time", "logs")
+UPDATER = "robrain_update.py"
+
+
+def write_files(folder: Path) -> list[Path]:
+    """Write the files; returns their paths.
+
+    Raises:
+        FileExistsError: the folder exists.
+        OSError: it cannot be written.
+
+    """
+    folder.mkdir(parents=True)
+    for name in FOLDERS:
+        shutil.copytree(FILES / name, folder / name)
+    updater = folder / UPDATER.removesuffix(".py").replace("_", "-")
+    shutil.copyfile(FILES / UPDATER, updater)
+    updater.chmod(0o755)  # a wheel does not keep it
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def machine_files(folder: Annotated[Path, typer.Argument(help="Folder to make.")]) -> None:
+    """Write service units, router configuration, container, device, time and log files, and robrain-update."""
+    from robrain.deploy.commands.terminal import print_line
+    from robrain.deploy.errors import UsageError
+
+    try:
+        written = write_files(folder)
+    except OSError as error:
+        raise UsageError(f"{folder}: {error.strerror}; give another folder") from error
+    for path in written:
+        print_line(str(path))

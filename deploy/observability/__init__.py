@@ -1,0 +1,1 @@
+"""Metrics of a team for Prometheus, and structured logs."""

@@ -1,0 +1,110 @@
+"""Log records of a process as text or as JSON lines: the one place where logging is set up.
+
+A line has the time, the level, the logger and the message, and, as far as they are known, the robot, the plugin and
+the task that the thread was at. `--log-format json` before the command, or `ROBRAIN_LOG_FORMAT=json`, chooses it.
+"""
+
+import logging
+import os
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import NoReturn
+
+import msgspec
+
+from robrain.deploy.errors import UsageError
+
+FORMAT_VARIABLE = "ROBRAIN_LOG_FORMAT"
+OPTION = "--log-format"
+FORMATS = ("text", "json")
+TEXT = "%(levelname)s %(name)s: %(message)s"
+PLUGIN_THREAD = "plugin-"
+"""A thread that is in a plugin has this before the plugin's name; see `agent/host/live_drive.py`."""
+IDLE_THREAD = "plugin-thread-"
+
+
+class LogContext:
+    """What a process's records are about."""
+
+    def __init__(self) -> None:
+        self.robot = ""
+        """Name of the robot whose process it is; empty for other processes."""
+        self.task: Callable[[], tuple[str, str]] = lambda: ("", "")
+        """Id and trace of the task that the robot is at; both empty if none."""
+
+
+CONTEXT = LogContext()
+"""The context of this process."""
+
+
+class JsonLines(logging.Formatter):
+    """Formats each record as one JSON object on one line.
+
+    Args:
+        context: of the process.
+
+    """
+
+    def __init__(self, context: LogContext) -> None:
+        super().__init__()
+        self._context = context
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line, without a line break."""
+        task, trace = self._context.task()
+        fields: dict[str, object] = {
+            "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+            "robot": self._context.robot,
+            "plugin": plugin_of(record.threadName or ""),
+            "task": task,
+            "trace": trace,
+            "process": record.process,
+        }
+        if record.exc_info:
+            fields["traceback"] = self.formatException(record.exc_info)
+        return msgspec.json.encode({name: value for name, value in fields.items() if value != ""}).decode()
+
+
+def plugin_of(thread: str) -> str:
+    """The plugin that a thread is in, by the thread's name; empty if it is in none.
+
+    >>> plugin_of("plugin-driver"), plugin_of("plugin-thread-3"), plugin_of("MainThread")
+    ('driver', '', '')
+    """
+    if not thread.startswith(PLUGIN_THREAD) or thread.startswith(IDLE_THREAD):
+        return ""
+    return thread.removeprefix(PLUGIN_THREAD)
+
+
+def set_up_logs(words: list[str]) -> list[str]:
+    """Set up the logs of this process by `--log-format` before a command, or the environment.
+
+    Args:
+        words: the command line, without the program's name.
+
+    Returns:
+        The words without the option.
+
+    Raises:
+        UsageError: there is no such format.
+
+    """
+    chosen, rest = os.environ.get(FORMAT_VARIABLE, "") or "text", words
+    if words[:1] == [OPTION]:
+        chosen, rest = (words[1] if len(words) > 1 else ""), words[2:]
+    elif words and words[0].startswith(f"{OPTION}="):
+        chosen, rest = words[0].partition("=")[2], words[1:]
+    if chosen not in FORMATS:
+        _complain(chosen)
+    os.environ[FORMAT_VARIABLE] = chosen  # processes that this one starts do the same
+    handler = logging.StreamHandler()
+    handler.setFormatter(JsonLines(CONTEXT) if chosen == "json" else logging.Formatter(TEXT))
+    logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)
+    return rest
+
+
+def _complain(chosen: str) -> NoReturn:
+    raise UsageError(f"{OPTION} {chosen}: expected {' or '.join(FORMATS)}")

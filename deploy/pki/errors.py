@@ -1,0 +1,11 @@
+"""Errors of `robrain pki` and `robrain router`.
+
+RobrainError
+└── PkiError    a certificate, or a file of them, cannot be made or used; names the file
+"""
+
+from robrain.protocol.wire.errors import RobrainError
+
+
+class PkiError(RobrainError):
+    """A certificate, or a file of them, cannot be made or used."""

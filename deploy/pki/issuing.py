@@ -1,0 +1,167 @@
+"""What `robrain pki` does: make a CA; issue, renew and revoke certificates; keep the routers' files up to date."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+
+from robrain.deploy.pki.errors import PkiError
+from robrain.deploy.pki.folder import (
+    CA_CERTIFICATE,
+    CA_KEY,
+    MEMBERS_FILE,
+    MEMBERS_FOLDER,
+    IssuedCertificate,
+    MembersFile,
+    changing,
+    folder_of,
+    make_folder,
+    write_private,
+    write_public,
+)
+from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, listening_of, zenohd_text
+from robrain.protocol.extras import missing_package
+from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, check_private
+from robrain.protocol.wire.access.member import Member, MemberRole
+from robrain.protocol.wire.keys import check_name
+
+DAYS = 7.0
+"""Life of a certificate unless more is asked for."""
+ROUTER_HOSTS = ("localhost", "127.0.0.1")
+
+
+def init(pki: Path, team: str, now: datetime) -> None:
+    """Make a CA and the folder for its team.
+
+    Raises:
+        PkiError: the folder has a CA.
+        BadName: the team's name cannot be one.
+
+    """
+    check_name("team", team)
+    if (pki / CA_KEY).exists() or (pki / MEMBERS_FILE).exists():
+        raise PkiError(f"{pki}: there is a CA in this folder; choose another folder")
+    _need_cryptography(pki)
+    from robrain.deploy.pki.authority import Authority
+
+    make_folder(pki)
+    make_folder(pki / MEMBERS_FOLDER)
+    pair = Authority.create(team, now)
+    write_private(pki / CA_KEY, pair.key)
+    write_public(pki / CA_CERTIFICATE, pair.certificate)
+    write_private(pki / MEMBERS_FILE, msgspec.json.format(msgspec.json.encode(MembersFile(team=team))))
+
+
+def issue(pki: Path, wanted: Member, now: datetime, days: float = DAYS, hosts: Sequence[str] = ()) -> IssuedCertificate:
+    """Issue a certificate, and write the folder for its member to take away.
+
+    Raises:
+        PkiError: the member has one, or had one that was revoked; `renew` is for those.
+
+    """
+    if hosts and wanted.role is not MemberRole.ROUTER:
+        raise PkiError(f"--host {hosts[0]}: only routers are connected to, and {wanted} is none")
+    if wanted.role is MemberRole.ROUTER:
+        hosts = list(dict.fromkeys((*ROUTER_HOSTS, *hosts)))
+    with changing(pki) as members:
+        known = members.find(wanted)
+        if known is not None and known.revoked:
+            raise PkiError(f"{pki / MEMBERS_FILE}: {wanted} is revoked: choose another name for its successor")
+        if known is not None:
+            raise PkiError(f"{pki / MEMBERS_FILE}: {wanted} has a certificate; `robrain pki renew` makes a new one")
+        return _issue(pki, members, wanted, now, days, tuple(hosts))
+
+
+def renew(pki: Path, wanted: Member, now: datetime, days: float | None = None) -> IssuedCertificate:
+    """Issue a new certificate in place of a member's last one, with a new key.
+
+    Raises:
+        PkiError: the member has none, or is revoked.
+
+    """
+    with changing(pki) as members:
+        known = _known(pki, members, wanted)
+        if known.revoked:
+            raise PkiError(f"{pki / MEMBERS_FILE}: {wanted} is revoked, and gets no other certificate")
+        return _issue(pki, members, wanted, now, known.days if days is None else days, tuple(known.hosts))
+
+
+def revoke(pki: Path, wanted: Member) -> IssuedCertificate:
+    """Take a member out of the routers' rules for good.
+
+    Zenoh has no list of revoked certificates: whoever holds this one can connect until it ends, and do nothing. That of
+    a router is different: members accept it until it ends.
+
+    Raises:
+        PkiError: the member has no certificate.
+
+    """
+    with changing(pki) as members:
+        revoked = msgspec.structs.replace(_known(pki, members, wanted), revoked=True)
+        _write_members(pki, members.having(revoked))
+        return revoked
+
+
+def _known(pki: Path, members: MembersFile, wanted: Member) -> IssuedCertificate:
+    known = members.find(wanted)
+    if known is None:
+        names = ", ".join(str(one.member) for one in members.members) or "none"
+        raise PkiError(f"{pki / MEMBERS_FILE}: {wanted} has no certificate; there are {names}")
+    return known
+
+
+def _issue(
+    pki: Path, members: MembersFile, wanted: Member, now: datetime, days: float, hosts: tuple[str, ...]
+) -> IssuedCertificate:
+    if not 0 < days <= 3650:
+        raise PkiError(f"--days: expected 0 < days ≤ 3650, got {days:g}")
+    _need_cryptography(pki)
+    from robrain.deploy.pki.authority import Authority
+
+    if not (pki / CA_KEY).is_file():
+        raise PkiError(f"{pki / CA_KEY}: no such file; certificates are issued where the CA's key is")
+    check_private(pki / CA_KEY)
+    ca_certificate = (pki / CA_CERTIFICATE).read_bytes()
+    try:
+        pair = Authority(ca_certificate, (pki / CA_KEY).read_bytes()).issue(wanted, days, now, hosts)
+    except PkiError as error:
+        raise PkiError(f"{pki / CA_KEY}: {error}") from error
+    folder = folder_of(pki, wanted)
+    make_folder(folder)
+    # The key first: until the certificate is there too, the old one does not fit it, and a reader tries again.
+    write_private(folder / KEY, pair.key)
+    write_public(folder / CERTIFICATE, pair.certificate)
+    write_public(folder / CA, ca_certificate)
+    issued = IssuedCertificate(
+        role=wanted.role,
+        team=wanted.team,
+        name=wanted.name,
+        serial=f"{pair.serial:x}",
+        not_after=pair.not_after,
+        days=days,
+        hosts=list(hosts),
+    )
+    _write_members(pki, members.having(issued))
+    return issued
+
+
+def _write_members(pki: Path, members: MembersFile) -> None:
+    """The list of members, and its copies in the folders of routers."""
+    text = msgspec.json.format(msgspec.json.encode(members))
+    write_private(pki / MEMBERS_FILE, text)
+    for one in members.members:
+        folder = folder_of(pki, one.member)
+        if one.member.role is MemberRole.ROUTER and not one.revoked and folder.is_dir():
+            write_private(folder / MEMBERS_FILE, text)
+            endpoints = listening_of(folder / ZENOHD_FILE)
+            write_private(folder / ZENOHD_FILE, zenohd_text(members.allowed, endpoints).encode())
+
+
+def _need_cryptography(where: Path) -> None:
+    try:
+        import cryptography  # noqa: F401
+    except ImportError as error:
+        missing = missing_package(error)
+        needed = missing.needed if missing is not None else str(error)
+        raise PkiError(f"{where}: certificates need another package: pip install '{needed}'") from error

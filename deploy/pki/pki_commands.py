@@ -1,0 +1,118 @@
+"""`robrain pki …` and `robrain router`: options, and what they print."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robrain.deploy.commands.team_options import say
+
+if TYPE_CHECKING:
+    from robrain.protocol.wire.access.member import Member
+
+pki_app = typer.Typer(no_args_is_help=True, help="Make the certificates of a secured team.", rich_markup_mode=None)
+
+PkiOption = Annotated[Path, typer.Option("--pki", help="Folder of the CA.")]
+RoleArgument = Annotated[
+    str, typer.Argument(help="router, coordinator, operator, viewer, recorder, dashboard, robot or arena.")
+]
+NameArgument = Annotated[str, typer.Argument(help="Name of the robot, person or process.")]
+OtherTeamOption = Annotated[str | None, typer.Option("--team", help="Name of the team; default: the CA's.")]
+DaysOption = Annotated[float | None, typer.Option(help="Life of the certificate; default: 7, or as long as the last.")]
+DEFAULT_PKI = Path("pki")
+
+
+@pki_app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(help="New folder for the CA.")] = DEFAULT_PKI,
+    team: Annotated[str, typer.Option(help="Name of the team.")] = "default",
+) -> None:
+    """Make a CA for a team."""
+    from robrain.deploy.pki import issuing
+
+    issuing.init(folder, team, datetime.now(UTC))
+    say(f"{folder}: CA of team {team}; keep {folder / 'ca.key'} where no robot is")
+
+
+@pki_app.command()
+def issue(
+    role: RoleArgument,
+    name: NameArgument,
+    pki: PkiOption = DEFAULT_PKI,
+    team: OtherTeamOption = None,
+    days: DaysOption = None,
+    host: Annotated[
+        list[str] | None, typer.Option(help="Name or address at which a router is reached; may be repeated.")
+    ] = None,
+) -> None:
+    """Issue a certificate, in a folder for its member."""
+    from robrain.deploy.pki import issuing
+    from robrain.deploy.pki.folder import folder_of
+
+    wanted = _member(pki, role, team, name)
+    life = issuing.DAYS if days is None else days
+    issued = issuing.issue(pki, wanted, datetime.now(UTC), life, host or ())
+    say(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")
+
+
+@pki_app.command()
+def renew(
+    role: RoleArgument, name: NameArgument, pki: PkiOption = DEFAULT_PKI, team: OtherTeamOption = None,
+    days: DaysOption = None,
+) -> None:  # fmt: skip
+    """Issue a new certificate in place of the last one; processes take it up without a restart."""
+    from robrain.deploy.pki import issuing
+    from robrain.deploy.pki.folder import folder_of
+
+    wanted = _member(pki, role, team, name)
+    issued = issuing.renew(pki, wanted, datetime.now(UTC), days)
+    say(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")
+
+
+@pki_app.command()
+def revoke(role: RoleArgument, name: NameArgument, pki: PkiOption = DEFAULT_PKI, team: OtherTeamOption = None) -> None:
+    """Take a member out of the routers' rules for good."""
+    from robrain.deploy.pki import issuing
+    from robrain.protocol.wire.access.member import MemberRole
+
+    wanted = _member(pki, role, team, name)
+    revoked = issuing.revoke(pki, wanted)
+    if wanted.role is MemberRole.ROUTER:
+        say(
+            f"{wanted.common_name} gets no new certificate; members accept the one it has until "
+            f"{revoked.not_after:%Y-%m-%d %H:%M} UTC: if its key is lost, make a new CA"
+        )
+        return
+    say(f"{wanted.common_name} is revoked: copy members.json to the routers that run from a copy of their folder")
+
+
+@pki_app.command()
+def show(pki: PkiOption = DEFAULT_PKI) -> None:
+    """List the members, and until when their certificates last."""
+    from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
+    from robrain.protocol.wire.access.identity import duration
+
+    now = datetime.now(UTC)
+    for one in read_members(pki / MEMBERS_FILE).members:
+        left_s = (one.not_after - now).total_seconds()
+        state = "revoked" if one.revoked else f"ends in {duration(left_s)}" if left_s > 0 else "has ended"
+        say(f"{one.member.common_name:<40} {state:<20} {one.serial}")
+
+
+def router(
+    listen: Annotated[
+        str | None, typer.Option(help="Endpoint, tls/HOST:PORT; default: tls/127.0.0.1:7447, this machine alone.")
+    ] = None,
+) -> None:
+    """Run a router that lets each certificate do what its role may: `robrain --tls FOLDER router`."""
+    from robrain.deploy.pki.router import router_command
+
+    router_command(None, listen)
+
+
+def _member(pki: Path, role: str, team: str | None, name: str) -> "Member":
+    from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
+    from robrain.protocol.wire.access.member import member
+
+    return member(role, read_members(pki / MEMBERS_FILE).team if team is None else team, name)

@@ -1,0 +1,143 @@
+"""`robrain router`: a Zenoh router that lets each certificate do what its role may, and nothing else."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import zenoh
+
+from robrain.deploy.pki.errors import PkiError
+from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
+from robrain.deploy.processes.live_process import LiveStop, note, tell
+from robrain.protocol.wire.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
+from robrain.protocol.wire.access.member import MemberRole
+from robrain.protocol.wire.access.rules import access_control
+from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.wire.session import check_endpoint, is_loopback, is_secured, listening_at, open_session
+
+DEFAULT_LISTEN = "tls/127.0.0.1:7447"
+LOOK_S = 0.2
+WATCHED = (MEMBERS_FILE, CERTIFICATE)
+"""Files of its folder with whose change the router opens its session anew."""
+
+
+class SecuredRouter:
+    """A router session with the rules of a folder.
+
+    Args:
+        folder: the router's, made by `robrain pki issue router NAME`.
+        listen: endpoint, `tls/HOST:PORT`.
+
+    Raises:
+        PkiError: the folder is not a router's.
+        WireError: the certificate cannot be used, or the endpoint not be listened on.
+
+    """
+
+    def __init__(self, folder: Path, listen: str = DEFAULT_LISTEN) -> None:
+        if not is_secured(check_endpoint(listen)):
+            raise PkiError(f"--listen {listen}: expected tls/HOST:PORT")
+        self.folder = folder
+        self.listen = listen
+        self._stamps = self._files()  # before they are read: what changes meanwhile is read again
+        identity, self._rules = self._settings()
+        self._is_open = False
+        self.session = self._open(identity)
+
+    @property
+    def endpoint(self) -> str:
+        """Where it listens."""
+        return next(filter(is_secured, listening_at(self.session)))
+
+    def look(self) -> str:
+        """Open the session anew if the folder's files have changed; members then connect again by themselves.
+
+        Returns:
+            What happened, in words; empty if nothing.
+
+        """
+        stamps = self._files()
+        if stamps == self._stamps and self._is_open:
+            return ""
+        try:  # first: with files that are no good, or written in part, the router goes on as it is
+            identity, rules = self._settings()
+        except RobrainError as error:
+            return f"{error}; the router goes on with what it has"
+        is_same = rules == self._rules and stamps.get(CERTIFICATE) == self._stamps.get(CERTIFICATE)
+        self._stamps, self._rules = stamps, rules
+        if self._is_open:
+            if is_same:  # as after a renewal: nobody is to be cut off for it
+                return ""
+            self.listen = self.endpoint
+            self.session.close()
+            self._is_open = False
+        try:
+            self.session = self._open(identity)
+        except RobrainError as error:
+            return f"{error}; the router tries again"
+        return f"members and certificate are read anew: {self.members} may connect"
+
+    def close(self) -> None:
+        """End it."""
+        if self._is_open:
+            self.session.close()
+
+    def _open(self, identity: Identity) -> zenoh.Session:
+        more = {"access_control": self._rules}
+        session = open_session(mode="router", listen=[self.listen], identity=identity, more=more)
+        self._is_open = True
+        return session
+
+    def _settings(self) -> tuple[Identity, dict[str, object]]:
+        identity = read_identity(self.folder)
+        if identity.member.role is not MemberRole.ROUTER:
+            raise PkiError(
+                f"{self.folder / CERTIFICATE}: expected the certificate of a router, got {identity.member}'s"
+            )
+        check_private(self.folder / MEMBERS_FILE)  # whoever can change it decides who may do what
+        allowed = read_members(self.folder / MEMBERS_FILE).allowed
+        self.members = sum(one.role is not MemberRole.ROUTER for one in allowed)
+        return identity, access_control(allowed)
+
+    def _files(self) -> dict[str, tuple[int, int]]:
+        found = {}
+        for name in WATCHED:
+            with suppress(OSError):
+                status = (self.folder / name).stat()
+                found[name] = status.st_mtime_ns, status.st_ino
+        return found
+
+
+def router_command(folder: Path | None, listen: str | None) -> None:
+    """Run a router until Ctrl-C.
+
+    Args:
+        folder: the router's; None uses that of `--tls` or ROBRAIN_TLS.
+        listen: endpoint; None listens on loopback alone.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
+    folder = folder or tls_folder()
+    if folder is None:
+        raise PkiError("give the router's folder: `robrain --tls pki/members/router.NAME router`")
+    should_stop = LiveStop()
+    router = SecuredRouter(folder, listen or DEFAULT_LISTEN)
+    said = ""
+    try:
+        if listen and not is_loopback(listen):
+            note(f"router: other machines can reach {listen}; they need a certificate of this CA")
+        tell(f"router: at {router.endpoint}, {router.members} members may connect; Ctrl-C ends it")
+        while not should_stop():
+            time.sleep(LOOK_S)
+            said = _say_once(said, router.look(), note)
+    finally:
+        router.close()
+
+
+def _say_once(before: str, text: str, say: Callable[[str], None]) -> str:
+    if text and text != before:
+        say(f"router: {text}")
+    return text

@@ -1,0 +1,64 @@
+"""CPU and memory of a process of this machine, from Linux's /proc; unknown elsewhere."""
+
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+PROC = Path("/proc")
+PERIOD_S = 1.0
+"""Time over which CPU is averaged, at least."""
+MEGABYTE = 1024 * 1024
+
+
+class Figures(NamedTuple):
+    """What a process takes."""
+
+    cpu_share: float | None
+    """Of one core, over the last second; None if unknown."""
+    memory_mb: float | None
+    """Resident, MiB; None if unknown."""
+
+
+UNKNOWN = Figures(None, None)
+
+
+class ProcessFigures:
+    """Follows one process.
+
+    Args:
+        pid: its process id.
+        proc: where Linux tells of processes.
+
+    """
+
+    def __init__(self, pid: int, proc: Path = PROC) -> None:
+        self._folder = proc / str(pid)
+        self._before: tuple[float, float] | None = None
+        self._last = UNKNOWN
+
+    def at(self, now_s: float) -> Figures:
+        """What it takes now; the last figures if they are less than a second old.
+
+        Args:
+            now_s: a clock that only goes forward, s.
+
+        """
+        if self._before is not None and now_s - self._before[0] < PERIOD_S:
+            return self._last
+        try:
+            cpu_s, memory_mb = _read(self._folder)
+        except (OSError, ValueError, IndexError):
+            self._before, self._last = None, UNKNOWN
+            return UNKNOWN
+        share = None if self._before is None else max(cpu_s - self._before[1], 0.0) / (now_s - self._before[0])
+        self._before, self._last = (now_s, cpu_s), Figures(share, memory_mb)
+        return self._last
+
+
+def _read(folder: Path) -> tuple[float, float]:
+    """CPU seconds since the process began, and resident MiB."""
+    # The name, in brackets, may hold blanks; utime and stime are fields 14 and 15 of proc_pid_stat(5).
+    fields = (folder / "stat").read_text().rpartition(")")[2].split()
+    ticks = int(fields[11]) + int(fields[12])
+    pages = int((folder / "statm").read_text().split()[1])
+    return ticks / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE") / MEGABYTE

@@ -1,0 +1,158 @@
+"""`robrain up`, `hub`, `top` and `doctor`. Each reads its options and calls the code that does the work."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robrain.deploy.commands.process_options import (
+    JournalOption,
+    ListenOption,
+    PortOption,
+    RecordOption,
+    RulesOption,
+    above_zero,
+    until_explored,
+)
+from robrain.deploy.commands.scenario_options import (
+    MapOption,
+    MotesOption,
+    RobotsOption,
+    SeedOption,
+    TimeLimitOption,
+    UntilOption,
+)
+from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption
+from robrain.deploy.errors import UsageError
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+
+EXIT_WRONG = 1
+"""Exit status of `up` if a part was given up, and of `doctor` if something is wrong."""
+EXIT_INTERRUPTED = 130
+
+supervision_app = typer.Typer(rich_markup_mode=None)
+
+TeamArgument = Annotated[
+    str | None, typer.Argument(help="A built-in name (depot), a scenario .toml file, or a team .toml file.")
+]
+HostOption = Annotated[str | None, typer.Option(help="Of a team file: start the parts of this machine.")]
+
+
+@supervision_app.command()
+def up(
+    scenario: TeamArgument = None,
+    host: HostOption = None,
+    map_file: MapOption = None,
+    robots: RobotsOption = None,
+    motes: MotesOption = None,
+    seed: SeedOption = None,
+    until: UntilOption = None,
+    time_limit: TimeLimitOption = None,
+    record: RecordOption = None,
+    dashboard: Annotated[bool, typer.Option(help="Show the team in a browser page on 127.0.0.1.")] = True,
+    port: PortOption = None,
+    listen: Annotated[
+        str | None,
+        typer.Option(help="Endpoint of the team's hub; default: where commands on this machine look for a team."),
+    ] = None,
+    journal: JournalOption = None,
+    stand_by: Annotated[
+        bool, typer.Option("--stand-by", help="Also start a coordinator that stands by and takes over.")
+    ] = False,
+    rules: RulesOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print one JSON object per line: hub, dashboard, forwarders, failures, result."),
+    ] = False,
+) -> None:
+    """Start a team as separate processes in real time, and start again what ends or hangs.
+
+    Exit status 1 if a part failed too often and was given up.
+    """
+    from robrain.deploy.supervision.team_file import is_team_file
+    from robrain.deploy.supervision.up_command import ScenarioSite, UpWords, up_host, up_scenario
+
+    words = UpWords(until_explored(until), above_zero("--time-limit", time_limit), as_json)
+    if scenario is not None and is_team_file(Path(scenario)):
+        given = {
+            "--map": map_file, "--robots": robots, "--motes": motes, "--seed": seed, "--record": record, "--port": port,
+            "--listen": listen, "--journal": journal, "--stand-by": stand_by or None, "--rules": rules,
+            "--no-dashboard": None if dashboard else True, "--team": None if team == DEFAULT_TEAM else team,
+        }  # fmt: skip
+        if wrong := [option for option, value in given.items() if value is not None]:
+            raise UsageError(f"{', '.join(wrong)}: the team file {scenario} says that, not the command line")
+        result = up_host(Path(scenario), host, words)
+    else:
+        from robrain.deploy.commands.options import choose_scenario
+        from robrain.deploy.commands.recording_path import new_recording
+
+        if host is not None:
+            raise UsageError(f"--host {host}: expected a team file with [[hosts]]")
+        check_name("team", team)
+        chosen = choose_scenario(scenario, map_file, robots, motes, seed)
+        if rules is not None:
+            from robrain.deploy.run.rules_file import read_rules
+
+            chosen = chosen.replace(rules=read_rules(rules))
+        site = ScenarioSite(team, listen, dashboard, port, new_recording(record), journal, stand_by)
+        result = up_scenario(chosen, _scenario_words(scenario, map_file, robots, motes, seed), site, words)
+    if result.given_up:
+        raise typer.Exit(EXIT_WRONG)
+    if result.ended == "interrupted" and as_json:
+        raise typer.Exit(EXIT_INTERRUPTED)
+
+
+@supervision_app.command()
+def hub(listen: ListenOption = None) -> None:
+    """Route a team's messages: the Zenoh router to which all others connect."""
+    from robrain.deploy.processes.hub_process import hub_command
+
+    hub_command(listen)
+
+
+@supervision_app.command()
+def top(
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    once: Annotated[bool, typer.Option("--once", help="Print the table once, after two seconds.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Show the processes of a running team: CPU, memory, message rates, as far as they are known."""
+    from robrain.deploy.supervision.top import top_command
+
+    top_command(connect, check_name("team", team), once=once, as_json=as_json)
+
+
+@supervision_app.command()
+def doctor(
+    file: Annotated[
+        Path | None, typer.Argument(help="A ROBOT.toml or a team file; default: this machine's hub.")
+    ] = None,
+    host: Annotated[str | None, typer.Option(help="Of a team file: check the parts of this machine.")] = None,
+    connect: ConnectOption = None,
+    team: Annotated[str | None, typer.Option(help="Name of the team; default: the one in the file.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what keeps a robot, or the parts of a machine, from joining a team, and what to do about it.
+
+    Exit status 1 if something is wrong.
+    """
+    from robrain.deploy.doctor.doctor_command import doctor_command
+
+    if team is not None:
+        check_name("team", team)
+    if not doctor_command(file, host, connect, team, as_json=as_json):
+        sys.stdout.flush()
+        raise typer.Exit(EXIT_WRONG)
+
+
+def _scenario_words(
+    scenario: str | None, map_file: Path | None, robots: int | None, motes: int | None, seed: int | None
+) -> list[str]:
+    words = [scenario] if scenario is not None else []
+    for option, value in (("--map", map_file), ("--robots", robots), ("--motes", motes), ("--seed", seed)):
+        if value is not None:
+            words += [option, str(value)]
+    return words

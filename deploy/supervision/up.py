@@ -1,0 +1,297 @@
+"""`robrain up`: a team, or its parts on one machine, as processes that are watched and started again."""
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple, Protocol
+from urllib.parse import urlsplit
+
+import msgspec
+
+from robrain.deploy.errors import ChildFailed
+from robrain.deploy.processes import dashboard_process, hub_process
+from robrain.deploy.processes.forwarder_words import read_said
+from robrain.deploy.processes.live_process import ANY_PORT, open_when_there
+from robrain.deploy.supervision.part import HUB, RECORDER, PartEvent, PartView
+from robrain.deploy.supervision.site import MakeParts, Site, hub_part
+from robrain.deploy.supervision.supervisor import Supervisor
+from robrain.deploy.supervision.team_watch import TeamWatch
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import PortTaken
+from robrain.protocol.wire.hub import hub_endpoint
+from robrain.protocol.wire.session import check_endpoint, check_port_free, is_loopback
+
+LOOK_PERIOD_S = 0.1
+STARTING_PERIOD_S = 0.01
+"""Between two looks at a hub that starts, for which everything else waits."""
+
+
+class TeamStatus(NamedTuple):
+    """The team at one moment, for display."""
+
+    robots: list[tuple[str, str]]
+    """Name, and how it is in a few words."""
+    coordinator_up: bool
+    parts: list[PartView]
+    """The processes of this machine."""
+    sim_time_s: float
+    explored_fraction: float
+    forwarders: dict[str, str]
+    """`host:port` of the Serial Forwarder of each robot's base station."""
+
+
+class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag="result"):
+    """Final result of `robrain up`; the last line of `up --json`."""
+
+    scenario: str
+    ended: str
+    robots_up: int
+    sim_time_s: float
+    explored_fraction: float
+    collisions: int
+    recording: str | None
+    messages: int
+    map_accuracy: MapAccuracy | None = None
+    """Accuracy of the team's map at the end."""
+    pose_accuracy: dict[str, PoseAccuracy] = {}
+    """Accuracy of each robot's positions over the run."""
+    serial_forwarders: dict[str, str] = {}
+    """`host:port` at which each robot's base station could be reached."""
+    restarts: dict[str, int] = {}
+    """How often each part was started again; those that never were are left out."""
+    given_up: list[str] = []
+    """Parts that failed too often and were not started again."""
+
+
+class UpOptions(NamedTuple):
+    """How a team is brought up."""
+
+    team: str
+    listen: str | None = None
+    """Endpoint of the hub; None uses this machine's hub endpoint, or a free port if that is taken."""
+    connect: str | None = None
+    """Endpoint of the hub on another machine; None if it runs here."""
+    robots: Sequence[str] = ()
+    """The team's robots as far as they are known."""
+    until_explored: float | None = None
+    time_limit_s: float | None = None
+    record: Path | None = None
+
+
+class UpDisplay(Protocol):
+    """Receives events while a team starts and runs."""
+
+    def hub(self, endpoint: str, taken: str) -> None:
+        """The hub listens at `endpoint`; `taken` is this machine's hub endpoint if another process has it, else ""."""
+
+    def dashboard(self, url: str) -> None:
+        """The page is served."""
+
+    def part(self, event: PartEvent) -> None:
+        """A part has failed, or is back."""
+
+    def show(self, status: TeamStatus) -> None:
+        """Status of the team, ten times a second."""
+
+    def ended(self, result: UpResult) -> None:
+        """Final result of the run."""
+
+
+class _Recorded(msgspec.Struct):
+    """What is read of a recorder's summary."""
+
+    messages: int
+
+
+class Printed:
+    """What parts print that others need to know. Called on the threads that read their output."""
+
+    def __init__(self, dashboard_port: int | None) -> None:
+        self.endpoint = ""
+        self.page = ""
+        self.forwarders: dict[str, str] = {}
+        self.messages = 0
+        """Recorded."""
+        self._dashboard_port = dashboard_port
+
+    def dashboard_port(self) -> int | None:
+        """Port of the page: once it is served it stays, so that browsers find it again."""
+        return urlsplit(self.page).port if self.page else self._dashboard_port
+
+    def on_hub(self, line: str) -> None:
+        """A line of the hub's."""
+        if line.startswith(f"{hub_process.READY_PREFIX}tcp/") and not self.endpoint:  # not a warning
+            self.endpoint = line.removeprefix(hub_process.READY_PREFIX).split(",")[0]
+
+    def on_dashboard(self, line: str) -> None:
+        """A line of the dashboard's."""
+        if line.startswith(dashboard_process.READY_PREFIX):
+            self.page = line.removeprefix(dashboard_process.READY_PREFIX)
+
+    def on_arena(self, line: str) -> None:
+        """A line of the arena's."""
+        if said := read_said([line]):
+            self.forwarders = {**self.forwarders, **said}
+
+    def on_recorder(self, line: str) -> None:
+        """A line of the recorder's: the last is its summary."""
+        if line.startswith("{"):
+            try:
+                self.messages += msgspec.json.decode(line, type=_Recorded).messages
+            except msgspec.MsgspecError:
+                return
+
+
+def run_up(
+    name: str,
+    make_parts: MakeParts,
+    options: UpOptions,
+    printed: Printed,
+    *,
+    should_stop: Callable[[], bool],
+    display: UpDisplay,
+) -> UpResult:
+    """Start a team, or its parts on this machine, watch it, and stop it.
+
+    Args:
+        name: of the scenario, or of the host.
+        make_parts: makes all parts but the hub.
+        options: options of the run.
+        printed: what the parts print.
+        should_stop: polled ten times a second.
+        display: receives events as they occur.
+
+    Raises:
+        RobrainError: a process cannot be started; the text says why.
+
+    """
+    with ExitStack() as closing:
+        folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="robrain-")))
+        supervisor = closing.enter_context(Supervisor(display.part))
+        endpoint = options.connect
+        if endpoint is None:
+            listen, taken = choose_endpoint(options.listen)
+            printed.endpoint = ""
+            supervisor.add([hub_part(lambda: printed.endpoint or listen, printed.on_hub)])
+            if not _await_hub(supervisor, printed, should_stop):
+                return _result(name, "interrupted", None, supervisor, printed, options)
+            endpoint = printed.endpoint
+            display.hub(endpoint, taken)
+        session = open_when_there("up", [endpoint], should_stop)
+        if session is None:
+            return _result(name, "interrupted", None, supervisor, printed, options)
+        closing.callback(session.close)
+        wire = Endpoint(session, options.team, WallClock(), Drive.LIVE)
+        closing.callback(wire.close)
+        watch = TeamWatch(wire, options.robots)
+        parts = make_parts(Site(folder, endpoint, options.team, watch, is_loopback(endpoint)))
+        closing.callback(supervisor.stop)  # while the folder is there, and the wire open
+        first = [part for part in parts if part.name == RECORDER]
+        rest = [part for part in parts if part.name != RECORDER]
+        supervisor.add(first or rest)
+        waiting = rest if first else []
+        ended, page = "", ""
+        while not ended:
+            supervisor.look()
+            if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
+                supervisor.add(waiting)
+                waiting = []
+            watch.look()
+            if printed.page != page:
+                page = printed.page
+                display.dashboard(page)
+            display.show(_status(watch, supervisor, printed))
+            ended = _why_ended(watch, supervisor, options, interrupted=should_stop())
+            time.sleep(LOOK_PERIOD_S)
+        robots_up = sum(robot.is_up for robot in watch.robots())
+        supervisor.stop()
+        return _result(name, ended, watch, supervisor, printed, options, robots_up)
+
+
+def choose_endpoint(listen: str | None) -> tuple[str, str]:
+    """Where the hub is to listen, and this machine's hub endpoint if another process has that, else "".
+
+    Raises:
+        PortTaken: another process listens at `listen`.
+        WireError: it cannot be listened on.
+
+    """
+    if listen is not None:
+        check_port_free(check_endpoint(listen))
+        return listen, ""
+    try:
+        check_port_free(hub_endpoint())
+    except PortTaken:
+        return ANY_PORT, hub_endpoint()
+    return hub_endpoint(), ""
+
+
+def _await_hub(supervisor: Supervisor, printed: Printed, should_stop: Callable[[], bool]) -> bool:
+    while not should_stop():
+        supervisor.look()
+        if supervisor.lost:
+            raise ChildFailed("the hub did not start: it has failed too often")
+        hub = supervisor.named(HUB)
+        if printed.endpoint and hub is not None and hub.is_up:
+            return True
+        time.sleep(STARTING_PERIOD_S)
+    return False
+
+
+def _status(watch: TeamWatch, supervisor: Supervisor, printed: Printed) -> TeamStatus:
+    robots = watch.robots()
+    stations = {name: f", base station {address}" for name, address in printed.forwarders.items()}
+    words = {robot.name: robot.words + stations.get(robot.name, "") for robot in robots}
+    now_s = time.monotonic()
+    truth = watch.truth
+    return TeamStatus(
+        [(robot.name, robot.words) for robot in robots],
+        watch.has_coordinator,
+        [each.view(now_s, watch.messages(each.part.name), words.get(each.part.name, "")) for each in supervisor.all],
+        watch.sim_time_s,
+        truth.explored_fraction if truth is not None else 0.0,
+        printed.forwarders,
+    )
+
+
+def _why_ended(watch: TeamWatch, supervisor: Supervisor, options: UpOptions, *, interrupted: bool) -> str:
+    explored = watch.truth.explored_fraction if watch.truth is not None else 0.0
+    if interrupted:
+        return "interrupted"
+    if options.until_explored is not None and explored >= options.until_explored:
+        return "explored"
+    if options.time_limit_s is not None and watch.sim_time_s >= options.time_limit_s:
+        return "time_limit"
+    return f"the {supervisor.lost} was given up" if supervisor.lost else ""
+
+
+def _result(
+    name: str,
+    ended: str,
+    watch: TeamWatch | None,
+    supervisor: Supervisor,
+    printed: Printed,
+    options: UpOptions,
+    robots_up: int = 0,
+) -> UpResult:
+    truth = watch.truth if watch is not None else None
+    robots = truth.robots if truth is not None else []
+    return UpResult(
+        scenario=name,
+        ended=ended,
+        robots_up=robots_up,
+        sim_time_s=watch.sim_time_s if watch is not None else 0.0,
+        explored_fraction=truth.explored_fraction if truth is not None else 0.0,
+        collisions=sum(robot.collisions for robot in robots),
+        recording=str(options.record) if options.record is not None else None,
+        messages=printed.messages,
+        map_accuracy=truth.map_accuracy if truth is not None else None,
+        pose_accuracy={robot.robot: robot.accuracy for robot in robots if robot.accuracy is not None},
+        serial_forwarders=printed.forwarders,
+        restarts={each.part.name: each.restarts.restarts for each in supervisor.all if each.restarts.restarts},
+        given_up=supervisor.given_up,
+    )

@@ -1,0 +1,196 @@
+"""The work of `robrain up`: of a scenario, or of the parts of one machine in a team file."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from robrain.deploy.commands.recording_path import new_recording, next_recording
+from robrain.deploy.errors import UsageError
+from robrain.deploy.processes.live_process import LiveStop
+from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY, STOCK_PARTS, Part
+from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts, dashboard_part, recorder_part
+from robrain.deploy.supervision.team_file import Host, TeamFile, read_team_file
+from robrain.deploy.supervision.up import Printed, UpOptions, UpResult, run_up
+from robrain.deploy.supervision.up_display import up_display
+
+if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot does not need
+    from robrain.sim.scenarios.scenario import Scenario
+
+
+class UpWords(NamedTuple):
+    """Options of `robrain up` that a scenario and a team file share."""
+
+    until_explored: float | None
+    time_limit_s: float | None
+    as_json: bool
+
+
+class ScenarioSite(NamedTuple):
+    """Options of `robrain up` for a scenario on one machine."""
+
+    team: str
+    listen: str | None
+    dashboard: bool
+    dashboard_port: int | None
+    record: Path | None
+    journal: Path | None
+    stand_by: bool
+
+
+def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, options: UpWords) -> UpResult:
+    """Start a whole scenario on this machine, and stop it.
+
+    Args:
+        scenario: what is simulated.
+        words: arguments of the command line that name it.
+        site: what is started.
+        options: when it ends, and how it is told.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
+    robots = [robot.name for robot in scenario.world().robots]
+    wanted = [ARENA, COORDINATOR, *robots]
+    wanted += [DASHBOARD] if site.dashboard else []
+    wanted += [STAND_BY] if site.stand_by else []
+    wanted += [RECORDER] if site.record is not None else []
+    printed = Printed(site.dashboard_port)
+
+    def make(where: Site) -> list[Part]:
+        return _of_scenario(where, scenario, words, wanted, printed, options, site.journal, site.record, {})
+
+    up_options = UpOptions(
+        team=site.team,
+        listen=site.listen,
+        robots=robots,
+        until_explored=options.until_explored,
+        time_limit_s=options.time_limit_s,
+        record=site.record,
+    )
+    return _run(scenario.name, make, up_options, printed, options)
+
+
+def up_host(path: Path, host_name: str | None, options: UpWords) -> UpResult:
+    """Start the parts of one machine of a team file, and stop them.
+
+    Args:
+        path: the team file.
+        host_name: which machine; None if there is only one.
+        options: when it ends, and how it is told.
+
+    Raises:
+        RobrainError: in one sentence.
+
+    """
+    team_file = read_team_file(path)
+    host = team_file.host(path, host_name)
+    folder, team = path.parent, team_file.team
+    journal = folder / (team.journal or f"{team.name}.journal")
+    record = _recording(path, team_file, host)
+    files = {name: folder / file for name, file in team_file.robots.items() if name in host.parts}
+    printed = Printed(team.dashboard_port)
+    if team.scenario:
+        scenario, words = _scenario_of(path, team.scenario)
+        known = [robot.name for robot in scenario.world().robots]
+        if unknown := [name for name in host.robots if name not in known and name not in files]:
+            names = ", ".join(known)
+            raise UsageError(
+                f"{path}: hosts.{host.name}.parts: expected {', '.join(STOCK_PARTS)}, {names} or a "
+                f"robot of [robots], got {unknown[0]}"
+            )
+
+        def make(where: Site) -> list[Part]:
+            return _of_scenario(where, scenario, words, host.parts, printed, options, journal, record, files)
+    else:
+        kept = {"planning": team.planning, "rules": team.rules}
+
+        def make(where: Site) -> list[Part]:
+            options = [w for key, file in kept.items() if file for w in (f"--{key}", str(folder / file))]
+            return _of_robot_files(where, host, printed, journal, options, record, files)
+
+    up_options = UpOptions(
+        team=team.name,
+        listen=team_file.endpoint if HUB in host.parts else None,
+        connect=None if HUB in host.parts else team_file.endpoint,
+        robots=host.robots,
+        until_explored=options.until_explored,
+        time_limit_s=options.time_limit_s,
+        record=record,
+    )
+    return _run(host.name, make, up_options, printed, options)
+
+
+def _run(
+    name: str, make: Callable[[Site], list[Part]], up_options: UpOptions, printed: Printed, options: UpWords
+) -> UpResult:
+    should_stop = LiveStop()
+    with up_display(as_json=options.as_json) as display:
+        result = run_up(name, make, up_options, printed, should_stop=should_stop, display=display)
+    display.ended(result)
+    return result
+
+
+def _of_scenario(
+    site: Site,
+    scenario: "Scenario",
+    words: Sequence[str],
+    parts: Sequence[str],
+    printed: Printed,
+    options: UpWords,
+    journal: Path | None,
+    record: Path | None,
+    files: dict[str, Path],
+) -> list[Part]:
+    from robrain.deploy.supervision.scenario_parts import Wanted, scenario_parts
+
+    wanted = Wanted(
+        parts,
+        journal,
+        record,
+        printed.dashboard_port,
+        printed.on_dashboard,
+        printed.on_arena,
+        printed.on_recorder,
+        files,
+        quiet=options.as_json,
+    )
+    return scenario_parts(site, scenario, words, wanted)
+
+
+def _of_robot_files(
+    site: Site,
+    host: Host,
+    printed: Printed,
+    journal: Path,
+    coordination: Sequence[str],
+    record: Path | None,
+    files: dict[str, Path],
+) -> list[Part]:
+    """The parts of a machine of a team without a scenario."""
+    parts: list[Part] = []
+    if record is not None:
+        parts.append(recorder_part(site, record, None, printed.on_recorder))
+    first, stands_by = COORDINATOR in host.parts, STAND_BY in host.parts
+    parts += coordinator_parts(site, journal, coordination, first=first, stands_by=stands_by)
+    parts += [agent_part(site, name, file) for name, file in files.items()]
+    if DASHBOARD in host.parts:
+        parts.append(dashboard_part(site, printed.dashboard_port, printed.on_dashboard))
+    return parts
+
+
+def _recording(path: Path, team_file: TeamFile, host: Host) -> Path | None:
+    if RECORDER not in host.parts:
+        return None
+    if team_file.team.record:
+        return new_recording(path.parent / team_file.team.record)
+    return next_recording(path.parent / "runs", team_file.team.name)
+
+
+def _scenario_of(path: Path, name: str) -> tuple["Scenario", list[str]]:
+    """The scenario of a team file, and the words of a command line that name it."""
+    from robrain.deploy.commands.options import choose_scenario
+
+    if name.endswith(".toml") or "/" in name:
+        name = str(path.parent / name)
+    return choose_scenario(name, None, None, None, None), [name]

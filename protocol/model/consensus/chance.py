@@ -1,0 +1,13 @@
+"""Numbers that look random and are equal for all robots: hashes of what all of them know."""
+
+from hashlib import blake2b
+
+
+def chance(*words: object) -> float:
+    """A number from 0 to 1, 1 excluded; equal words, equal number, on every machine.
+
+    A cryptographic hash, not a checksum: those of texts of one length differ by the same bits whatever else is hashed,
+    so the same tasks would be preferred in every round.
+    """
+    text = ":".join(map(str, words))
+    return int.from_bytes(blake2b(text.encode(), digest_size=6).digest(), "big") / 2**48

@@ -1,0 +1,89 @@
+"""The asking side of driving by hand: takes the driver's lease when it is needed, renews it, and gives it back."""
+
+import contextlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from robrain.protocol.model.ranges import Count, PositiveDuration
+from robrain.protocol.wire.errors import CallError, ErrorCode, RobrainError
+
+DRIVER = "driver"
+RENEW_S = 0.025
+"""Period of renewals, if the robot's driver has the default lease."""
+LONGEST_RENEW_S = 0.5
+"""A robot is asked again after this, whatever it says."""
+
+
+class HandLease(msgspec.Struct, frozen=True, kw_only=True):
+    """The right to drive a robot by hand, until it lapses."""
+
+    lease: Count
+    """Number of the lease; each `move` gives it."""
+    lease_s: PositiveDuration
+    """It lapses this long after it was taken or renewed."""
+    renew_s: PositiveDuration
+    """Period in which to call `move`."""
+
+
+CallDriver = Callable[[str, Mapping[str, object]], Any]
+"""Calls a function of a robot's driver, arguments by name; returns decoded JSON, raises RobrainError."""
+
+
+class HandControl:
+    """Drives one robot by hand. Call `move` every `renew_s` for as long as a person, or a program, wants it to move.
+
+    Args:
+        call: reaches the robot's driver.
+        by: name of the holder; no other drives the robot meanwhile.
+
+    """
+
+    def __init__(self, call: CallDriver, by: str) -> None:
+        self.renew_s = RENEW_S
+        """Period of `move`; the robot says it with the first one."""
+        self._call = call
+        self._by = by
+        self._lease: int | None = None
+
+    def move(self, forward_m_s: float = 0.0, left_m_s: float = 0.0, yaw_rad_s: float = 0.0) -> None:
+        """Want this velocity, body frame, until the lease lapses; zero gives the robot back.
+
+        A lease that has lapsed, as the link was slow, is taken again, and the next call moves the robot: what was asked
+        for before the wait no longer counts.
+
+        Raises:
+            CallError: somebody else drives the robot (`busy`), or it does not obey.
+            NobodyThere: the robot is absent.
+
+        """
+        velocity = {"forward_m_s": forward_m_s, "left_m_s": left_m_s, "yaw_rad_s": yaw_rad_s}
+        if not any(velocity.values()):
+            self.release()
+            return
+        lease = self._lease if self._lease is not None else self._take()
+        try:
+            self._call("move", velocity | {"lease": lease})
+        except RobrainError as error:
+            self._lease = None  # a driver that was started anew counts its leases anew
+            if not (isinstance(error, CallError) and error.code is ErrorCode.REFUSED):
+                raise
+            self._take()
+
+    def _take(self) -> int:
+        answer = self._call("take_hand", {"by": self._by})
+        try:
+            taken = msgspec.convert(answer, HandLease)
+        except msgspec.ValidationError as error:
+            raise CallError(ErrorCode.FAILED, f"take_hand: the answer is no lease: {error}") from error
+        self._lease, self.renew_s = taken.lease, min(taken.renew_s, LONGEST_RENEW_S)
+        return taken.lease
+
+    def release(self) -> None:
+        """Give the robot back; if it does not hear this, the lease lapses."""
+        if self._lease is None:
+            return
+        lease, self._lease = self._lease, None
+        with contextlib.suppress(RobrainError):
+            self._call("move", {"forward_m_s": 0.0, "left_m_s": 0.0, "yaw_rad_s": 0.0, "lease": lease})

@@ -1,0 +1,110 @@
+"""A behavior's tasks over the wire: offers, withdrawals, the lease, and behaviors that break."""
+
+import pytest
+
+from robrain.agent.lifecycle.transitions import Trigger
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
+from tests.agent.desk_of_one import offer
+
+SEEKER = """
+    from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+
+    class Seeker(Behavior):
+        kind = "explore"
+        period_s = 0.02
+        def init(self):
+            self.log, self.trouble = [], None
+        def activate(self): self.env.do_tasks(self.accept, self.let_go)
+        def step(self): self.raise_if("step")
+        def accept(self, task):
+            self.raise_if("accept")
+            self.log.append(task.id)
+            return TaskAnswer(accepted=True)
+        def let_go(self, why):
+            self.raise_if("let_go")
+            self.log.append(why)
+        def raise_if(self, where):
+            if self.trouble == where: raise RuntimeError(f"trouble in {where}")
+
+    class Bystander(Device):
+        period_s = 0.02
+        steps = 0
+        def step(self): self.steps += 1
+"""
+
+
+@pytest.fixture
+def seeker(bench):
+    bench.code("seeker", SEEKER)
+    bench.manifest("seeker", "seeker:Seeker")
+    bench.manifest("bystander", "seeker:Bystander")
+    bench.start("seeker", "bystander")
+    bench.coordinator = bench.wire.publisher(COORDINATOR_STATE)
+    return bench
+
+
+def send(bench, topic, message):
+    return bench.wire.ask(topic, message, robot="r1")
+
+
+def status(bench):
+    inbox = Inbox()
+    bench.wire.subscribe(inbox, ROBOT_STATE)
+    bench.tick(6)
+    return inbox.drain()[-1].message.task
+
+
+def test_over_the_wire_a_task_runs_while_the_coordinator_is_heard_and_no_longer(seeker):
+    assert send(seeker, ROBOT_OFFER, offer(lease_s=1.0)) == TaskAnswer(accepted=True)
+    for _ in range(30):
+        seeker.coordinator.put(TeamState(robots=[]))
+        seeker.tick(5)
+    assert status(seeker).state is TaskState.RUNNING
+    seeker.tick(60)
+    assert status(seeker).state is TaskState.CANCELLED
+    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
+
+
+def test_over_the_wire_a_task_can_be_withdrawn(seeker):
+    send(seeker, ROBOT_OFFER, offer())
+    send(seeker, ROBOT_WITHDRAW, TaskWithdrawal(id="t1", epoch=1, why="changed our minds"))
+    assert seeker.plugin("seeker").log == ["t1", "changed our minds"]
+
+
+def test_a_behavior_that_raises_over_an_offer_is_faulted_and_the_offer_refused(seeker):
+    seeker.plugin("seeker").trouble = "accept"
+    assert "seeker is faulted: RuntimeError: trouble in accept" in send(seeker, ROBOT_OFFER, offer()).why
+    assert status(seeker) is None
+    assert seeker.infos()["seeker"].state == "faulted"
+
+
+def test_a_second_offer_that_breaks_the_behavior_fails_the_first_task(seeker):
+    send(seeker, ROBOT_OFFER, offer())
+    seeker.plugin("seeker").trouble = "accept"
+    assert not send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).accepted
+    assert (status(seeker).id, status(seeker).state) == ("t1", TaskState.FAILED)
+
+
+def test_a_behavior_that_raises_when_it_must_let_go_takes_nobody_with_it(seeker):
+    send(seeker, ROBOT_OFFER, offer(lease_s=0.1))
+    seeker.plugin("seeker").trouble = "let_go"
+    seeker.tick(50)
+    assert status(seeker).state is TaskState.CANCELLED
+    assert seeker.infos()["seeker"].why == "RuntimeError: trouble in let_go"
+    assert seeker.plugin("bystander").steps >= 50
+
+
+def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
+    send(seeker, ROBOT_OFFER, offer())
+    seeker.plugin("seeker").trouble = "step"
+    assert status(seeker).state is TaskState.FAILED
+    assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).why
+
+
+def test_a_deactivated_behavior_takes_no_tasks(seeker):
+    seeker.hosts[-1].manager.get("seeker").apply(Trigger.DEACTIVATE)
+    assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer()).why

@@ -1,0 +1,278 @@
+"""Recovery: `kill -9` and SIGSTOP of each process of a team under `robrain up`, in turn.
+
+Noticed is the time from the signal until `up` says that the part has failed; well is the time until the part does its
+work again, as another process of the team sees it. Tasks are submitted before and after each signal: each that was
+acknowledged has to be in the journal at the end.
+"""
+
+import json
+import os
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
+
+from rich.console import Console
+
+from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.deploy.supervision.part import COORDINATOR, STAND_BY
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskSubmission
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import (
+    ARENA_TRUTH,
+    COORDINATOR_STATE,
+    COORDINATOR_WHO,
+    RECORDER_STATE,
+    ROBOT_STATE,
+    TASK_LIST,
+    TASK_SUBMIT,
+)
+
+PARTS = ("r1", "coordinator", "stand-by", "recorder", "dashboard", "arena", "hub")
+SIGNALS = {"kill -9": signal.SIGKILL, "SIGSTOP": signal.SIGSTOP}
+NOTICED_S = {"kill -9": 1.0, "SIGSTOP": 7.0}
+"""Bounds. A process that hangs is silent for 5 s before it is killed, the hub for 3 s."""
+WELL_S = {"kill -9": 10.0, "SIGSTOP": 16.0}
+PATIENCE_S = 120.0
+ASK_S = 1.0
+POLL_S = 0.01
+PLACE = Point2D(1.0, 1.0)
+
+
+class Recovered(NamedTuple):
+    """What became of one signal."""
+
+    part: str
+    signal: str
+    noticed_s: float
+    well_s: float
+
+
+class RecoveryTeam:
+    """A team under `robrain up`, and another process that sees how it is.
+
+    Args:
+        process: `robrain up --json`.
+
+    """
+
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        self.process = process
+        self.acknowledged: list[str] = []
+        """Tasks that the coordinator has acknowledged."""
+        self.pids: dict[str, int] = {}
+        self.page = ""
+        self.result: dict[str, Any] = {}
+        self._up: set[str] = set()
+        self._lines: queue.SimpleQueue[tuple[float, str]] = queue.SimpleQueue()
+        self._failed_s: dict[str, float] = {}
+        self._reader = threading.Thread(target=self._read, name="lines", daemon=True)
+        self._reader.start()
+        hub = ""
+
+        def found_hub() -> bool:
+            nonlocal hub
+            hub = hub or next((event["endpoint"] for event in self._events() if event["event"] == "hub"), "")
+            return bool(hub)
+
+        self._until(found_hub, "no hub")
+        self._session = open_session(connect=[hub], wait_s=PATIENCE_S)
+        self._wire = Endpoint(self._session, "default", WallClock(), Drive.LIVE)
+        self._inbox = Inbox(every=True)
+        for topic in (ARENA_TRUTH, COORDINATOR_STATE, RECORDER_STATE, ROBOT_STATE):
+            self._wire.subscribe(self._inbox, topic)
+        self._until(lambda: self._note_events() or set(PARTS) <= self._up, "the team does not come up")
+        for part in PARTS:
+            self._until(self._is_well(part, time.time_ns()), f"{part} is not well")
+
+    def strike(self, part: str, name: str) -> Recovered:
+        """Send a signal to a part, and wait until it is well again."""
+        self.submit()
+        victim = self._role(part)
+        pid = self.pids[victim]
+        self._failed_s.pop(victim, None)
+        self._up.discard(victim)
+        began_s = time.monotonic()
+        os.kill(pid, SIGNALS[name])
+        self._until(lambda: self._note_events() or victim in self._failed_s, f"nobody noticed that {part} has failed")
+        noticed_s = self._failed_s[victim] - began_s
+        if part != COORDINATOR:  # whose work the one that stands by does meanwhile
+            self._until(lambda: self._note_events() or victim in self._up, f"{part} is not up again")
+        self._until(self._is_well(part, time.time_ns()), f"{part} is not well again")
+        well_s = time.monotonic() - began_s
+        self._until(lambda: self._note_events() or victim in self._up, f"{part} is not up again")
+        self.submit()
+        return Recovered(part, name, noticed_s, well_s)
+
+    def _role(self, part: str) -> str:
+        """The part whose process has a role now: that of the coordinator goes from one to the other."""
+        if part not in (COORDINATOR, STAND_BY):
+            return part
+        coordinates = 0
+
+        def found() -> bool:
+            nonlocal coordinates
+            with suppress(CallError, NobodyThere):
+                coordinates = self._wire.ask(COORDINATOR_WHO, timeout_s=ASK_S).pid
+            return bool(coordinates)
+
+        self._until(found, "nobody coordinates")
+        is_swapped = self.pids[STAND_BY] == coordinates
+        return {COORDINATOR: STAND_BY, STAND_BY: COORDINATOR}[part] if is_swapped else part
+
+    def submit(self) -> None:
+        """Submit a task, again until it is acknowledged."""
+        name = f"t{len(self.acknowledged) + 1}"
+        asked = TaskSubmission(task=Task(id=name, kind="visit", place=PLACE))
+
+        def is_acknowledged() -> bool:
+            try:
+                self._wire.ask(TASK_SUBMIT, asked, timeout_s=ASK_S)
+            except NobodyThere:
+                return False
+            except CallError:  # no reply in time, or it was taken in by the first question
+                return name in (self._listed() or ())
+            return True
+
+        self._until(is_acknowledged, f"{name} is never acknowledged")
+        self.acknowledged.append(name)
+
+    def lost(self) -> list[str]:
+        """Tasks that were acknowledged and that the coordinator does not know."""
+        listed: set[str] | None = None
+
+        def found() -> bool:
+            nonlocal listed
+            listed = self._listed()
+            return listed is not None
+
+        self._until(found, "the coordinator does not list its tasks")
+        return [name for name in self.acknowledged if listed is None or name not in listed]
+
+    def close(self) -> None:
+        """Stop the team, and read its result."""
+        self._wire.close()
+        self._session.close()  # type: ignore[no-untyped-call]
+        self.process.send_signal(signal.SIGTERM)
+        self.process.wait(PATIENCE_S)
+        self._reader.join(PATIENCE_S)
+        self._note_events()
+
+    def _is_well(self, part: str, since_ns: int) -> Callable[[], bool]:
+        """Whether a part has done its work since a moment."""
+        self._inbox.drain()
+        if part == "dashboard":
+            return self._page_answers
+        if part == "stand-by":
+            return lambda: True  # it has said so itself; its work is to wait
+        topics = {"coordinator": COORDINATOR_STATE, "arena": ARENA_TRUTH, "recorder": RECORDER_STATE}
+        wanted = [topics.get(part, ROBOT_STATE)] if part != "hub" else [ROBOT_STATE, COORDINATOR_STATE, ARENA_TRUTH]
+        heard = set()
+
+        def is_well() -> bool:
+            for received in self._inbox.drain():
+                if received.topic is ROBOT_STATE and part not in ("hub", received.message.robot):
+                    continue
+                if received.message.stamp_ns >= since_ns:
+                    heard.add(received.topic.name)
+            is_heard = all(topic.name in heard for topic in wanted)
+            return is_heard and (part not in ("coordinator", "hub") or self._listed() is not None)
+
+        return is_well
+
+    def _listed(self) -> set[str] | None:
+        try:
+            return {record.task.id for record in self._wire.ask(TASK_LIST, TaskFilter(), timeout_s=ASK_S)}
+        except (CallError, NobodyThere):
+            return None
+
+    def _page_answers(self) -> bool:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", urlsplit(self.page).port or 0), ASK_S):
+            return True
+        return False
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self._lines.put((time.monotonic(), line))
+
+    def _events(self) -> Iterator[dict[str, Any]]:
+        while not self._lines.empty():
+            at_s, line = self._lines.get()
+            if not line.startswith("{"):
+                continue
+            event = json.loads(line)
+            if event["event"] == "part":
+                self._note_part(event, at_s)
+            elif event["event"] == "dashboard":
+                self.page = event["url"]
+            elif event["event"] == "result":
+                self.result = event
+            yield event
+
+    def _note_events(self) -> None:
+        for _ in self._events():
+            pass
+
+    def _note_part(self, event: dict[str, Any], at_s: float) -> None:
+        part, kind = event["part"], event["kind"]
+        if kind == "started":
+            self.pids[part] = event["pid"]
+        elif kind in ("up", "up_again"):
+            self._up.add(part)
+        else:
+            self._failed_s.setdefault(part, at_s)
+
+    def _until(self, condition: Callable[[], object], what: str) -> None:
+        ends_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            if time.monotonic() > ends_s or self.process.poll() is not None:
+                raise TimeoutError(what)
+            time.sleep(POLL_S)
+
+
+@contextmanager
+def recovery_team(folder: Path) -> Iterator[RecoveryTeam]:
+    """A team for the duration of the block."""
+    words = ("up", "arena_small", "--robots", "2", "--stand-by", "--record", str(folder / "recovery.mcap"))
+    words += ("--listen", "tcp/127.0.0.1:0", "--port", "0", "--journal", str(folder / "recovery.journal"), "--json")
+    variables = {name: value for name, value in os.environ.items() if not name.startswith("ROBRAIN_")}
+    with subprocess.Popen(
+        [sys.executable, "-m", "robrain.cli", *words],
+        cwd=folder, env=variables, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    ) as process:  # fmt: skip
+        try:
+            with closing(RecoveryTeam(process)) as team:
+                yield team
+        finally:
+            process.kill()
+
+
+def measure() -> Iterator[Figure]:
+    """Each part killed, then each stopped."""
+    with tempfile.TemporaryDirectory() as name, recovery_team(Path(name)) as team:
+        for what in SIGNALS:
+            for part in PARTS:
+                found = team.strike(part, what)
+                yield timing(f"{what} of {part}: noticed", found.noticed_s, "s", at_most(NOTICED_S[what]))
+                yield timing(f"{what} of {part}: well again", found.well_s, "s", at_most(WELL_S[what]))
+        yield timing("tasks acknowledged and lost", len(team.lost()), "", at_most(0), f"of {len(team.acknowledged)}")
+
+
+if __name__ == "__main__":
+    show_figures("Recovery", list(measure()), Console(width=WIDTH))

@@ -1,0 +1,249 @@
+"""A copied journal: nothing acknowledged is missing in it, whatever the wire does to the changes."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robrain.coordinator.coordinator import Coordinator
+from robrain.coordinator.journal.errors import JournalError
+from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.standing.stand_by import Following, StandBy
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRequest, TaskSubmission
+from robrain.protocol.wire.topics import TASK_CANCEL, TASK_SUBMIT
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from robrain.sim.faults.faulty_exchange import FaultyExchange
+from robrain.sim.faults.kept_journal import JournalDisk
+from robrain.sim.stand_in.stand_in_run import shared_session
+
+ALL = TaskFilter(own=True, limit=10_000)
+OTHER = "stand_by"
+TICK_S = 0.05
+NOT_NOW_S = 0.001
+"""Of the wall: within this process a reply is there at once, or with a later step."""
+
+
+class Pair:
+    """A coordinator and one that stands by, on a wire with faults."""
+
+    def __init__(self, seed: int = 1, path=None) -> None:
+        self.clock = VirtualClock()
+        self.clock.advance_to(to_ns(100.0))
+        self.exchange = FaultyExchange.on(shared_session(), self.clock, seed)
+        self.disk, self.other_disk = JournalDisk(), JournalDisk()
+        with self.exchange.acting(COORDINATOR):
+            self.journal = self.disk.open()
+            self.coordinator = Coordinator(self.endpoint(), self.journal)
+        self.copy = self.other_disk.open() if path is None else Journal(path)
+        self.stand_by: StandBy | None = None
+        self.asker = self.endpoint()
+        self.acknowledged: list[str] = []
+        self.waiting: list[str] = []
+
+    def endpoint(self) -> Endpoint:
+        return Endpoint(shared_session(), DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
+
+    def join(self) -> None:
+        with self.exchange.acting(OTHER):
+            self.stand_by = StandBy(self.endpoint(), self.copy, OTHER)
+
+    def run(self, time_s: float) -> None:
+        for _ in range(round(time_s / TICK_S)):
+            self.clock.advance_to(self.clock.now_ns() + to_ns(TICK_S))
+            self.exchange.step()
+            with self.exchange.acting(COORDINATOR):
+                self.coordinator.step()
+            if self.stand_by is not None:
+                with self.exchange.acting(OTHER):
+                    self.stand_by.step()
+            self.waiting = [name for name in self.waiting if not self.submit(name)]
+
+    def submit(self, name: str) -> bool:
+        asked = TaskSubmission(task=Task(id=name, kind="visit", place=Point2D(1.0, 1.0)))
+        try:
+            self.asker.ask(TASK_SUBMIT, asked, timeout_s=NOT_NOW_S)
+        except (CallError, NobodyThere):
+            return False
+        self.acknowledged.append(name)
+        return True
+
+    def is_same(self) -> bool:
+        return self.copy.select(ALL) == self.journal.select(ALL) and all(
+            self.copy.history(record.task.id) == self.journal.history(record.task.id)
+            and self.copy.asked(record.task.id) == self.journal.asked(record.task.id)
+            for record in self.journal.select(ALL)
+        )
+
+    @property
+    def following(self) -> Following:
+        assert self.stand_by is not None
+        return self.stand_by.following(self.clock.now_ns())
+
+    @property
+    def missing(self) -> list[str]:
+        return [name for name in self.acknowledged if self.copy.find(name) is None]
+
+
+@pytest.fixture
+def pair() -> Pair:
+    return Pair()
+
+
+def test_one_that_joins_late_copies_all_that_there_is_and_then_follows(pair: Pair) -> None:
+    for number in range(200):  # more than one page
+        assert pair.submit(f"early{number}")
+    pair.join()
+    pair.run(1.0)
+    assert pair.following is Following.IN_STEP
+    assert pair.is_same()
+    pair.waiting = ["late"]
+    pair.run(0.3)
+    assert pair.acknowledged[-1] == "late"
+    assert pair.is_same()
+
+
+def test_a_task_is_acknowledged_once_the_other_disk_has_it_and_not_before(pair: Pair) -> None:
+    pair.join()
+    pair.run(1.0)
+    assert not pair.submit("t1")
+    assert pair.copy.find("t1") is None
+    pair.run(2 * TICK_S)
+    assert pair.copy.find("t1") is not None
+    assert pair.submit("t1")
+
+
+def test_a_cancellation_is_acknowledged_once_the_other_disk_has_it(pair: Pair) -> None:
+    assert pair.submit("t1")
+    pair.join()
+    pair.run(1.0)
+    with pytest.raises(CallError, match="no reply in time"):
+        pair.asker.ask(TASK_CANCEL, TaskRequest(id="t1"), timeout_s=NOT_NOW_S)
+    pair.run(2 * TICK_S)
+    assert pair.asker.ask(TASK_CANCEL, TaskRequest(id="t1")) == pair.copy.find("t1")
+
+
+def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: Pair) -> None:
+    pair.join()
+    pair.run(1.0)
+    cut = FaultSpec(robot=OTHER, kind=FaultKind.PARTITION, at_s=0.0)
+    pair.exchange.begin(1, cut)
+    pair.waiting = ["t1"]
+    pair.run(0.8)
+    assert pair.acknowledged == []
+    pair.run(0.5)
+    assert pair.acknowledged == ["t1"]
+    feed = pair.coordinator.feed
+    assert feed is not None
+    assert not feed.status().in_step
+    assert feed.status().why == "it is silent"
+    pair.run(1.0)
+    assert pair.following is Following.ALONE  # it cannot know
+    pair.exchange.end(1)
+    pair.run(0.5)
+    assert pair.following is Following.BEHIND
+    pair.run(6.0)
+    assert pair.following is Following.IN_STEP
+    assert pair.is_same()
+
+
+def test_a_full_disk_of_the_one_that_stands_by_stops_it_and_not_the_coordinator(pair: Pair) -> None:
+    pair.join()
+    pair.run(1.0)
+    pair.other_disk.is_full = True
+    pair.waiting = ["t1"]
+    pair.run(2.0)
+    assert pair.acknowledged == ["t1"]
+    feed = pair.coordinator.feed
+    assert feed is not None
+    assert "full" in feed.status().why
+    pair.other_disk.is_full = False
+    pair.run(8.0)
+    assert pair.following is Following.IN_STEP
+    assert pair.is_same()
+
+
+def test_a_full_disk_of_the_coordinator_acknowledges_nothing_and_copies_nothing(pair: Pair) -> None:
+    pair.join()
+    pair.run(1.0)
+    pair.disk.is_full = True
+    assert not pair.submit("t1")
+    pair.run(1.0)
+    assert pair.copy.find("t1") is None
+    assert pair.following is Following.IN_STEP
+
+
+def test_a_coordinator_that_begins_anew_is_copied_anew(pair: Pair) -> None:
+    pair.join()
+    pair.submit("t1")
+    pair.run(1.0)
+    pair.disk.pull()
+    pair.exchange.drop(COORDINATOR)
+    pair.exchange.begin_life(COORDINATOR)
+    with pair.exchange.acting(COORDINATOR):
+        pair.journal = pair.disk.open()
+        pair.coordinator = Coordinator(pair.endpoint(), pair.journal)
+    pair.run(1.0)
+    assert pair.following is Following.IN_STEP
+    assert pair.is_same()
+
+
+def test_no_coordinator_goes_on_from_a_copy_that_is_not_whole(tmp_path) -> None:
+    journal = Journal(tmp_path / "copy")
+    journal.begin_copy()
+    with pytest.raises(JournalError, match="not whole"):
+        journal.own()
+
+
+def test_tasks_of_a_file_that_becomes_a_copy_are_put_aside(tmp_path) -> None:
+    before = Pair(path=tmp_path / "journal")
+    before.submit("of-the-coordinator")
+    record = before.journal.find("of-the-coordinator")
+    assert record is not None
+    before.copy.accept(record)
+    before.copy.begin_copy()
+    assert before.copy.find("of-the-coordinator") is None
+    aside = Journal(tmp_path / "journal.before-1")
+    assert aside.find("of-the-coordinator") is not None
+
+
+FAULTS = st.lists(
+    st.tuples(
+        st.sampled_from((FaultKind.LOSE, FaultKind.REORDER, FaultKind.DELAY, FaultKind.PARTITION)),
+        st.floats(0.1, 3.0),
+        st.integers(0, 6),
+    ),
+    max_size=6,
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), faults=FAULTS, joins_after=st.integers(0, 100))
+def test_a_copy_in_step_has_all_that_was_acknowledged(seed, faults, joins_after) -> None:
+    pair = Pair(seed)
+    for number in range(joins_after):
+        pair.submit(f"before{number}")
+    pair.join()
+    for place, (kind, time_s, tasks) in enumerate(faults):
+        options = {
+            FaultKind.LOSE: {"share": 0.5},
+            FaultKind.REORDER: {"late_s": (0.0, 0.5)},
+            FaultKind.DELAY: {"late_s": (0.0, 0.5)},
+        }.get(kind, {})
+        pair.exchange.begin(place, FaultSpec(robot=OTHER, kind=kind, at_s=0.0, **options))
+        pair.waiting += [f"t{place}-{number}" for number in range(tasks)]
+        for _ in range(round(time_s / TICK_S)):
+            pair.run(TICK_S)
+            feed = pair.coordinator.feed
+            if feed is not None and feed.stand_by:
+                assert pair.missing == []
+        pair.exchange.end(place)
+        pair.run(0.3)
+    pair.run(8.0)
+    assert pair.waiting == []
+    assert pair.following is Following.IN_STEP
+    assert pair.is_same()

@@ -1,0 +1,227 @@
+"""A coordinator offers nothing while one with a copy of its journal may be leading most of its robots."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from robrain.coordinator.standing.offer_fence import HEARD_NS
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.messages.standing_messages import LeadReply, LeadRequest, StandByState
+from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.reasons.tasks import MinorityHeard
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
+from robrain.protocol.wire.topics import TASK_WHY
+from tests.coordinator.conftest import Team
+
+STAND_BY = "office-77"
+
+
+class FencedTeam(Team):
+    """A team, and a process that stands by as long as it is to."""
+
+    def __init__(self, session, robots: int) -> None:
+        super().__init__(session)
+        self.says_it_stands_by = True
+        self._stand_by = self.endpoint().publisher(COORDINATOR_STAND_BY)
+        for number in range(robots):
+            self.robot(f"r{number + 1}", 4.0 + number).plugins = ["visit"]
+
+    def run(self, duration_s: float) -> None:
+        for _ in range(round(duration_s / 0.2)):
+            if self.says_it_stands_by:
+                term = self.coordinator._term
+                self._stand_by.put(StandByState(process=STAND_BY, term=term, on_disk=self.feed_last))
+            super().run(0.2)
+
+    @property
+    def feed_last(self) -> int:
+        feed = self.coordinator.feed
+        return 0 if feed is None else feed._last
+
+    def cut(self, *robots: str, stand_by: bool = True) -> None:
+        """These, and the one that stands by, are on the other side of a cut link."""
+        self.says_it_stands_by = self.says_it_stands_by and not stand_by
+        for robot in self.robots:
+            robot.speaks = robot.name not in robots
+
+    def add(self, name: str) -> None:
+        """A task is queued; nobody waits for the disk of the one that stands by."""
+        self.coordinator.tasks.add(visit(name), by="ann")
+
+    def asked(self) -> list[str]:
+        """Tasks that robots were offered."""
+        return [offer.task.id for robot in self.robots for offer in robot.offers]
+
+    def why_waiting(self, task_id: str) -> object:
+        return self.ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy).reason
+
+
+def visit(name: str) -> Task:
+    return Task(id=name, kind="visit", place=Point2D(5.0, 4.0))
+
+
+def team_of(robots: int) -> Iterator[FencedTeam]:
+    with open_lockstep_session() as session:
+        team = FencedTeam(session, robots)
+        team.run(2.0)
+        yield team
+        team.close()
+
+
+@pytest.fixture
+def four() -> Iterator[FencedTeam]:
+    yield from team_of(4)
+
+
+@pytest.fixture
+def single() -> Iterator[FencedTeam]:
+    yield from team_of(1)
+
+
+@pytest.mark.parametrize("silent", [("r2", "r3", "r4"), ("r3", "r4")])
+def test_half_of_the_robots_or_fewer_get_no_task_until_more_are_heard(four: FencedTeam, silent) -> None:
+    four.cut(*silent)
+    four.run(3.0)
+    four.add("t1")
+    four.run(5.0)
+    assert four.asked() == []
+    reason = MinorityHeard(4 - len(silent), 4, STAND_BY)
+    assert four.why_waiting("t1") == reason
+    assert four.summary.stand_by.held_back == reason
+    words = (
+        f"no task is offered: {reason.heard} of 4 robots are heard, and office-77 may lead the others (robrain lead)"
+    )
+    four.run(1.0)
+    assert four.summary.stand_by.words == words
+    four.cut("r4")
+    four.run(2.0)
+    assert four.asked() == ["t1"]
+    assert four.coordinator.fence.reason is None
+
+
+def test_most_of_the_robots_are_enough(four: FencedTeam) -> None:
+    four.cut("r4")
+    four.run(3.0)
+    four.add("t1")
+    four.run(1.0)
+    assert four.asked() == ["t1"]
+
+
+def test_a_coordinator_that_hears_the_one_that_stands_by_goes_on_with_any_number(four: FencedTeam) -> None:
+    four.cut("r2", "r3", "r4", stand_by=False)
+    four.run(3.0)
+    four.add("t1")
+    four.run(1.0)
+    assert four.asked() == ["t1"]
+
+
+def test_one_that_follows_another_coordinator_does_not_stand_by_for_this_one(four: FencedTeam) -> None:
+    four.cut("r2", "r3", "r4")
+    for _ in range(5):
+        four._stand_by.put(StandByState(process=STAND_BY, term=four.coordinator._term + 5, on_disk=0))
+        four.run(1.0)
+    four.add("t1")
+    four.run(1.0)
+    assert four.asked() == []
+
+
+def test_without_one_that_stood_by_nothing_is_held_back() -> None:
+    with open_lockstep_session() as session:
+        team = FencedTeam(session, 4)
+        team.says_it_stands_by = False
+        team.run(2.0)
+        team.cut("r2", "r3", "r4")
+        team.run(3.0)
+        team.add("t1")
+        team.run(1.0)
+        assert team.asked() == ["t1"]
+        team.close()
+
+
+def test_a_team_of_one_robot_is_served(single: FencedTeam) -> None:
+    single.cut()
+    single.run(3.0)
+    single.add("t1")
+    single.run(1.0)
+    assert single.asked() == ["t1"]
+
+
+def test_robots_that_were_switched_off_do_not_count_and_count_again_when_they_are_back(four: FencedTeam) -> None:
+    for robot in four.robots[1:]:
+        four.run(0.2)  # each was heard just before
+        robot.leave()
+        robot.speaks = False
+    four.says_it_stands_by = False
+    four.run(3.0)
+    four.add("t1")
+    four.run(1.0)
+    assert four.asked() == ["t1"]
+    for robot in four.robots[1:]:
+        robot.come()
+        robot.speaks = True
+    four.run(1.0)
+    four.cut("r2", "r3", "r4")
+    four.run(3.0)
+    assert four.coordinator.fence.reason == MinorityHeard(1, 4, STAND_BY)
+
+
+def test_robots_whose_tokens_go_after_a_silence_are_behind_a_cut(four: FencedTeam) -> None:
+    four.cut("r2", "r3", "r4")
+    four.run(1.0)
+    for robot in four.robots[1:]:
+        robot.leave()
+    four.run(2.0)
+    assert four.coordinator.fence.reason == MinorityHeard(1, 4, STAND_BY)
+
+
+def test_all_tokens_at_once_go_with_the_connection_and_not_with_the_robots(four: FencedTeam) -> None:
+    for robot in four.robots:
+        robot.leave()
+        robot.speaks = False
+    four.says_it_stands_by = False
+    four.run(3.0)
+    four.robots[0].come()
+    four.robots[0].speaks = True
+    four.run(1.0)
+    assert four.coordinator.fence.reason == MinorityHeard(1, 4, STAND_BY)
+
+
+def test_the_operators_word_lets_it_go_on_without_the_silent_robots(four: FencedTeam) -> None:
+    four.cut("r2", "r3", "r4")
+    four.run(3.0)
+    four.add("t1")
+    four.run(1.0)
+    reply = four.ask(COORDINATOR_LEAD, LeadRequest(by="operator:ann"), LeadReply)
+    assert reply.left_out == ["r2", "r3", "r4"]
+    four.run(2.0)
+    assert four.asked() == ["t1"]
+    assert four.ask(COORDINATOR_LEAD, LeadRequest(), LeadReply).left_out == []
+
+
+def test_robots_count_for_ten_minutes_and_for_longer_while_offers_are_held_back(four: FencedTeam) -> None:
+    four.cut("r4", stand_by=False)
+    four.run(to_seconds(HEARD_NS) + 5.0)
+    four.cut("r3", "r4")
+    four.run(3.0)
+    assert four.coordinator.fence.reason is None, "two of three"
+    four.cut("r2", "r3", "r4")
+    four.run(3.0)
+    assert four.coordinator.fence.reason == MinorityHeard(1, 3, STAND_BY)
+    four.run(to_seconds(HEARD_NS) + 5.0)
+    assert four.coordinator.fence.reason == MinorityHeard(1, 3, STAND_BY)
+
+
+def test_a_running_task_goes_on_and_its_end_is_taken_in(four: FencedTeam) -> None:
+    four.add("t1")
+    four.run(1.0)
+    (worker,) = (robot for robot in four.robots if robot.task is not None)
+    four.cut(*(robot.name for robot in four.robots if robot is not worker))
+    four.run(3.0)
+    assert four.coordinator.fence.reason is not None
+    assert worker.withdrawals == []
+    worker.end(TaskState.DONE)
+    four.run(1.0)
+    assert four.states() == {"t1": TaskState.DONE}

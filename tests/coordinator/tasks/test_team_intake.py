@@ -1,0 +1,35 @@
+"""What robots did without a coordinator, as the coordinator takes it in."""
+
+import pytest
+
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.team_intake import take_in
+from robrain.protocol.model.consensus.ballot import Ballot
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.wire.messages.consensus_messages import TaskAsked, TaskDropped, TeamBallot
+from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.reasons.tasks import Cancelled
+
+TASK = Task(id="t4", kind="visit", place=Point2D(1.0, 2.0))
+
+
+def ballot(**fields):
+    return TeamBallot(robot="r2", ballot=Ballot(robot="r2", number=1, bids=(), heard=()), **fields)
+
+
+@pytest.mark.parametrize(
+    ("is_secured", "submitter", "canceller"),
+    [(False, "operator:ann", "operator:bob"), (True, "robot:r2 for operator:ann", "robot:r2 for operator:bob")],
+)
+def test_a_robot_speaks_in_nobodys_name_where_names_are_vouched_for(is_secured, submitter, canceller):
+    book = TaskBook(VirtualClock(), 0, lambda _: None)
+    asked = TaskAsked(submission=TaskSubmission(task=TASK, by="operator:ann"), at_ns=0)
+    assert take_in(book, ballot(asked=[asked]), lambda _: "", is_secured=is_secured)
+    assert book.find("t4").by == submitter
+    dropped = TaskDropped(id="t4", by="operator:bob", why="not needed")
+    assert take_in(book, ballot(dropped=[dropped]), lambda _: "", is_secured=is_secured)
+    record = book.find("t4")
+    assert record.state is TaskState.CANCELLED
+    assert record.reason == Cancelled(canceller, "not needed")

@@ -1,0 +1,246 @@
+"""The files for real machines are what their programs read, as far as those programs are here."""
+
+import configparser
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import typer
+import yaml
+import zenoh
+
+from robrain.cli import app
+from robrain.deploy.machine.machine_files import FILES, write_files
+from robrain.protocol.wire.session import listening_at, open_session
+
+UNITS = sorted((FILES / "systemd").glob("*.service"))
+OWN = [unit for unit in UNITS if "/opt/robrain/current/bin/robrain" in unit.read_text()]
+EXPOSURE_MAX = 3.0
+"""Of 10, by `systemd-analyze security`; "OK" ends at 5. A unit without any hardening has 9.6."""
+LOOSER = {"robrain-slcan@.service": 5.0}
+"""It sets up a network of the kernel."""
+PROGRAMS = ("/opt/robrain/current/bin/robrain", "/usr/bin/zenohd", "/usr/bin/slcand", "/usr/local/bin/robrain-update")
+
+
+def name_of(path: Path) -> str:
+    return path.name
+
+
+@pytest.fixture
+def units(tmp_path: Path) -> Path:
+    """The units with programs that are there."""
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("there is no systemd-analyze here: the units are not verified")
+    for unit in (FILES / "systemd").iterdir():
+        text = unit.read_text()
+        for program in PROGRAMS:
+            text = text.replace(program, "/bin/true")
+        (tmp_path / unit.name).write_text(text)
+    return tmp_path
+
+
+def analyze(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["systemd-analyze", *words], capture_output=True, text=True, check=False, timeout=60)
+
+
+def test_units_are_verified(units: Path) -> None:
+    files = [str(path) for path in units.iterdir() if path.suffix in (".service", ".timer")]
+    verified = analyze("verify", "--man=no", "--recursive-errors=no", *[_instance(units, path) for path in files])
+    said = [line for line in (verified.stdout + verified.stderr).splitlines() if "robrain" in line]
+    assert (verified.returncode, said) == (0, [])
+
+
+def _instance(units: Path, path: str) -> str:
+    """A template is verified as an instance of it."""
+    if not path.endswith("@.service"):
+        return path
+    instance = path.replace("@.service", "@x1.service")
+    shutil.copy(path, instance)
+    return instance
+
+
+def test_mistake_in_a_unit_is_found(units: Path) -> None:
+    unit = units / "robrain-coordinator.service"
+    unit.write_text(unit.read_text().replace("Restart=always", "Restart=allways"))
+    verified = analyze("verify", "--man=no", str(unit))
+    assert "allways" in verified.stderr
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=name_of)
+def test_unit_is_exposed_little(units: Path, unit: Path) -> None:
+    limit = LOOSER.get(unit.name, EXPOSURE_MAX)
+    judged = analyze(
+        "security", "--offline=true", f"--threshold={round(limit * 10)}", "--no-pager", str(units / unit.name)
+    )
+    overall = [line for line in judged.stdout.splitlines() if "Overall exposure" in line]
+    assert judged.returncode == 0, overall or judged.stderr
+
+
+def test_unit_without_hardening_is_over_the_bound(units: Path) -> None:
+    (units / "open.service").write_text("[Service]\nExecStart=/bin/true\n")
+    judged = analyze(
+        "security", "--offline=true", f"--threshold={round(EXPOSURE_MAX * 10)}", str(units / "open.service")
+    )
+    assert judged.returncode != 0
+
+
+@pytest.mark.parametrize("unit", OWN, ids=name_of)
+def test_unit_starts_a_command_with_options_that_there_are(unit: Path) -> None:
+    (line,) = re.findall(r"^ExecStart=\S+ (.*)$", unit.read_text(), re.MULTILINE)
+    check_words(shlex.split(line))
+
+
+def check_words(words: list[str]) -> None:
+    """Fails if the command line does not know a command or an option."""
+    command = typer.main.get_command(app)
+    while (nested := getattr(command, "commands", {}).get(words[0])) is not None:
+        command, words = nested, words[1:]
+        if not words:
+            break
+    options = {name for parameter in command.params for name in parameter.opts}
+    assert not hasattr(command, "commands"), words
+    assert {word for word in words if word.startswith("-")} <= options
+
+
+def test_variables_of_units_have_defaults_or_are_in_the_environment_file() -> None:
+    given = (FILES / "systemd" / "robrain.env").read_text()
+    for unit in OWN:
+        text = unit.read_text()
+        for name in re.findall(r"\$\{(\w+)\}", text):
+            assert re.search(rf"^Environment=.*\b{name}=", text, re.MULTILINE), (unit.name, name)
+            assert name in given, name
+
+
+def test_nothing_listens_beyond_loopback_unless_told() -> None:
+    for path in FILES.rglob("*"):
+        if path.is_file() and path.suffix not in (".py", ".pyc"):
+            lines = [line for line in path.read_text().splitlines() if not line.lstrip().startswith(("#", "//"))]
+            found = re.findall(r"tcp/([\w.]+):\d+", "\n".join(lines))
+            assert set(found) <= {"127.0.0.1"}, path
+
+
+# -- router ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def router(tmp_path: Path) -> Iterator[zenoh.Session]:
+    """A router with the file's settings, but for its port."""
+    text = (FILES / "zenohd" / "zenohd.json5").read_text()
+    config = tmp_path / "zenohd.json5"
+    config.write_text(text.replace("tcp/127.0.0.1:7447", "tcp/127.0.0.1:0"))
+    session = zenoh.open(zenoh.Config.from_file(str(config)))
+    yield session
+    session.close()
+
+
+def test_router_with_the_files_settings_carries_what_clients_say(router: zenoh.Session) -> None:
+    where = next(at for at in listening_at(router) if at.startswith("tcp/127.0.0.1"))
+    one, other = open_session(connect=[where]), open_session(connect=[where])
+    queryable = one.declare_queryable("robrain/t/x", lambda query: query.reply("robrain/t/x", b"here"))
+    replies = [
+        reply.ok.payload.to_bytes() for _ in range(50) for reply in other.get("robrain/t/x", timeout=1.0) if reply.ok
+    ]
+    queryable.undeclare()
+    one.close()
+    other.close()
+    assert replies
+    config = json.loads(str(zenoh.Config.from_file(str(FILES / "zenohd" / "zenohd.json5"))))
+    assert config["scouting"]["multicast"]["enabled"] is False
+    assert config["mode"] == "router"
+
+
+# -- containers -----------------------------------------------------------------------------------------------
+
+
+def test_compose_file_has_services_whose_commands_there_are() -> None:
+    compose = yaml.safe_load((FILES / "container" / "compose.yaml").read_text())
+    assert set(compose) == {"x-robrain", "services", "volumes"}
+    for service in compose["services"].values():
+        assert service["network_mode"] == "host"
+        assert service["read_only"] is True
+        assert service["cap_drop"] == ["ALL"]
+        assert (FILES / "container" / service["build"]["dockerfile"]).is_file()
+        check_words([str(word) for word in service["command"]])
+        for volume in service["volumes"]:
+            assert volume.partition(":")[0] in compose["volumes"]
+
+
+def test_container_file_has_known_instructions_and_takes_all_from_the_package_registry() -> None:
+    text = (FILES / "container" / "Containerfile").read_text()
+    lines = [line for line in text.replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
+    instructions = [line.split()[0] for line in lines]
+    assert set(instructions) <= {"ARG", "FROM", "RUN", "ENV", "USER", "WORKDIR", "ENTRYPOINT"}
+    assert instructions.index("USER") > max(at for at, name in enumerate(instructions) if name == "RUN")
+    assert not re.search(r"https?://|\bcurl\b|\bwget\b|\bapt", "\n".join(lines))
+    assert json.loads(lines[-1].removeprefix("ENTRYPOINT ")) == ["robrain"]
+
+
+# -- devices, time, logs --------------------------------------------------------------------------------------
+
+UDEV_PART = re.compile(
+    r'(SUBSYSTEM|ACTION|KERNEL|NAME|GROUP|MODE|SYMLINK|TAG|(ENV|ATTR|ATTRS)\{[\w/]+\})(==|!=|=|\+=)"[^"]*"'
+)
+
+
+def test_udev_rules_are_matches_and_assignments() -> None:
+    for line in (FILES / "udev" / "70-robrain.rules").read_text().splitlines():
+        if line and not line.startswith("#"):
+            parts = line.split(", ")
+            assert [part for part in parts if not UDEV_PART.fullmatch(part)] == []
+            assert any("==" not in part for part in parts)
+
+
+JOURNALD = {
+    *("Storage", "SystemMaxUse", "SystemKeepFree", "MaxRetentionSec", "MaxFileSec", "RateLimitIntervalSec"),
+    "RateLimitBurst",
+}
+
+
+@pytest.mark.parametrize(
+    ("path", "known"),
+    [
+        ("network/80-can.network", {"Match": {"Type", "Name"}, "CAN": {"BitRate", "RestartSec"}}),
+        ("network/80-vcan.netdev", {"NetDev": {"Name", "Kind"}}),
+        ("logs/journald-robrain.conf", {"Journal": JOURNALD}),
+    ],
+)
+def test_settings_of_systemd_are_known(path: str, known: dict[str, set[str]]) -> None:
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.optionxform = str
+    parser.read_string((FILES / path).read_text())
+    assert {section: set(parser[section]) for section in parser.sections()} == known
+
+
+@pytest.mark.parametrize("path", sorted((FILES / "time").iterdir()), ids=name_of)
+def test_chrony_directives_are_known(path: Path) -> None:
+    known = {"server", "pool", "makestep", "maxslewrate", "rtcsync", "leapsectz", "local", "allow"}
+    lines = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
+    assert {line.split()[0] for line in lines} <= known
+    if (chronyd := shutil.which("chronyd")) is not None:
+        assert subprocess.run([chronyd, "-p", "-f", str(path)], capture_output=True, check=False).returncode == 0
+
+
+# -- the command that writes them -----------------------------------------------------------------------------
+
+
+def test_files_are_written_once_and_never_over_others(tmp_path: Path) -> None:
+    written = write_files(tmp_path / "out")
+    names = {str(path.relative_to(tmp_path / "out")) for path in written}
+    assert {"systemd/robrain-agent@.service", "zenohd/zenohd.json5", "robrain-update"} <= names
+    assert not [name for name in names if "__pycache__" in name or name.endswith(".py")]
+    assert (tmp_path / "out" / "robrain-update").stat().st_mode & 0o111
+    helped = subprocess.run(
+        [sys.executable, str(tmp_path / "out" / "robrain-update"), "--help"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "take updates back" in helped.stdout
+    with pytest.raises(FileExistsError):
+        write_files(tmp_path / "out")

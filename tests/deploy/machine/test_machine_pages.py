@@ -1,0 +1,101 @@
+"""What the pages for real machines say to type is there: commands, options, units and files."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from robrain.deploy.bridge.bridge_rules import read_bridge
+from robrain.deploy.machine.machine_files import write_files
+from robrain.deploy.machine.robrain_update import _arguments
+from tests.deploy.machine.test_machine_files import check_words
+
+PAGES = Path(__file__).parents[3] / "docs" / "how-to"
+MACHINES = ("robot-computer.md", "site-router.md", "operator-desk.md", "several-machines.md")
+BLOCK = re.compile(r"^```(?:sh|console)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+SYSTEM_UNITS = {"chrony", "systemd-journald", "systemd-networkd"}
+
+
+def typed(page: str) -> list[list[str]]:
+    """Commands in a page's blocks, as words; without prompt and comment."""
+    blocks = BLOCK.findall((PAGES / page).read_text(encoding="utf-8"))
+    lines = [re.sub(r"^[#$] ", "", line) for block in blocks for line in block.splitlines()]
+    return [words for line in lines for part in line.split("&&") if (words := shlex.split(part, comments=True))]
+
+
+def inline(page: str) -> list[list[str]]:
+    return [
+        shlex.split(found) for found in re.findall(r"`(systemctl [^`]+)`", (PAGES / page).read_text(encoding="utf-8"))
+    ]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("machine") / "files"
+    write_files(folder)
+    return folder
+
+
+@pytest.mark.parametrize("page", MACHINES)
+def test_commands_of_robrain_have_their_options(page: str) -> None:
+    found = [words[1:] for words in typed(page) if words[0].rpartition("/")[2] == "robrain"]
+    assert found or page == "site-router.md"
+    for words in found:
+        check_words([word for word in words if word != "…"])
+
+
+@pytest.mark.parametrize("page", MACHINES)
+def test_updates_are_typed_as_the_updater_takes_them(page: str) -> None:
+    for words in typed(page):
+        if words[0] == "robrain-update":
+            given = _arguments(words[1:])
+            assert given.command in ("install", "back", "status", "recover")
+            for unit in getattr(given, "restart", []):
+                assert unit == "robrain-agent@r1"
+
+
+@pytest.mark.parametrize("page", MACHINES)
+def test_units_that_are_started_are_there(page: str, files: Path) -> None:
+    for words in (*typed(page), *inline(page)):
+        if words[0] != "systemctl" or words[1] in ("daemon-reload", "edit"):
+            continue
+        for unit in (word for word in words[2:] if not word.startswith("-")):
+            name = re.sub(r"@[\w]+$", "@", unit)
+            there = unit in SYSTEM_UNITS or any(
+                (files / "systemd" / f"{name}{ending}").is_file() for ending in ("", ".service")
+            )
+            assert there, unit
+
+
+@pytest.mark.parametrize("page", MACHINES)
+def test_files_that_are_copied_are_there(page: str, files: Path) -> None:
+    for words in typed(page):
+        if words[0] in ("cp", "install"):
+            for word in words[1:-1]:
+                if word.startswith("/opt/robrain/files/"):
+                    pattern = word.removeprefix("/opt/robrain/files/")
+                    assert list(files.glob(pattern)), word
+
+
+@pytest.mark.parametrize("page", MACHINES)
+def test_files_that_are_named_are_there(page: str, files: Path) -> None:
+    text = (PAGES / page).read_text(encoding="utf-8")
+    folders = "|".join(path.name for path in files.iterdir() if path.is_dir())
+    for name in re.findall(rf"`((?:{folders})/[\w.-]+)`", text):
+        assert (files / name).is_file(), name
+
+
+def test_bridge_of_the_page_is_one(tmp_path: Path) -> None:
+    text = (PAGES / "several-machines.md").read_text(encoding="utf-8")
+    (block,) = [one for one in re.findall(r"^```toml\n(.*?)^```$", text, re.DOTALL | re.MULTILINE) if "sides" in one]
+    path = tmp_path / "bridge.toml"
+    path.write_text(block)
+    assert len(read_bridge(path).rules) == 2
+
+
+def test_command_that_is_not_there_is_found() -> None:
+    with pytest.raises(AssertionError):
+        check_words(["journal", "backup", "--nowhere"])
+    with pytest.raises(AssertionError):
+        check_words(["no-such-command"])

@@ -1,0 +1,131 @@
+"""What a team says on the wire becomes metrics, and the Grafana dashboard asks for no other."""
+
+import json
+import re
+from importlib import resources
+
+import pytest
+from prometheus_client import CollectorRegistry
+from prometheus_client.openmetrics.exposition import generate_latest
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
+
+from robrain.deploy.observability.team_metrics import METRICS, TeamMetrics, exposed_names
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.refusals import Refusal
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.reasons.wire import TopicStale
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import (
+    COORDINATOR_ALIVE,
+    COORDINATOR_STATE,
+    ROBOT_ALIVE,
+    ROBOT_PLUGINS,
+    ROBOT_STATE,
+    TASK_EVENT,
+)
+
+BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.42, remaining_j=100.0)
+REFUSAL = Refusal(topic="robot_event", key="robrain/t/robot/r1/event/a/b", code="lost", count=7, why="away")
+
+
+@pytest.fixture
+def clock():
+    return VirtualClock()
+
+
+@pytest.fixture
+def wire(clock):
+    with open_lockstep_session() as session:
+        one = Endpoint(session, "t", clock, Drive.LOCKSTEP)
+        yield one
+        one.close()
+
+
+def scrape(metrics):
+    """The samples of a scrape, by name and labels."""
+    registry = CollectorRegistry()
+    registry.register(metrics)
+    text = generate_latest(registry).decode()
+    return {
+        (sample.name, *sorted(sample.labels.items())): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+def test_a_robots_state_becomes_metrics(wire, clock):
+    metrics = TeamMetrics(wire)
+    wire.token(ROBOT_ALIVE, robot="r1")
+    states = wire.publisher(ROBOT_STATE, robot="r1")
+    for at_s in (1.0, 1.1, 1.6):
+        clock.advance_to(to_ns(at_s))
+        states.put(RobotState(robot="r1", battery=BATTERY, halted=True, left_out=3, refused=[REFUSAL]))
+    metrics.hear()
+    clock.advance_to(to_ns(2.0))
+    found = metrics_of = {name: family for family in metrics.collect() for name in [family.name]}
+    assert set(found) == set(METRICS)
+    values = {name: [(each.labels, each.value) for each in family.samples] for name, family in metrics_of.items()}
+    r1 = {"robot": "r1"}
+    assert values["robrain_robot_up"] == [(r1, 1.0)]
+    assert values["robrain_robot_halted"] == [(r1, 1.0)]
+    assert values["robrain_robot_soc_ratio"] == [(r1, 0.42)]
+    assert values["robrain_robot_state_age_seconds"] == [(r1, pytest.approx(0.4))]
+    assert values["robrain_robot_state_period_seconds"] == [(r1, pytest.approx(0.5))]
+    assert values["robrain_robot_left_out"] == [(r1, 3)]
+    assert values["robrain_messages"] == [({"topic": "robot_state"}, 3)]
+    assert values["robrain_refused"] == [({"component": "r1", "topic": "robot_event", "code": "lost"}, 7.0)]
+    assert values["robrain_coordinator_up"] == [({}, 0.0)]
+
+
+def test_what_the_coordinator_says_becomes_metrics_and_open_metrics_reads_them(wire, clock):
+    metrics = TeamMetrics(wire)
+    wire.token(COORDINATOR_ALIVE)
+    wire.publisher(COORDINATOR_STATE).put(
+        TeamState(robots=[], known_area_m2=12.5, stale=[TopicStale("robot_state", "r2", 0.7, 0.3)])
+    )
+    events = wire.publisher(TASK_EVENT)
+    changes = (("a", TaskState.QUEUED), ("a", TaskState.RUNNING), ("b", TaskState.QUEUED), ("c", TaskState.DONE))
+    for number, (name, state) in enumerate(changes):
+        task = Task(id=name, kind="visit", place=Point2D(0.0, 0.0))
+        events.put(TaskEvent(change=number, task=task, state=state))
+    found = scrape(metrics)
+    assert found[("robrain_known_area_square_metres",)] == 12.5
+    assert found[("robrain_coordinator_up",)] == 1.0
+    assert found[("robrain_topic_stale_seconds", ("sender", "r2"), ("topic", "robot_state"))] == 0.7
+    tasks = {state: found[("robrain_tasks", ("state", str(state)))] for state in TaskState}
+    wanted = {TaskState.QUEUED: 1.0, TaskState.RUNNING: 1.0, TaskState.DONE: 1.0}
+    assert tasks == dict.fromkeys(TaskState, 0.0) | wanted
+    assert found[("robrain_messages_total", ("topic", "task_event"))] == 4.0
+
+
+def test_plugins_are_asked_for_and_a_robot_that_does_not_answer_holds_nobody_up(wire):
+    metrics = TeamMetrics(wire)
+    for robot in ("r1", "r2"):
+        wire.token(ROBOT_ALIVE, robot=robot)
+    info = PluginInfo(name="driver", level="unit", state="active", overruns=5, restarts=2)
+    wire.answer(ROBOT_PLUGINS, lambda _: [info], robot="r2")
+    metrics.hear()
+    metrics.ask_plugins()
+    found = scrape(metrics)
+    labels = ("plugin", "driver"), ("robot", "r2")
+    assert found[("robrain_plugin_restarts_total", *labels)] == 2
+    assert found[("robrain_plugin_overruns_total", *labels)] == 5
+
+
+def test_grafana_dashboard_asks_for_metrics_that_there_are_and_for_all_of_them():
+    board = json.loads(resources.files("robrain.deploy.observability").joinpath("grafana-dashboard.json").read_text())
+    asked = {
+        name
+        for panel in board["panels"]
+        for target in panel["targets"]
+        for name in re.findall(r"robrain_\w+", target["expr"])
+    }
+    assert asked == set(exposed_names())
+    ids = [panel["id"] for panel in board["panels"]]
+    assert len(set(ids)) == len(ids)

@@ -1,0 +1,113 @@
+"""What is heard of a team: rates, simulated time over several arenas, last poses; figures of processes; the table."""
+
+import io
+import os
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from robrain.deploy.supervision.part import PartView
+from robrain.deploy.supervision.part_table import cells_of, drawn, lines_of
+from robrain.deploy.supervision.process_figures import UNKNOWN, ProcessFigures
+from robrain.deploy.supervision.restarts import Phase
+from robrain.deploy.supervision.team_watch import HEARD, Rate, TeamWatch
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.clock import NS_PER_S, VirtualClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.arena_messages import ArenaTruth
+from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
+
+
+@pytest.fixture
+def clock():
+    return VirtualClock()
+
+
+@pytest.fixture
+def wire(clock):
+    session = open_lockstep_session()
+    wire = Endpoint(session, "default", clock, Drive.LOCKSTEP)
+    yield wire
+    wire.close()
+    session.close()
+
+
+def test_rate_is_that_of_the_last_seconds_and_begins_anew_with_another_process() -> None:
+    rate = Rate(HEARD)
+    for second in range(10):
+        rate.note(second * NS_PER_S, 100 * second if second < 5 else 400 + 20 * (second - 4))
+    assert rate.per_s(9 * NS_PER_S) == pytest.approx(20.0)
+    rate.note(10 * NS_PER_S, 3)
+    assert rate.per_s(10 * NS_PER_S) is None
+    rate.note(11 * NS_PER_S, 8)
+    assert rate.per_s(11 * NS_PER_S) == pytest.approx(5.0)
+    assert rate.per_s(60 * NS_PER_S) is None
+
+
+def test_watch_knows_robots_rates_and_poses(clock, wire) -> None:
+    watch = TeamWatch(wire, ["r1", "r2"])
+    assert [(robot.name, robot.words) for robot in watch.robots()] == [("r1", "starting"), ("r2", "starting")]
+    wire.token(ROBOT_ALIVE, robot="r1")
+    states, summaries = wire.publisher(ROBOT_STATE, robot="r1"), wire.publisher(COORDINATOR_STATE)
+    for tick in range(21):
+        clock.advance_to(clock.now_ns() + NS_PER_S // 10)
+        states.put(RobotState(robot="r1", behavior="explore", pose=Pose2D(1.0, 2.0, 0.0)))
+        summaries.put(TeamState(robots=[], messages=7 * tick))
+        watch.look()
+    assert watch.messages("r1") == "10.0 states/s"
+    assert watch.messages("coordinator") == "70.0 heard/s"
+    assert watch.messages("arena") == ""
+    assert [(robot.words, robot.is_up) for robot in watch.robots()] == [("explore", True), ("starting", False)]
+    assert watch.last_pose("r1") == Pose2D(1.0, 2.0, 0.0)
+    states.put(RobotState(robot="r1", lost="slipped", pose=Pose2D(1.0, 2.0, 0.0)))
+    watch.look()
+    assert watch.last_pose("r1") is None
+    assert watch.last_pose("r2") is None
+
+
+def test_simulated_time_goes_on_with_the_next_arena(wire) -> None:
+    watch = TeamWatch(wire)
+    truths = wire.publisher(ARENA_TRUTH)
+    for sim_time_s in (1.0, 8.0, 0.5, 2.0):
+        truths.put(ArenaTruth(sim_time_s=sim_time_s, robots=[]))
+        watch.look()
+    assert watch.sim_time_s == 10.0
+
+
+def test_cpu_and_memory_of_a_process_are_read_from_proc(tmp_path: Path) -> None:
+    folder = tmp_path / "7"
+    folder.mkdir()
+    ticks = os.sysconf("SC_CLK_TCK")
+    fields = ["S", *["0"] * 10, str(ticks), "0", *["0"] * 30]
+    (folder / "stat").write_text(f"7 (a ) b) {' '.join(fields)}")
+    (folder / "statm").write_text(f"9 {100 * 1024 * 1024 // os.sysconf('SC_PAGE_SIZE')} 1")
+    figures = ProcessFigures(7, tmp_path)
+    assert figures.at(10.0) == (None, 100.0)
+    fields[12] = str(ticks // 2)
+    (folder / "stat").write_text(f"7 (a ) b) {' '.join(fields)}")
+    assert figures.at(10.5) == (None, 100.0)
+    assert figures.at(12.0) == (0.25, 100.0)
+
+
+def test_figures_of_a_process_that_has_gone_are_unknown(tmp_path: Path) -> None:
+    assert ProcessFigures(7, tmp_path).at(1.0) == UNKNOWN
+
+
+def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> None:
+    parts = [
+        PartView("arena", Phase.UP, 12, 0.254, 281.6, "5.0 truths/s", 0),
+        PartView("r1", Phase.WAITING, None, None, None, "", None, "\x1b[31mred"),
+    ]
+    assert cells_of(parts[0]) == ["arena", "up", "12", "25%", "282 MB", "5.0 truths/s", "0", ""]
+    assert cells_of(parts[1])[2:7] == ["–"] * 5
+    assert not any("\x1b" in line for line in lines_of(parts))
+    console = Console(record=True, width=120, file=io.StringIO())
+    console.print(drawn("12.0% [b]explored", parts))
+    heading, titles, *rows = console.export_text().splitlines()
+    assert heading == "12.0% [b]explored"
+    assert titles.split() == ["part", "is", "process", "CPU", "memory", "messages", "started", "again"]
+    assert rows[0].split() == ["arena", "up", "12", "25%", "282", "MB", "5.0", "truths/s", "0"]

@@ -1,0 +1,70 @@
+"""Zenoh is told what the table says: halts before commands before states before other telemetry before maps."""
+
+import pytest
+import zenoh
+
+from robrain.protocol.wire.links.qos import PRIORITY, publisher_options, query_options
+from robrain.protocol.wire.topic import Query, Topic, Urgency
+from robrain.protocol.wire.topics import (
+    COORDINATOR_STATE,
+    HALT,
+    ROBOT_CALL,
+    ROBOT_IMAGE,
+    ROBOT_LOG,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+    ROBOT_OFFER,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    TASK_SUBMIT,
+    TOPICS,
+)
+
+CLASSES = (
+    (HALT,),
+    (ROBOT_CALL, ROBOT_OFFER, TASK_SUBMIT),
+    (ROBOT_STATE, COORDINATOR_STATE),
+    (ROBOT_PATH,),
+    (ROBOT_MAP, ROBOT_LOG),
+    (ROBOT_IMAGE, ROBOT_MAP_WHOLE),
+)
+"""Rows whose order matters most, most urgent first."""
+
+
+def test_urgencies_are_listed_in_the_order_of_zenohs_priorities():
+    names = [str(PRIORITY[urgency]).rpartition(".")[2].lower() for urgency in Urgency]
+    assert names == [str(urgency) for urgency in Urgency]
+
+
+def test_halts_go_before_commands_before_states_before_telemetry_before_maps_before_pictures():
+    order = list(Urgency)
+    ranks = [{order.index(row.urgency) for row in rows} for rows in CLASSES]
+    assert ranks == [{number} for number in range(len(CLASSES))]
+
+
+def test_only_halts_wait_for_room_and_everything_else_that_is_put_is_dropped_by_its_sender():
+    waiting = [row.name for row in TOPICS if isinstance(row, Topic)
+               and publisher_options(row)["congestion_control"] == zenoh.CongestionControl.BLOCK]  # fmt: skip
+    assert waiting == ["halt"]
+
+
+@pytest.mark.parametrize("row", TOPICS, ids=lambda row: row.name)
+def test_what_is_urgent_is_not_batched_and_the_priority_is_that_of_the_table(row):
+    if isinstance(row, Topic):
+        options = publisher_options(row)
+        assert options["encoding"] == row.encoding
+    elif isinstance(row, Query):
+        options = query_options(row.urgency)
+        assert options["congestion_control"] == zenoh.CongestionControl.BLOCK
+    else:
+        return
+    assert options["priority"] == PRIORITY[row.urgency]
+    assert options["express"] == (row.urgency in (Urgency.REAL_TIME, Urgency.INTERACTIVE_HIGH))
+
+
+def test_whoever_commands_is_urgent_and_no_telemetry_is():
+    low = {Urgency.DATA, Urgency.DATA_LOW, Urgency.BACKGROUND}
+    late = [row.name for row in TOPICS if isinstance(row, Query) and not row.reads_only and row.urgency in low]
+    assert late == []
+    rows = (row for row in TOPICS if isinstance(row, Topic) and row.rate_hz and row.encoding == "application/json")
+    assert [row.name for row in rows if row.urgency in (Urgency.REAL_TIME, Urgency.INTERACTIVE_HIGH)] == []

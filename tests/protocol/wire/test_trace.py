@@ -1,0 +1,81 @@
+"""A task's trace: its own unless another program gave one; it travels in the attachment of queries."""
+
+from contextlib import closing
+
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.answers.trace import KEPT, Traces, read_trace, trace_of
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import ROBOT_OFFER
+from tests.waiting import until
+
+GIVEN = "4bf92f3577b34da6a3ce929d0e0e4736"
+
+
+def test_every_process_knows_the_trace_of_a_task_that_nobody_gave_another():
+    first, second = Traces("t"), Traces("t")
+    assert first.of("visit-1") == second.of("visit-1") == trace_of("t", "visit-1")
+    assert read_trace(first.of("visit-1").encode()) == first.of("visit-1")
+    assert first.of("visit-2") != first.of("visit-1")
+
+
+def test_given_trace_counts_and_the_oldest_are_forgotten():
+    traces = Traces("t")
+    traces.note("a", GIVEN)
+    traces.note("a", "")
+    assert traces.of("a") == GIVEN
+    for number in range(KEPT):
+        traces.note(f"b{number}", GIVEN)
+    assert traces.of("a") == trace_of("t", "a")
+    assert traces.of(f"b{KEPT - 1}") == GIVEN
+
+
+@pytest.mark.parametrize(
+    "attachment", [b"", b"0" * 32, GIVEN.upper().encode(), GIVEN.encode() + b"0", b"\xff" * 32, b"<script>" * 4]
+)
+def test_attachment_that_is_no_trace_is_none(attachment):
+    assert read_trace(attachment) == ""
+
+
+def test_trace_travels_with_the_query_and_anything_else_does_not():
+    task = Task(id="visit-1", kind="visit", place=Point2D(0.0, 0.0))
+    offer = TaskOffer(task=task, epoch=1, lease_s=1.0)
+    heard = []
+    with (
+        closing(open_session(mode="router", listen=["tcp/127.0.0.1:0"])) as hub,
+        closing(open_session(connect=listening_at(hub))) as far,
+    ):
+        coordinator = Endpoint(hub, "t", WallClock(), Drive.LIVE)
+        robot = Endpoint(far, "t", WallClock(), Drive.LIVE)
+
+        def take(request):
+            heard.append(request.trace)
+            return TaskAnswer(accepted=True)
+
+        robot.answer(ROBOT_OFFER, take, robot="r1")
+
+        def offered(trace):
+            reply = coordinator.ask_later(ROBOT_OFFER, offer, robot="r1", trace=trace)
+            return until(lambda: _answer(reply), "no answer")
+
+        until(lambda: offered("") == "accepted", "the robot is not there")
+        heard.clear()
+        for trace in (GIVEN, "", "x" * 32):
+            assert offered(trace) == "accepted"
+        assert heard == [GIVEN, "", ""]
+        robot.close()
+        coordinator.close()
+
+
+def _answer(reply):
+    try:
+        answer = reply.take()
+    except (CallError, NobodyThere) as error:
+        return str(error)
+    return "accepted" if answer is not None and answer.accepted else ""

@@ -1,0 +1,184 @@
+"""Faults of processes and of the wire in a team whose robots hear each other by radio."""
+
+import pytest
+
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from tests.sim.links.radio_team import RadioTeam, counted, robots_in
+
+RANGE = "range_m = 10.0"
+CHAIN = [2.0, 10.0, 15.0]
+"""r3 is heard by way of r2."""
+
+
+def fault(kind, robot="r2", at_s=2.0, **options):
+    return FaultSpec(robot=robot, kind=kind, at_s=at_s, **options)
+
+
+def team_of(*faults, xs_m=CHAIN, links=RANGE, seed=1):
+    return RadioTeam(links, xs_m, seed=seed, faults=faults)
+
+
+def heard_within(team, inbox, until_s):
+    inbox.drain()
+    team.go(until_s)
+    return robots_in(inbox)
+
+
+def tokens(team, party="coordinator"):
+    return [names["robot"] for names in team.wire(party).present(ROBOT_ALIVE)]
+
+
+def test_faults_that_are_not_yet_due_change_nothing_with_links():
+    def digest(*faults):
+        with team_of(*faults, links=f"{RANGE}\nloss = 0.2\ndelay_s = 0.03") as team:
+            team.go(3.0)
+            return team.run.digest
+
+    assert digest() == digest(fault(FaultKind.LOSE, at_s=900.0, share=0.5), fault(FaultKind.HANG, at_s=900.0))
+
+
+def test_a_relay_that_is_cut_off_takes_those_behind_it_with_it_and_gives_them_back():
+    with team_of(fault(FaultKind.PARTITION, until_s=8.0)) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        assert heard_within(team, heard, 1.9) == {"r1", "r2", "r3"}
+        team.go(2.1)
+        assert heard_within(team, heard, 7.9) == {"r1"}
+        assert tokens(team) == ["r1"]
+        assert heard_within(team, heard, 9.0) == {"r1", "r2", "r3"}
+        assert sorted(tokens(team)) == ["r1", "r2", "r3"]
+
+
+def test_those_on_the_side_of_a_cut_still_hear_each_other():
+    with team_of(fault(FaultKind.PARTITION, side=("r3",))) as team:
+        by_r3 = team.hear(ROBOT_STATE, "r3")
+        team.go(2.1)
+        assert heard_within(team, by_r3, 4.0) == {"r2", "r3"}
+
+
+def test_messages_that_faults_lose_are_lost_on_the_hop_and_counted():
+    with team_of(fault(FaultKind.LOSE, until_s=6.0, share=1.0)) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(2.1)
+        before = counted(team.run)["lost"]
+        assert heard_within(team, heard, 5.9) == {"r1"}
+        assert counted(team.run)["lost"] > before
+        assert team.run.lost_by_faults > 0
+        assert sorted(tokens(team)) == ["r1", "r2", "r3"]  # a lossy link is a link
+
+
+def ages_s(team, inbox, until_s):
+    """How old the states of r2 are when the coordinator gets them, in the order in which it does, s."""
+    found = []
+    while team.run.sim_time_s < until_s - 1e-9:
+        team.run.tick()
+        now_ns = team.run.clock.now_ns()
+        for received in inbox.drain():
+            if received.message.robot == "r2":
+                found.append((to_seconds(received.message.stamp_ns), to_seconds(now_ns)))
+    return found
+
+
+def test_delayed_messages_are_late_and_in_order():
+    with team_of(fault(FaultKind.DELAY, late_s=(0.3, 0.9))) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(3.5)
+        heard.drain()
+        got = ages_s(team, heard, 8.0)
+        assert all(now_s - said_s >= 0.28 for said_s, now_s in got)
+        assert [said_s for said_s, _ in got] == sorted(said_s for said_s, _ in got)
+
+
+def test_reordered_messages_overtake_each_other():
+    with team_of(fault(FaultKind.REORDER, late_s=(0.0, 0.9))) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(3.5)
+        heard.drain()
+        said = [said_s for said_s, _ in ages_s(team, heard, 8.0)]
+        assert said != sorted(said)
+
+
+def test_a_relay_that_hangs_cuts_the_traffic_that_it_carries_and_keeps_its_token():
+    with team_of(fault(FaultKind.HANG, until_s=8.0)) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(2.1)
+        assert heard_within(team, heard, 7.9) == {"r1"}
+        assert tokens(team) == ["r1", "r2"]
+        assert heard_within(team, heard, 9.0) == {"r1", "r2", "r3"}
+
+
+def test_a_slow_relay_still_carries_traffic_and_says_little_itself():
+    with team_of(fault(FaultKind.SLOW, period_s=1.0)) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        team.go(3.0)
+        heard.drain()
+        team.go(8.0)
+        robots = [received.message.robot for received in heard.drain()]
+        assert robots.count("r2") <= 6
+        assert robots.count("r3") > 10
+
+
+def test_who_asks_a_hanging_robot_waits_in_vain_and_the_robot_sees_to_it_later():
+    with team_of(fault(FaultKind.HANG, until_s=4.0)) as team:
+        team.go(3.0)
+        timed_out = counted(team.run)["timed_out"]
+        with pytest.raises(CallError) as error:
+            team.wire("coordinator").ask(ROBOT_PLUGINS, robot="r2")
+        assert error.value.code is ErrorCode.TIMEOUT
+        assert counted(team.run)["timed_out"] == timed_out + 1
+        team.go(4.5)
+        assert team.wire("coordinator").ask(ROBOT_PLUGINS, robot="r2")
+        assert team.run.outside == 0
+
+
+def test_a_killed_relay_is_gone_at_once_says_nothing_and_relays_again_when_it_is_back():
+    with team_of(fault(FaultKind.KILL, until_s=6.0)) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
+        everywhere = team.hear(ROBOT_STATE)
+        team.go(1.98)
+        everywhere.drain()
+        team.go(2.04)
+        assert tokens(team) == ["r1", "r3"]  # those behind it are missed after `lost_after_s`
+        assert "r2" not in robots_in(everywhere)
+        assert heard_within(team, heard, 5.9) == {"r1"}
+        assert heard_within(team, heard, 9.0) == {"r1", "r2", "r3"}
+        assert sorted(tokens(team)) == ["r1", "r2", "r3"]
+        assert [host.name for host in team.run.hosts] == ["r1", "r2", "r3"]
+
+
+def test_a_killed_coordinator_with_links_ends_the_task_that_it_had_accepted():
+    with team_of(fault(FaultKind.KILL, COORDINATOR, at_s=4.0, until_s=8.0)) as team:
+        team.go(2.0)
+        task = team.team.submit("visit", id="near", place=(9.0, 3.2))
+        states = team.hear(COORDINATOR_STATE)
+        team.go(4.1)
+        states.drain()
+        team.go(7.9)
+        assert not states.drain()
+        team.go(9.0)
+        record = team.team.wait(task, timeout_s=100.0)
+        assert record.state is TaskState.DONE
+
+
+FAULTS = (
+    fault(FaultKind.LOSE, "r1", 1.0, share=0.3),
+    fault(FaultKind.REORDER, "r3", 1.5, late_s=(0.0, 0.4)),
+    fault(FaultKind.HANG, "r2", 2.0, until_s=3.0, within_s=1.0),
+    fault(FaultKind.KILL, "r3", 3.0, until_s=5.0),
+    fault(FaultKind.PARTITION, COORDINATOR, 5.0, until_s=7.0),
+)
+
+
+def test_equal_seeds_give_equal_runs_with_faults_on_top_of_the_radio():
+    def digest(seed):
+        with team_of(*FAULTS, links=f"{RANGE}\nloss = 0.1\ndelay_s = 0.02", seed=seed) as team:
+            team.go(1.0)
+            team.team.submit("visit", id="far", place=(28.0, 2.0))
+            team.go(9.0)
+            return team.run.digest
+
+    assert digest(1) == digest(1)
+    assert digest(1) != digest(2)

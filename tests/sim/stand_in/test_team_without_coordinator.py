@@ -1,0 +1,96 @@
+"""Robots of the stand-in whose coordinator is gone: what is left is done once each, on ways that get shorter."""
+
+from collections import Counter
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.agent.consensus import consensus_desk
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.clock import to_seconds
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from robrain.sim.stand_in.fault_script import FaultScript, PointRobot, TaskOrder
+from robrain.sim.stand_in.script_drawing import draw_script
+from robrain.sim.stand_in.stand_in_run import StandInRun
+from robrain.sim.stand_in.trial import quiet, run_trial
+
+KILLED_S, NEVER_S = 1.6, 2000.0
+
+
+def orphaned(seed, robots=5, tasks=30, loss=0.0):
+    """Tasks all over a floor of 20 × 20 m, most of them nobody's when the coordinator ends."""
+    rng = np.random.default_rng(seed)
+
+    def place():
+        x_m, y_m = rng.uniform(0.0, 20.0, 2).tolist()
+        return Point2D(round(x_m, 1), round(y_m, 1))
+
+    names = [f"r{number + 1}" for number in range(robots)]
+    faults = [FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=KILLED_S, until_s=NEVER_S)]
+    for name in names if loss else ():
+        faults.append(FaultSpec(robot=name, kind=FaultKind.LOSE, at_s=KILLED_S, until_s=NEVER_S, share=loss))
+    return FaultScript(
+        seed=seed,
+        consensus=True,
+        robots=tuple(PointRobot(name=name, place=place()) for name in names),
+        chargers=(Point2D(0.0, 0.0), Point2D(20.0, 20.0)),
+        tasks=tuple(
+            TaskOrder(at_s=0.5, task=Task(id=f"t{number:02}", kind="visit", place=place(), service_s=2.0))
+            for number in range(tasks)
+        ),
+        faults=tuple(faults),
+    )
+
+
+class Done:
+    """How a run went, until all was done."""
+
+    def __init__(self, script):
+        self.driven_m = 0.0
+        self.begun = Counter()
+        self.rounds = dict.fromkeys((robot.name for robot in script.robots), 0)
+        ends, at = set(), {}
+        with quiet():
+            run = StandInRun(script)
+            while len(ends) < len(script.tasks) and to_seconds(run.now_ns) < 200.0:
+                run.tick()
+                for name, body in run.bodies.items():
+                    self.driven_m += body.moved_m
+                    task = body.work[0] if body.work else ""
+                    if task != at.get(name):
+                        at[name] = task
+                        self.begun[task] += task.startswith("t")
+                    desk = run.host(name)
+                    facts = desk.desk.facts
+                    ends |= {one.id for one in (facts.task, facts.before) if one is not None and one.state == "done"}
+                    self.rounds[name] = max(self.rounds[name], desk._consensus._negotiation.round)
+                ends = {task for task in ends if task.startswith("t")}
+            self.took_s = to_seconds(run.now_ns)
+            run.close()
+        self.begun = {task: count for task, count in self.begun.items() if count}
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.2])
+def test_rounds_end_while_robots_work_and_each_task_is_begun_once(loss):
+    script = orphaned(3, loss=loss)
+    done = Done(script)
+    assert done.begun == dict.fromkeys((order.task.id for order in script.tasks), 1)
+    assert set(done.rounds.values()) == {consensus_desk.ROUNDS + 1}
+    assert done.took_s < 90.0
+
+
+def test_rounds_save_ways_of_robots_that_run(monkeypatch):
+    ways = []
+    for rounds in (0, consensus_desk.ROUNDS):
+        monkeypatch.setattr(consensus_desk, "ROUNDS", rounds)
+        ways.append(sum(Done(orphaned(seed)).driven_m for seed in (17, 18, 19, 20)))
+    assert ways[1] < 0.97 * ways[0]
+
+
+@pytest.mark.parametrize("seed", [10, 48, 50, 59])
+def test_a_robot_that_was_cut_off_when_a_task_ended_does_not_do_it_again(seed):
+    """In these drawn scripts it was told of the end by nobody, and then the coordinator ended."""
+    script = msgspec.structs.replace(draw_script(seed), consensus=True)
+    assert run_trial(script).broken == ()

@@ -1,0 +1,365 @@
+"""Members of a secured team start, are renewed and revoked while it runs, and say what keeps them out."""
+
+import os
+import shutil
+import signal
+from collections.abc import Iterator
+from contextlib import closing
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from robrain.agent.authoring.skeleton import write_skeleton
+from robrain.coordinator.recording.reader.reading import read_messages
+from robrain.deploy.pki.errors import PkiError
+from robrain.deploy.pki.folder import folder_of
+from robrain.deploy.pki.issuing import init, issue, renew, revoke
+from robrain.deploy.pki.router import SecuredRouter
+from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
+from robrain.protocol.wire.access import rules
+from robrain.protocol.wire.access.identity import KEY, TLS_VARIABLE, read_identity
+from robrain.protocol.wire.access.member import Member, MemberRole, member
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import NobodyThere, WireError
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_WHO, HALT, ROBOT_CALL, ROBOT_LOG
+from tests.system.conftest import Commands
+from tests.waiting import PATIENCE_S, until
+
+pytestmark = pytest.mark.system
+TEAM = "blue"
+ROUTER, ROBOT = member("router", TEAM, "site"), member("robot", TEAM, "r1")
+HQ, ANN = member("coordinator", TEAM, "hq"), member("operator", TEAM, "ann")
+
+
+@pytest.fixture
+def pki(tmp_path: Path) -> Path:
+    init(tmp_path / "pki", TEAM, datetime.now(UTC))
+    for who in (ROUTER, ROBOT, HQ, ANN):
+        issue(tmp_path / "pki", who, datetime.now(UTC))
+    return tmp_path / "pki"
+
+
+@pytest.fixture
+def router(pki: Path) -> Iterator[SecuredRouter]:
+    found = SecuredRouter(folder_of(pki, ROUTER), "tls/127.0.0.1:0")
+    yield found
+    found.close()
+
+
+def test_router_cuts_nobody_off_when_only_a_certificate_was_renewed(router: SecuredRouter, pki: Path) -> None:
+    before = router.session
+    renew(pki, ROBOT, datetime.now(UTC))
+    assert router.look() == ""
+    assert router.session is before
+    revoke(pki, ANN)
+    assert "2 may connect" in router.look()
+    assert router.session is not before
+
+
+def test_certificate_is_not_left_unused_on_a_plain_endpoint(as_robot: None) -> None:
+    with pytest.raises(WireError, match=r"tcp/127\.0\.0\.1:1: expected tls/HOST:PORT, since a certificate"):
+        open_session(connect=["tcp/127.0.0.1:1"], wait_s=0.1)
+    with pytest.raises(WireError, match="a peer without endpoints: expected tls/HOST:PORT"):
+        open_session(mode="peer")
+
+
+@pytest.fixture
+def as_robot(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(TLS_VARIABLE, str(folder_of(pki, ROBOT)))
+
+
+def _wire(pki: Path, router: SecuredRouter, who: Member) -> Endpoint:
+    session = open_session(connect=[router.endpoint], identity=read_identity(folder_of(pki, who)))
+    return Endpoint(session, TEAM, WallClock(), Drive.LIVE)
+
+
+def _close(*wires: Endpoint) -> None:
+    for wire in wires:
+        wire.close()
+        wire.session.close()  # type: ignore[no-untyped-call]
+
+
+def _answers(wire: Endpoint) -> bool:
+    try:
+        return wire.ask(COORDINATOR_HALT, timeout_s=1.0) is None
+    except NobodyThere:
+        return False
+
+
+def test_new_and_revoked_members_are_heeded_without_a_restart_of_anybody(pki: Path, router: SecuredRouter) -> None:
+    hq, ann = _wire(pki, router, HQ), _wire(pki, router, ANN)
+    hq.answer(COORDINATOR_HALT, lambda _: None)
+    until(lambda: _answers(ann))
+    assert router.look() == ""
+    bob = member("operator", TEAM, "bob")
+    issue(pki, bob, datetime.now(UTC))
+    assert "4 may connect" in router.look()
+    new = _wire(pki, router, bob)
+    until(lambda: _answers(new))
+    until(lambda: _answers(ann))
+    revoke(pki, bob)
+    assert "3 may connect" in router.look()
+    until(lambda: _answers(ann))
+    assert not _answers(new)
+    _close(hq, ann, new)
+
+
+def test_renewed_certificates_are_used_by_the_next_connection(pki: Path, router: SecuredRouter) -> None:
+    hq, ann = _wire(pki, router, HQ), _wire(pki, router, ANN)
+    hq.answer(COORDINATOR_HALT, lambda _: None)
+    for who in (ROUTER, HQ, ANN):
+        renew(pki, who, datetime.now(UTC))
+    assert "may connect" in router.look()
+    until(lambda: _answers(ann))
+    _close(hq, ann)
+
+
+def test_router_goes_on_with_what_it_has_when_its_files_are_no_good(pki: Path, router: SecuredRouter) -> None:
+    (folder_of(pki, ROUTER) / "members.json").write_text("{")
+    assert "members.json" in router.look()
+    _close(_wire(pki, router, ANN))
+
+
+def test_member_that_the_router_does_not_know_is_told_so(pki: Path, router: SecuredRouter) -> None:
+    revoke(pki, ROBOT)
+    router.look()
+    robot = _wire(pki, router, ROBOT)
+    identity = read_identity(folder_of(pki, ROBOT))
+    with pytest.raises(
+        WireError, match="does not let robot:blue:r1 announce itself, answer, publish: the certificate is revok"
+    ):
+        check_rights("agent", pytest.fail, robot.session, [router.endpoint], identity)
+    _close(robot)
+
+
+def test_rules_that_lack_a_row_are_told_and_do_not_keep_a_robot_out(
+    pki: Path, router: SecuredRouter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rules, "ROWS", tuple(row for row in rules.ROWS if row is not ROBOT_LOG))
+    issue(pki, member("robot", TEAM, "r2"), datetime.now(UTC))
+    router.look()
+    robot, said = _wire(pki, router, ROBOT), []
+    check_rights("agent", said.append, robot.session, [router.endpoint], read_identity(folder_of(pki, ROBOT)))
+    assert "does not let robot:blue:r1 publish: its rules are not those of this version" in said[0]
+    _close(robot)
+
+
+@pytest.mark.parametrize("who", [ROBOT, HQ], ids=str)
+def test_member_with_its_rights_is_told_nothing(pki: Path, router: SecuredRouter, who: Member) -> None:
+    wire = _wire(pki, router, who)
+    check_rights("agent", pytest.fail, wire.session, [router.endpoint], read_identity(folder_of(pki, who)))
+    with pytest.raises(NobodyThere):  # the trial leaves nothing behind
+        wire.ask(COORDINATOR_WHO)
+    _close(wire)
+
+
+@pytest.mark.parametrize(
+    ("role", "team", "name", "says"),
+    [
+        (MemberRole.ROBOT, TEAM, "r2", "expected the certificate of robot:blue:r2, got that of robot:blue:r1"),
+        (MemberRole.ROBOT, "green", "r1", "expected the certificate of robot:green:r1"),
+        (MemberRole.COORDINATOR, TEAM, None, "expected the certificate of coordinator:blue:r1"),
+    ],
+)
+def test_certificate_of_another_name_is_refused(
+    as_robot: None, role: MemberRole, team: str, name: str | None, says: str
+) -> None:
+    with pytest.raises(WireError, match=says):
+        check_certificate("agent", pytest.fail, ["tls/127.0.0.1:1"], team, role, name)
+
+
+def test_certificate_that_soon_ends_is_told(pki: Path, as_robot: None) -> None:
+    renew(pki, ROBOT, datetime.now(UTC) - timedelta(days=6))
+    said: list[str] = []
+    assert check_certificate("agent", said.append, ["tls/127.0.0.1:1"], TEAM, MemberRole.ROBOT, "r1") is not None
+    assert "agent: the certificate of robot:r1 ends in 24 hours" in said[0]
+
+
+def test_plain_endpoints_ask_for_no_certificate() -> None:
+    assert check_certificate("agent", pytest.fail, ["tcp/127.0.0.1:1"], TEAM, MemberRole.ROBOT, "r1") is None
+
+
+def test_secured_endpoint_without_a_certificate_says_how_to_get_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(TLS_VARIABLE, raising=False)
+    with pytest.raises(WireError, match="asks for a certificate: give `robrain --tls FOLDER"):
+        open_session(connect=["tls/127.0.0.1:1"])
+
+
+@pytest.mark.parametrize("mode", ["router", "peer"])
+def test_router_without_rules_is_refused_whatever_its_certificate(
+    pki: Path, monkeypatch: pytest.MonkeyPatch, mode: str
+) -> None:
+    monkeypatch.setenv(TLS_VARIABLE, str(folder_of(pki, ROUTER)))
+    with pytest.raises(WireError, match="only `robrain router` listens on tls/"):
+        open_session(mode=mode, listen=["tls/127.0.0.1:0"])
+
+
+def test_certificate_beside_a_plain_endpoint_is_refused(pki: Path) -> None:
+    identity = read_identity(folder_of(pki, ROBOT))
+    with pytest.raises(WireError, match="expected tls/HOST:PORT beside a certificate"):
+        open_session(connect=["tcp/127.0.0.1:1"], identity=identity)
+
+
+def test_endpoint_of_another_team_is_refused(pki: Path, router: SecuredRouter) -> None:
+    session = open_session(connect=[router.endpoint], identity=read_identity(folder_of(pki, ANN)))
+    with pytest.raises(WireError, match="the certificate of operator:ann is of team blue, not of team green"):
+        Endpoint(session, "green", WallClock(), Drive.LIVE)
+    session.close()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "warns"),
+    [("tcp/0.0.0.0:7447", True), ("tcp/10.0.0.5:0", True), ("tcp/127.0.0.1:0", False), ("tls/0.0.0.0:7447", False)],
+)
+def test_listening_beyond_this_machine_without_certificates_is_warned_of(endpoint: str, warns: bool) -> None:
+    said: list[str] = []
+    warn_of_listening("hub", [endpoint], said.append)
+    assert bool(said) == warns
+
+
+def test_commands_make_a_team_that_does_a_halt(commands: Commands) -> None:
+    """The commands of the page `docs/how-to/secure-a-team.md`, but for the robot's hardware."""
+    folder = commands.folder
+    assert "CA of team blue" in commands.run("pki", "init", "--team", TEAM).stdout
+    for words in ("router site", "coordinator hq", "operator ann", "viewer vic", "robot r1"):
+        assert commands.run("pki", "issue", *words.split()).returncode == 0
+    members = folder / "pki" / "members"
+    router = commands.start("--tls", str(members / "router.site"), "router", "--listen", "tls/127.0.0.1:0")
+    endpoint = commands.line_with(router, "members may connect").split()[2].rstrip(",")
+    hq = commands.start("--tls", str(members / "coordinator.hq"), "coordinator", "--team", TEAM, "--connect", endpoint)
+    (folder / "r1.toml").write_text(
+        '[robot]\nname = "r1"\nteam = "blue"\nload = ["counter", "command"]\n'
+        f'[zenoh]\nconnect = ["{endpoint}"]\n[zenoh.tls]\nfolder = "pki/members/robot.r1"\n'
+    )
+    agent = commands.start("agent", "r1.toml")
+    commands.line_with(hq, "of team blue")
+    commands.line_with(agent, "r1 is up")
+
+    def ask(who: str, *words: str) -> tuple[int, str]:
+        ended = commands.run("--tls", str(members / who), *words, "--team", TEAM, "--connect", endpoint)
+        return ended.returncode, ended.stdout + ended.stderr
+
+    assert "r1 up" in ask("operator.ann", "status")[1]
+    code, said = ask("viewer.vic", "halt")
+    assert code != 0
+    assert "viewer:vic may not publish halt: dashboard, operator may" in said
+    assert "1 of 1 robots halted" in ask("operator.ann", "halt")[1]
+    assert "1 of 1 robots resumed" in ask("operator.ann", "resume")[1]
+    shown = commands.run("pki", "show").stdout
+    assert "robot:blue:r1" in shown
+    assert "ends in 7 days" in shown
+
+
+def test_agent_says_what_is_wrong_with_its_certificate_and_ends(commands: Commands, pki: Path) -> None:
+    folder = commands.folder
+    shutil.copytree(folder_of(pki, ROBOT), folder / "copy")
+    os.chmod(folder / "copy" / KEY, 0o644)
+    (folder / "r1.toml").write_text(
+        '[robot]\nname = "r1"\nteam = "blue"\n[zenoh]\nconnect = ["tls/127.0.0.1:1"]\n[zenoh.tls]\nfolder = "copy"\n'
+    )
+    ended = commands.run("agent", "r1.toml")
+    assert ended.returncode == 2
+    assert "key.pem: expected mode 0600, got 0644" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_robot_does_a_task_and_a_recording_says_who_halted_it(commands: Commands) -> None:
+    folder = commands.folder
+    commands.run("pki", "init", "--team", TEAM)
+    for words in ("router site", "coordinator hq", "operator ann", "arena sim", "recorder rec", "robot r1"):
+        commands.run("pki", "issue", *words.split())
+    members = folder / "pki" / "members"
+    router = commands.start("--tls", str(members / "router.site"), "router", "--listen", "tls/127.0.0.1:0")
+    endpoint = commands.line_with(router, "members may connect").split()[2].rstrip(",")
+
+    def start(who: str, *words: str) -> object:
+        return commands.start("--tls", str(members / who), *words, "--team", TEAM, "--connect", endpoint)
+
+    def ask(*words: str) -> str:
+        ended = commands.run("--tls", str(members / "operator.ann"), *words, "--team", TEAM, "--connect", endpoint)
+        return ended.stdout + ended.stderr
+
+    arena = start("arena.sim", "arena", "depot", "--robots", "1", "--robot-files", "robots")
+    start("coordinator.hq", "coordinator")
+    recorder = start("recorder.rec", "record", "--output", "run.mcap")
+    commands.line_with(arena, "robots r1")  # type: ignore[arg-type]
+    robot_file = folder / "robots" / "r1.toml"
+    robot_file.write_text(robot_file.read_text() + '\n[zenoh.tls]\nfolder = "../pki/members/robot.r1"\n')
+    commands.line_with(commands.start("agent", str(robot_file)), "r1 is up")
+    until(lambda: "visit-1" in ask("task", "add", "visit", "--at", "3,4", "--id", "visit-1"), pause_s=0.2)
+    until(lambda: "done" in ask("task", "list"), "r1 does not visit", pause_s=0.2)
+    assert "1 of 1 robots halted" in ask("halt", "--reason", "test")
+    assert "1 of 1 robots resumed" in ask("resume")
+    assert "refused" not in ask("status")
+    recorder.send_signal(signal.SIGINT)  # type: ignore[attr-defined]
+    recorder.wait(PATIENCE_S)  # type: ignore[attr-defined]
+    found = [each.payload for each in read_messages(folder / "run.mcap") if each.topic_key == HALT.key(TEAM)]
+    halts = [HALT.payloads.read(payload) for payload in found]
+    assert list(dict.fromkeys((halt.by, halt.halted) for halt in halts)) == [
+        ("operator:ann", True),
+        ("operator:ann", False),
+    ]
+
+
+def test_configuration_for_zenohd_makes_a_router_of_the_same_rules(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read by Zenoh's own parser, and run by it in the router's folder, as `zenohd -c` does."""
+    monkeypatch.chdir(folder_of(pki, ROUTER))
+    text = Path("zenohd.json5").read_text().replace("127.0.0.1:7447", "127.0.0.1:0")
+    config = zenoh.Config.from_json5(text)
+    config.insert_json5("adminspace/enabled", "true")  # for the port that it got
+    with closing(zenoh.open(config)) as router:
+        endpoint = listening_at(router)[0]
+        hq, ann = (open_session(connect=[endpoint], identity=read_identity(folder_of(pki, who))) for who in (HQ, ANN))
+        wires = [Endpoint(session, TEAM, WallClock(), Drive.LIVE) for session in (hq, ann)]
+        wires[0].answer(COORDINATOR_HALT, lambda _: None)
+        until(lambda: _answers(wires[1]))
+        heard = []
+        with hq.declare_subscriber(f"robrain/{TEAM}/robot/r1/state", heard.append):
+            until(lambda: ann.put(f"robrain/{TEAM}/robot/r1/state", b"{}") or True)
+            assert _answers(wires[1])
+            assert heard == []
+        _close(*wires)
+
+
+def test_plugin_in_a_process_of_its_own_connects_with_its_robots_certificate(
+    commands: Commands, pki: Path, router: SecuredRouter
+) -> None:
+    folder = commands.folder
+    manifest = write_skeleton("tool", "skill", folder / "plugins")[1]
+    manifest.write_text(manifest.read_text().replace("[tag]", '[tag]\nisolation = "process"'))
+    (folder / "r1.toml").write_text(
+        f'[robot]\nname = "r1"\nteam = "{TEAM}"\nplaces = ["plugins"]\nload = ["tool", "command"]\n'
+        f'[zenoh]\nconnect = ["{router.endpoint}"]\n[zenoh.tls]\nfolder = "{folder_of(pki, ROBOT)}"\n'
+    )
+    commands.line_with(commands.start("agent", "r1.toml"), "r1 is up with 2 plugins")
+    ann = _wire(pki, router, ANN)
+    assert ann.ask(ROBOT_CALL, b'["Ada"]', robot="r1", plugin="tool", function="hello") == b'"hello Ada"'
+    _close(ann)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("router",), "give the router's folder: `robrain --tls pki/members/router.NAME router`"),
+        (("pki", "issue", "king", "r1", "--pki", "pki"), "pki/members.json: no such file; `robrain pki init pki`"),
+        (("pki", "show"), "pki/members.json: no such file"),
+        (("--tls", "nowhere", "halt", "--connect", "tls/127.0.0.1:1"), "nowhere/ca.pem: no such file"),
+        (("halt", "--connect", "tls/127.0.0.1:1"), "asks for a certificate: give `robrain --tls FOLDER"),
+    ],
+)
+def test_mistake_at_the_command_line_is_one_sentence(commands: Commands, words: tuple[str, ...], says: str) -> None:
+    ended = commands.run(*words)
+    assert ended.returncode == 2
+    assert says in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+def test_certificate_that_is_no_routers_makes_no_router(pki: Path) -> None:
+    with pytest.raises(PkiError, match="expected the certificate of a router, got operator:ann's"):
+        SecuredRouter(folder_of(pki, ANN))
+    with pytest.raises(PkiError, match="expected tls/HOST:PORT"):
+        SecuredRouter(folder_of(pki, ROUTER), "tcp/127.0.0.1:0")

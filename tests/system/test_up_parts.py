@@ -1,0 +1,155 @@
+"""`robrain up` leaves nothing behind, gives up what always fails, and runs on several machines; `top` and `doctor`."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from robrain import Team
+from tests.system.conftest import Commands
+from tests.system.cut_network import FAR, NEAR, cut_network
+from tests.waiting import PATIENCE_S, has_ended, until
+
+pytestmark = pytest.mark.system
+
+TEAM_FILE = """
+[team]
+name = "blue"
+scenario = "arena_small"
+port = {port}
+
+[[hosts]]
+name = "base"
+address = "{base}"
+parts = ["hub", "arena", "coordinator", "r1"]
+
+[[hosts]]
+name = "cart"
+address = "{cart}"
+parts = ["r2"]
+"""
+SMALL = ("up", "arena_small", "--robots", "1", "--no-dashboard", "--json")
+LEFT_S = 20.0
+"""Far beyond the guard's grace of 3 s."""
+
+
+def _port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def _parts(process: subprocess.Popen[str], names: set[str]) -> dict[str, int]:
+    """Process ids by part, once all of these are up."""
+    assert process.stdout is not None
+    pids: dict[str, int] = {}
+    while names:
+        line = process.stdout.readline()
+        assert line, f"{names} never came up"
+        event = json.loads(line) if line.startswith("{") else {}
+        if event.get("kind") == "started":
+            pids[event["part"]] = event["pid"]
+        elif event.get("kind") == "up":
+            names = names - {event["part"]}
+    return pids
+
+
+def test_nothing_is_left_when_up_is_killed_even_of_a_process_that_stands_still(commands: Commands) -> None:
+    process = commands.start(*SMALL, stderr=subprocess.DEVNULL)
+    pids = _parts(process, {"hub", "coordinator"})
+    os.kill(pids["coordinator"], signal.SIGSTOP)
+    process.kill()
+    process.wait()
+    ends_s = time.monotonic() + LEFT_S
+    until(lambda: all(map(has_ended, pids.values())) or time.monotonic() > ends_s)
+    assert all(map(has_ended, pids.values()))
+
+
+def test_part_that_always_fails_is_given_up_and_the_exit_status_tells(commands: Commands) -> None:
+    Path(commands.folder / "r9.toml").write_text('[robot]\nname = "r9"\nload = ["nothing"]\n')
+    Path(commands.folder / "team.toml").write_text(
+        f'[team]\nport = {_port()}\n[robots]\nr9 = "r9.toml"\n'
+        '[[hosts]]\nname = "one"\naddress = "127.0.0.1"\nparts = ["hub", "r9"]\n'
+    )
+    process = commands.start("up", "team.toml")
+    line = commands.line_with(process, "is given up")
+    assert line.startswith("r9 ended with status 2 (")
+    assert "no plugin nothing in any place" in line
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 1
+    assert "r9 was started again 5 times, then given up" in (process.stdout.read() if process.stdout else "")
+
+
+def test_two_hosts_of_a_team_file_are_one_team(commands: Commands) -> None:
+    port = _port()
+    Path(commands.folder / "team.toml").write_text(TEAM_FILE.format(port=port, base="127.0.0.1", cart="127.0.0.2"))
+    cart = commands.start("up", "team.toml", "--host", "cart")  # before its hub is there
+    base = commands.start("up", "team.toml", "--host", "base")
+    commands.line_with(base, "r1: up")
+    commands.line_with(cart, "r2: up")
+    _is_one_team(commands, f"tcp/127.0.0.1:{port}")
+    done = commands.run("up", "team.toml")
+    assert done.returncode == 2
+    assert "expected --host with one of base, cart" in done.stderr
+
+
+def test_two_hosts_on_two_networks_are_one_team(commands: Commands) -> None:
+    port = _port()
+    Path(commands.folder / "team.toml").write_text(TEAM_FILE.format(port=port, base=NEAR, cart=FAR))
+    with cut_network() as network:
+        base = commands.start("up", "team.toml", "--host", "base")
+        commands.line_with(base, "r1: up")
+        words = network.words([sys.executable, "-m", "robrain.cli", "up", "team.toml", "--host", "cart"])
+        variables = {name: value for name, value in os.environ.items() if not name.startswith("ROBRAIN_")}
+        cart = subprocess.Popen(
+            words, cwd=commands.folder, env=variables, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        commands.adopt(cart)
+        commands.line_with(cart, "r2: up")
+        _is_one_team(commands, f"tcp/{NEAR}:{port}")
+        cart.send_signal(signal.SIGINT)
+        assert cart.wait(PATIENCE_S) == 0
+
+
+def test_top_and_doctor_see_a_team_that_runs(commands: Commands) -> None:
+    process = commands.start(*SMALL, stderr=subprocess.DEVNULL)
+    pids = _parts(process, {"hub", "arena", "coordinator", "r1"})
+
+    def members() -> dict[str, dict[str, object]] | None:
+        done = commands.run("top", "--json")
+        told = {member["name"]: member for member in json.loads(done.stdout)} if done.returncode == 0 else {}
+        is_whole = {"r1", "coordinator", "arena"} <= set(told) and "cpu_share" in told["r1"] and "pid" in told["r1"]
+        return told if is_whole else None
+
+    found = until(members)
+    assert {name: found[name]["pid"] for name in ("r1", "coordinator")} == {
+        name: pids[name] for name in ("r1", "coordinator")
+    }
+    assert "states/s" in str(found["r1"]["messages"])
+    assert "pid" not in found["arena"]  # it does not say which process it is
+    Path(commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\nload = ["mocdevice"]\n')
+    looked = commands.run("doctor", "r1.toml", "--json")
+    told = {check["name"]: check for check in json.loads(looked.stdout)}
+    assert looked.returncode == 0, told
+    assert told["name"]["sentence"].startswith("r1 has joined")
+    assert told["clock"]["ok"]
+    assert told["version"]["ok"]
+
+
+def test_doctor_ends_with_1_if_something_is_wrong(commands: Commands) -> None:
+    done = commands.run("doctor")
+    assert done.returncode == 1
+    assert "WRONG   router: nobody listens at" in done.stdout
+
+
+def _is_one_team(commands: Commands, endpoint: str) -> None:
+    def robots() -> bool:
+        with Team.connect(endpoint, team="blue", patience_s=PATIENCE_S) as team:
+            return sorted(team.robots) == ["r1", "r2"]
+
+    until(robots, "the two hosts are not one team", pause_s=0.2)
