@@ -8,7 +8,7 @@ from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.localization.rssi_ranging import RssiSample
 from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 if TYPE_CHECKING:  # a robot that does not navigate has no arrays
     from robrain.protocol.model.mapping.local_map import ArenaFix, LocalMap, LocalPose

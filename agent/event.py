@@ -18,7 +18,7 @@ import zenoh
 
 from robrain.agent.text_form import encode_own
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages import plugin_messages
+from robrain.protocol.wire.messages.robots import plugin_messages
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topics import ROBOT_EVENT
 

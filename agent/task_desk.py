@@ -21,10 +21,10 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.cost_messages import TaskCost
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.cost_messages import TaskCost
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import (
     DoneJustNow,
     EpochAhead,

@@ -1,8 +1,8 @@
 """What a team's coordinator is asked about the team as a whole."""
 
 from robrain.client.requests import Requests
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft
-from robrain.protocol.wire.messages.standing_messages import LeadRequest
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.team.standing_messages import LeadRequest
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD
 from robrain.protocol.wire.topics import COORDINATOR_LEFT_NOW
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterable
 
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 
 class FreshIds:

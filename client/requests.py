@@ -12,7 +12,7 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.wire.hub import teams_there, wrong_team
-from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.wire.topic import Q, Query, R
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_CANCEL, ROBOT_SUBMIT, TASK_CANCEL, TASK_SUBMIT
 

@@ -9,8 +9,8 @@ from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.hub import wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 WAIT_S = 2.0

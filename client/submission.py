@@ -12,7 +12,7 @@ from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_paramete
 from robrain.protocol.model.tasks.task import BadParameters, Task
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
 
 POINTS = ("place", "look_at")
 RELATIVE = ("earliest_in_s", "deadline_in_s")

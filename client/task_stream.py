@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from robrain.client.transport import Transport
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.topics import TASK_EVENT
 
 POLL_S = 0.02

@@ -46,7 +46,8 @@ from robrain.protocol.wire.host_queries import (
 )
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages.host_messages import (
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.host_messages import (
     CommandRequest,
     HoldRequest,
     LoadRequest,
@@ -54,12 +55,11 @@ from robrain.protocol.wire.messages.host_messages import (
     ReloadRequest,
     UnloadRequest,
 )
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import (
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.messages.tasks.task_messages import (
     KnownKind,
     TaskFilter,
     TaskRecord,
@@ -67,7 +67,7 @@ from robrain.protocol.wire.messages.task_messages import (
     TaskSubmission,
     TaskWhy,
 )
-from robrain.protocol.wire.messages.team_messages import Halt, TeamState
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.wire.topics import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,

@@ -45,11 +45,11 @@ from robrain.protocol.wire.border.refusals import RefusalCode, most_refused
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
-from robrain.protocol.wire.messages.standing_messages import LeadReply, LeadRequest
-from robrain.protocol.wire.messages.task_messages import TaskRecord
-from robrain.protocol.wire.messages.team_messages import FrontierSummary, TeamState
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest
+from robrain.protocol.wire.messages.team.team_messages import FrontierSummary, TeamState
 from robrain.protocol.wire.reasons.idle import IdleReason, LacksRange, PlanPending, TaskSoon, TeamHalted
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
 from robrain.protocol.wire.topics import (

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from robrain.protocol.model.tasks.stock_kinds import TaskParameters
     from robrain.protocol.model.tasks.task import Task, TaskState
     from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, NobodyThere, RobrainError, WireError
-    from robrain.protocol.wire.messages.mote_messages import MoteReading
-    from robrain.protocol.wire.messages.offer_messages import TaskEvent
-    from robrain.protocol.wire.messages.plan_messages import PlanningStatus
-    from robrain.protocol.wire.messages.plugin_messages import PluginInfo
-    from robrain.protocol.wire.messages.robot_messages import RobotState
-    from robrain.protocol.wire.messages.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
-    from robrain.protocol.wire.messages.team_messages import TeamState
+    from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+    from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+    from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+    from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+    from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
+    from robrain.protocol.wire.messages.tasks.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
+    from robrain.protocol.wire.messages.team.team_messages import TeamState
     from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
@@ -162,13 +162,13 @@ _NAMES = {
     "robrain.protocol.model.tasks.stock_kinds": ("TaskParameters",),
     "robrain.protocol.model.tasks.task": ("Task", "TaskState"),
     "robrain.protocol.wire.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),
-    "robrain.protocol.wire.messages.mote_messages": ("MoteReading",),
-    "robrain.protocol.wire.messages.offer_messages": ("TaskEvent",),
-    "robrain.protocol.wire.messages.plan_messages": ("PlanningStatus",),
-    "robrain.protocol.wire.messages.plugin_messages": ("PluginInfo",),
-    "robrain.protocol.wire.messages.robot_messages": ("RobotState",),
-    "robrain.protocol.wire.messages.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),
-    "robrain.protocol.wire.messages.team_messages": ("TeamState",),
+    "robrain.protocol.wire.messages.motes.mote_messages": ("MoteReading",),
+    "robrain.protocol.wire.messages.tasks.offer_messages": ("TaskEvent",),
+    "robrain.protocol.wire.messages.tasks.plan_messages": ("PlanningStatus",),
+    "robrain.protocol.wire.messages.robots.plugin_messages": ("PluginInfo",),
+    "robrain.protocol.wire.messages.robots.robot_messages": ("RobotState",),
+    "robrain.protocol.wire.messages.tasks.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),
+    "robrain.protocol.wire.messages.team.team_messages": ("TeamState",),
     "robrain.sim.world.chargers": ("ChargerSpec",),
     "robrain.sim.disturbance": ("DisturbanceSpec", "PauseSpec"),
     "robrain.sim.links.link_spec": ("LinkSpec", "PartitionSpec"),

@@ -8,6 +8,6 @@ from robrain.protocol.wire import messages
 
 
 def message_modules() -> list[ModuleType]:
-    """The modules of `robrain.protocol.wire.messages`, by name."""
-    names = sorted(found.name for found in pkgutil.iter_modules(messages.__path__))
-    return [importlib.import_module(f"{messages.__name__}.{name}") for name in names]
+    """The modules of `robrain.protocol.wire.messages` and its folders, by name."""
+    found = pkgutil.walk_packages(messages.__path__, f"{messages.__name__}.")
+    return [importlib.import_module(name) for name in sorted(one.name for one in found if not one.ispkg)]

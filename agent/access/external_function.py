@@ -20,7 +20,7 @@ from robrain.agent.text_form import (
 )
 from robrain.agent.type_text import signature_text
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.plugin_messages import FunctionInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo
 
 TYPE_WORDS: Mapping[Any, str] = {type(None): "void", float: "double", str: "string", Any: "any"}
 """Types whose word in a signature is not their name; the paper's words are those of C++."""

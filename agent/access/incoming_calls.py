@@ -17,7 +17,7 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Handler, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import PluginOut
 
 logger = logging.getLogger(__name__)

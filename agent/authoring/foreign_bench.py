@@ -21,7 +21,7 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 

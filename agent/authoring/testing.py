@@ -21,7 +21,7 @@ from robrain.agent.manifest import find_manifests
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
 

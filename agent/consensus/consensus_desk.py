@@ -22,7 +22,8 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.consensus_messages import (
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ENDED_TOLD,
     DropTaken,
     TaskDone,
@@ -30,10 +31,9 @@ from robrain.protocol.wire.messages.consensus_messages import (
     TaskTaken,
     TeamBallot,
 )
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import Occupied
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
 

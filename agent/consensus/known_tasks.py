@@ -10,7 +10,7 @@ import msgspec
 
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.consensus_messages import (
+from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ASKED_BYTES_MAX,
     ASKED_MAX,
     CANCELLED_MAX,
@@ -20,7 +20,7 @@ from robrain.protocol.wire.messages.consensus_messages import (
     TaskDropped,
     TaskKnown,
 )
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 
 TASKS_MAX = 256
 """Open tasks that a robot remembers (chosen: what is allocated at a time)."""

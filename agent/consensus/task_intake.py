@@ -16,7 +16,7 @@ from robrain.protocol.model.tasks.task import BadParameters, Task
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.consensus_messages import (
+from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ASKED_BYTES_MAX,
     ASKED_TOLD,
     CANCELLED_MAX,
@@ -27,7 +27,7 @@ from robrain.protocol.wire.messages.consensus_messages import (
     TaskKnown,
     TaskTaken,
 )
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
 
 Known = Mapping[str, Sequence[TaskKnown]]
 """What each of the other robots has said that it has."""

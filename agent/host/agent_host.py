@@ -42,12 +42,12 @@ from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links.thinning import Thinning
-from robrain.protocol.wire.messages.consensus_messages import DropTaken, TaskTaken
-from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.plugin_messages import LogRecord, PluginInfo
-from robrain.protocol.wire.messages.robot_messages import PluginFault, RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord, PluginInfo
+from robrain.protocol.wire.messages.robots.robot_messages import PluginFault, RobotState
+from robrain.protocol.wire.messages.tasks.consensus_messages import DropTaken, TaskTaken
+from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.wire.reasons.offers import RobotHalted
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,

@@ -21,10 +21,10 @@ from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.host_messages import HaltAnswer
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import HaltStatus, TeamState
+from robrain.protocol.wire.messages.robots.host_messages import HaltAnswer
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.team_messages import HaltStatus, TeamState
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
 
 logger = logging.getLogger(__name__)

@@ -24,8 +24,8 @@ from robrain.protocol.wire.access.vouching import vouch_request
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
-from robrain.protocol.wire.messages import host_messages as ask
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots import host_messages as ask
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.topic import Q, Query, R
 
 logger = logging.getLogger(__name__)

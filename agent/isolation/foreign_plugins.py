@@ -21,7 +21,7 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
 
 logger = logging.getLogger(__name__)

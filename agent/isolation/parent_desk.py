@@ -17,7 +17,7 @@ from robrain.agent.isolation.messages import Call, Get, Log, Notify, Observe, Re
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.plugin import Plugin
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 
 logger = logging.getLogger(__name__)
 

@@ -39,7 +39,7 @@ from robrain.agent.plugin_traceback import raised
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Handler, Serve
-from robrain.protocol.wire.messages.host_messages import Lease
+from robrain.protocol.wire.messages.robots.host_messages import Lease
 from robrain.protocol.wire.topic import Query
 
 logger = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ from robrain.agent.manifest import Manifest, where_and_what
 from robrain.agent.plugin import Behavior, Plugin
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.plugin_messages import TaskKind
+from robrain.protocol.wire.messages.robots.plugin_messages import TaskKind
 from robrain.protocol.wire.schema.struct_schema import parameters_schema
 
 _CODE = "_robrain_plugin_code"

@@ -6,7 +6,7 @@ import msgspec
 
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo, TaskKind
 
 
 def plugin_info(plugin: ManagedPlugin) -> PluginInfo:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from robrain.coordinator.charging.charge_schedule import is_same_charger
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 USUAL_W = 20.0
 """Of a charger at which no robot has charged yet. Chosen: a dock of 40 W, less a small robot's own consumption and the

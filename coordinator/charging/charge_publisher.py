@@ -6,7 +6,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge
+from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge
 from robrain.protocol.wire.reasons.plans import WaitsForCharger
 from robrain.protocol.wire.reasons.tasks import WaitsForCharge
 from robrain.protocol.wire.reasons.words import told

@@ -16,7 +16,7 @@ from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import parameters_of
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 DETOUR = 1.5
 """Assumed ratio of path length to straight line where no plan has the length (chosen; robots assume the same)."""

@@ -5,7 +5,7 @@ import math
 from robrain.coordinator.planning.energy_budget import SOC_LEAST
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.energy.energy_model import Work, estimate
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 
 PLENTY_M = 1000.0
 """A robot that can go this far can go anywhere (chosen: no floor of a team has two such paths)."""

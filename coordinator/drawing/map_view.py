@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from robrain.coordinator.drawing.drawn_floor import DrawnFloor
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.patch_cells import MAX_CELLS, geometry_of
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, geometry_of
 
 if TYPE_CHECKING:  # loads kernels
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -63,7 +63,7 @@ class MapView:
                 so large that it would fill the memory.
         """
         from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-        from robrain.protocol.wire.messages.map_patch import take_message
+        from robrain.protocol.wire.messages.maps.map_patch import take_message
 
         atlas = self.atlas
         if atlas is None:

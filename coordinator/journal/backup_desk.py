@@ -12,7 +12,7 @@ from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.standing_messages import JournalBackup
+from robrain.protocol.wire.messages.team.standing_messages import JournalBackup
 from robrain.protocol.wire.standing_topics import COORDINATOR_BACKUP
 
 logger = logging.getLogger(__name__)

@@ -37,8 +37,8 @@ from robrain.coordinator.journal.salvage import (
 from robrain.coordinator.journal.schema import ENDED, migrate
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.standing_messages import JournalEntry, JournalPage, JournalTask
-from robrain.protocol.wire.messages.task_messages import TaskChange, TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskChange, TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask
 
 logger = logging.getLogger(__name__)
 

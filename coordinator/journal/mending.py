@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.model.tasks.old_form import upgraded
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.tasks import TaskReason
 
 FIELDS_MAX = 16

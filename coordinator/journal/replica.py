@@ -7,8 +7,8 @@ import msgspec
 
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.salvage import CHANGE_COLUMNS
-from robrain.protocol.wire.messages.standing_messages import JournalAlarm, JournalEntry, JournalTask
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.wire.messages.team.standing_messages import JournalAlarm, JournalEntry, JournalTask
 
 PUT_CHANGE = f"INSERT OR IGNORE INTO change (number, {CHANGE_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
 NUMBERED = "SELECT record FROM task WHERE number > CAST(? AS INTEGER) ORDER BY number LIMIT CAST(? AS INTEGER)"

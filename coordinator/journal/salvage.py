@@ -12,7 +12,7 @@ import msgspec
 
 from robrain.coordinator.journal.schema import migrate
 from robrain.protocol.model.tasks.old_form import upgraded_json
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 logger = logging.getLogger(__name__)
 

@@ -25,7 +25,7 @@ from robrain.protocol.model.motes.mote_energy import (
     SENSE_A,
     SENSE_S,
 )
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 
 LISTEN_S = 0.2
 """After a reading, for whatever a robot has to say."""

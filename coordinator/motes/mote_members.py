@@ -24,8 +24,8 @@ from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.mote_messages import MoteDuty, MoteReading
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskRecord
+from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.reasons.robots import (
     BatteryTooSmall,

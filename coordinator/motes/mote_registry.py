@@ -3,7 +3,7 @@
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.reasons.robots import CarrierOut, MoteSilent, RobotReason
 
 MEMBER_PREFIX = "mote:"

@@ -22,7 +22,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.wire.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
 from robrain.protocol.wire.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
 

@@ -7,9 +7,9 @@ from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, parameters_of
-from robrain.protocol.wire.messages.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import RobotVerdict
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.reasons.plans import NothingElse, ToCharge
 from robrain.protocol.wire.reasons.words import told
 

@@ -10,8 +10,8 @@ from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.planning.plan_passes import PlanFailure
 from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Snapshot
-from robrain.protocol.wire.messages.plan_messages import PlanProblem, TaskDecision
-from robrain.protocol.wire.messages.task_messages import RobotVerdict
+from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem, TaskDecision
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.reasons.plans import LeftOut
 from robrain.protocol.wire.reasons.tasks import TaskReason
 from robrain.protocol.wire.reasons.words import told

@@ -33,9 +33,9 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.plan_messages import PlanProblem
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.tasks import CannotBePlanned, TaskReason
 
 logger = logging.getLogger(__name__)

@@ -37,9 +37,14 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
-from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.plan_messages import (
+    ObjectiveRequest,
+    PlannedCharge,
+    PlanningStatus,
+    TaskDecision,
+)
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.plans import LeftOut
 from robrain.protocol.wire.reasons.robots import RobotReason, WithOthers
 from robrain.protocol.wire.reasons.tasks import NoPlan, PlanLeavesOut, TaskReason, ToBegin

@@ -16,7 +16,7 @@ from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import AfterUnplanned, HolderOut, Outranked, TaskReason
 

@@ -10,7 +10,7 @@ from robrain.coordinator.planning.plan_passes import STOCK_PASSES
 from robrain.coordinator.planning.plan_search import solve
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.coordinator.recording.reader.reading import read_messages
-from robrain.protocol.wire.messages.plan_messages import PlanProblem
+from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.wire.topics import TASK_PROBLEM
 
 Routes = tuple[tuple[str, tuple[str, ...]], ...]

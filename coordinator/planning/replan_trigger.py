@@ -6,7 +6,7 @@ from robrain.coordinator.planning.energy_budget import PLENTY_J, profile_of
 from robrain.coordinator.planning.snapshot import Member
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 DRAINED_SHARE = 0.02
 """A robot that has used this share of its full battery more than planned triggers a new plan."""

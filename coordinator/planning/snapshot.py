@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import RobotReason
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)

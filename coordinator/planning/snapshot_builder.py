@@ -17,8 +17,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import Charging, Halted, HeadsHome, PositionUnknown, RobotReason, SentToCharge
 
 AT_PLACE_M = 1.0

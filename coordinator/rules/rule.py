@@ -34,7 +34,7 @@ from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_paramete
 from robrain.protocol.model.tasks.task import BadParameters, Needs, Parameters, Task
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 
 RULES_MAX = 256
 BY = "rule:"

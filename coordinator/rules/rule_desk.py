@@ -29,10 +29,10 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.plugin_messages import Event
-from robrain.protocol.wire.messages.rule_messages import RuleStatus
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import Event
+from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.wire.reasons.tasks import RuleEvent, RuleReading
 from robrain.protocol.wire.topics import MOTE_READING, ROBOT_EVENT
 

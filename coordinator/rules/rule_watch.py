@@ -9,7 +9,7 @@ from robrain.coordinator.rules.rule import Per, ReadingCondition, Rule
 from robrain.coordinator.rules.rule_words import waits_for
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.rule_messages import RuleStatus
+from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
 
 RETRY_NS = to_ns(10.0)
 """After a task of it was refused, a rule waits for at least so long (chosen)."""

@@ -13,7 +13,7 @@ import msgspec
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-from robrain.protocol.wire.messages.standing_messages import (
+from robrain.protocol.wire.messages.team.standing_messages import (
     ENTRIES_MAX,
     PAGE_TASKS,
     CopyRequest,
@@ -22,7 +22,7 @@ from robrain.protocol.wire.messages.standing_messages import (
     JournalPage,
     StandByState,
 )
-from robrain.protocol.wire.messages.team_messages import StandByStatus
+from robrain.protocol.wire.messages.team.team_messages import StandByStatus
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL
 

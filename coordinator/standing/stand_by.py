@@ -15,7 +15,7 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.standing_messages import (
+from robrain.protocol.wire.messages.team.standing_messages import (
     CopyRequest,
     JournalChanges,
     JournalPage,

@@ -16,7 +16,7 @@ from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.messages.message import JsonSchema
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.reason import said
 from robrain.protocol.wire.reasons.tasks import (
     AfterEnded,

@@ -14,8 +14,8 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.answers.later import Later
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskRecord
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.reasons.robots import AnotherNearer, PositionUnknown, RobotReason
 from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 

@@ -24,8 +24,8 @@ import msgspec
 from robrain.coordinator.team.roster import LOST_AFTER_S, Robot
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import NotHeard
 from robrain.protocol.wire.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
 

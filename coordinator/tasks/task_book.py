@@ -15,9 +15,9 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.reason import said
 from robrain.protocol.wire.reasons.robots import Failed, Refused
 from robrain.protocol.wire.reasons.tasks import DoneBefore, RobotOut, TaskReason, Unreadable

@@ -15,7 +15,7 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.topics import ROBOT_COSTS
 
 QUERY_TASKS_MAX = 256

@@ -15,7 +15,7 @@ from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskRecord, TaskWhy
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord, TaskWhy
 from robrain.protocol.wire.reasons.robots import AtTask, Halted, LacksPlugins, RobotReason
 from robrain.protocol.wire.reasons.tasks import (
     AfterOpen,

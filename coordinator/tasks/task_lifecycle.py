@@ -27,9 +27,9 @@ from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.offer_messages import TaskWithdrawal
-from robrain.protocol.wire.messages.robot_messages import BatteryState, TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskWithdrawal
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import Failed, Refused, RobotReason, Unreachable

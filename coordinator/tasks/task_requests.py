@@ -16,7 +16,13 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.messages.tasks.task_messages import (
+    TaskFilter,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
 from robrain.protocol.wire.reasons.tasks import Cancelled, TaskReason
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_KINDS, TASK_LIST, TASK_SUBMIT, TASK_WHY
 

@@ -7,7 +7,7 @@ import msgspec
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.consensus_messages import TaskAsked, TeamBallot
+from robrain.protocol.wire.messages.tasks.consensus_messages import TaskAsked, TeamBallot
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import Cancelled
 

@@ -10,8 +10,8 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.message import JsonSchema
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo, TaskKind
-from robrain.protocol.wire.messages.task_messages import KnownKind
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.wire.messages.tasks.task_messages import KnownKind
 from robrain.protocol.wire.topics import ROBOT_PLUGINS
 
 ASK_AGAIN_NS = to_ns(10.0)

@@ -11,8 +11,8 @@ from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import HaltStatus
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.team_messages import HaltStatus
 from robrain.protocol.wire.topics import COORDINATOR_HALT, HALT
 
 

@@ -7,7 +7,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.wire.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
 
 PERIOD_NS = to_ns(5.0)

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from msgspec import UNSET
 
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import RobotSummary
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard, Unavailable

@@ -4,7 +4,7 @@ import logging
 from collections import deque
 from typing import TYPE_CHECKING
 
-from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 
 if TYPE_CHECKING:
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -74,8 +74,8 @@ class TeamMap:
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
         from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-        from robrain.protocol.wire.messages.map_patch import check_claim, take_message
-        from robrain.protocol.wire.messages.patch_cells import MAX_CELLS, geometry_of
+        from robrain.protocol.wire.messages.maps.map_patch import check_claim, take_message
+        from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, geometry_of
 
         try:
             if now_ns is not None:

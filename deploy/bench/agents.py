@@ -34,9 +34,9 @@ from robrain.deploy.processes.live_process import ANY_PORT, client_session, live
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import (

@@ -72,7 +72,7 @@ def allocation(
     as_json: JsonOption = False,
 ) -> None:
     """Measure the allocators."""
-    from robrain.deploy.bench.allocation import SIZES, measure
+    from robrain.deploy.bench.allocation.allocation import SIZES, measure
     from robrain.deploy.errors import UsageError
 
     if instance is not None:
@@ -151,8 +151,8 @@ def mapping(
     json_file: JsonFileOption = None,
 ) -> None:
     """Measure the accuracy of maps and positions."""
-    from robrain.deploy.bench.mapping import run_bench
-    from robrain.deploy.bench.mapping_plan import choose
+    from robrain.deploy.bench.mapping.mapping import run_bench
+    from robrain.deploy.bench.mapping.mapping_plan import choose
 
     run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder, conditions), json_file)
 
@@ -183,7 +183,7 @@ def exploration(
     ] = None,
 ) -> None:
     """Compare exploration strategies."""
-    from robrain.deploy.bench.exploration import choose, run_bench
+    from robrain.deploy.bench.exploration.exploration import choose, run_bench
     from robrain.deploy.commands.options import place_of
 
     around = place_of("--near", near)
@@ -208,7 +208,7 @@ def leaderless(
     json_file: JsonFileOption = None,
 ) -> None:
     """Measure exploration without a coordinator."""
-    from robrain.deploy.bench.leaderless import choose, run_bench
+    from robrain.deploy.bench.exploration.leaderless import choose, run_bench
 
     run_bench(choose(maps, robots, seeds, killed_at, time_limit_s, map_folder), jobs, json_file)
 
@@ -226,7 +226,7 @@ def motes(
     json_file: JsonFileOption = None,
 ) -> None:
     """Measure how long a mote field lives."""
-    from robrain.deploy.bench.motes import choose, run_bench
+    from robrain.deploy.bench.motes.motes import choose, run_bench
 
     run_bench(choose(ways, seeds, count, tours_per_day, goal_days, jobs), json_file)
 
@@ -244,8 +244,8 @@ def joining(
     json_file: JsonFileOption = None,
 ) -> None:
     """Measure how robots that do not know their place join the team's map."""
-    from robrain.deploy.bench.joining import kinds_of, run_bench
-    from robrain.deploy.bench.mapping_plan import choose
+    from robrain.deploy.bench.mapping.joining import kinds_of, run_bench
+    from robrain.deploy.bench.mapping.mapping_plan import choose
 
     plan = choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder)
     run_bench(plan, kinds_of(kinds), json_file)
@@ -263,7 +263,7 @@ def live(
 ) -> None:
     """Measure what stopped agents do to the map."""
     from robrain.deploy.bench.figure import report
-    from robrain.deploy.bench.live_mapping import measure
+    from robrain.deploy.bench.mapping.live_mapping import measure
     from robrain.deploy.errors import UsageError
     from robrain.sim.scenarios.scenario import Scenario
 
@@ -313,7 +313,7 @@ def _solve(path: Path, best: float | None, seconds: float, seed: int, *, as_json
     from robrain.coordinator.allocation.optimal import OptimalAllocator
     from robrain.coordinator.allocation.problem import Objective
     from robrain.coordinator.allocation.warm_up import warm_up
-    from robrain.deploy.bench.public import read_best, read_public, solve_public
+    from robrain.deploy.bench.allocation.public import read_best, read_public, solve_public
     from robrain.deploy.errors import UsageError
 
     if seconds <= 0:

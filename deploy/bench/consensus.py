@@ -16,8 +16,8 @@ from robrain.coordinator.allocation.optimal import OptimalAllocator
 from robrain.coordinator.allocation.plan import Plan, make_plan
 from robrain.coordinator.allocation.problem import Objective, Problem, Worker
 from robrain.coordinator.allocation.validate import validate
+from robrain.deploy.bench.allocation.instances import team_problem
 from robrain.deploy.bench.figure import Figure, at_most, deterministic
-from robrain.deploy.bench.instances import team_problem
 from robrain.protocol.model.consensus.negotiation import Negotiation
 from robrain.protocol.model.consensus.route_scorer import Drive, RouteScorer, Stop
 

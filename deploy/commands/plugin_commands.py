@@ -11,7 +11,7 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
     from robrain.client.team import Team
-    from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+    from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 
 EXIT_MISTAKES = 1
 

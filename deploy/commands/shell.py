@@ -17,7 +17,7 @@ from robrain.agent.host.text_command import Question, parse_command
 from robrain.client.team import Team
 from robrain.deploy.processes.live_process import tell
 from robrain.protocol.wire.errors import CallError, RobrainError
-from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 
 ENDS = ("exit", "quit")
 VERBS = ("call", "help", "list", "exit")

@@ -10,8 +10,8 @@ from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.team_messages import StandByStatus
+from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.team.team_messages import StandByStatus
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 STATE_S = 1.0

@@ -16,7 +16,7 @@ from robrain.protocol.wire.border.border import AHEAD_S
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.messages.plugin_messages import ProcessInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import COORDINATOR_STATE, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_STATE, ROBOT_WHO

@@ -17,8 +17,8 @@ from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.reader.reading import RecordedMessage, RecordingInfo, read_messages, topic_named_by
 from robrain.protocol.wire.answers.lockstep_query import NO_LIMIT_S
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.arena_messages import OutsideInput, ScriptInput
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.arena_messages import OutsideInput, ScriptInput
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topic import JSON, Query, Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, HALT, TOPICS
 from robrain.sim.lockstep.lockstep import LockstepRun

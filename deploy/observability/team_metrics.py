@@ -18,11 +18,11 @@ from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.recorder_messages import RecorderState
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,

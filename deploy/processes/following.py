@@ -10,7 +10,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.standing.stand_by import Following, StandBy
 from robrain.protocol.model.ranges import NAME_MAX, cut
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.plugin_messages import ProcessInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE
 
 PERIOD_S = 0.01

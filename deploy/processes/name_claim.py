@@ -24,7 +24,7 @@ from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import NS_PER_S, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.errors import NameTaken
-from robrain.protocol.wire.messages.plugin_messages import ProcessInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.session import LEASE_MS
 from robrain.protocol.wire.topic import Query, Token
 from robrain.protocol.wire.topics import (

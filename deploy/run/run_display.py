@@ -18,8 +18,8 @@ from robrain.deploy.commands.terminal import (
     say,
 )
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.messages.arena_messages import LinkCounters
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft, LeftKind
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind
+from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.reasons.idle import NothingUnknown
 from robrain.protocol.wire.reasons.words import words
 from robrain.sim.lockstep.result import RunResult

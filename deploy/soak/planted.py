@@ -19,8 +19,8 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.halt_watch import HaltWatch
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 Patch = tuple[object, str, object]
 """Of what, which attribute, and what it becomes."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.deploy.bench.mapping_plan import errors_alone
+from robrain.deploy.bench.mapping.mapping_plan import errors_alone
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.soak.full_drawing import draw_full_script
 from robrain.deploy.soak.full_trial import run_full_trial

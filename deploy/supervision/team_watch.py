@@ -11,8 +11,8 @@ from robrain.protocol.model.mapping.map_frame import ARENA as ARENA_FRAME
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.topics import (
     ARENA_TRUTH,

@@ -23,7 +23,7 @@ from robrain.protocol.wire.answers.later import Later
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
-from robrain.protocol.wire.messages.plugin_messages import ProcessInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.topics import COORDINATOR_WHO, ROBOT_WHO
 
 PERIOD_S = 0.1

@@ -9,7 +9,7 @@ import msgspec
 
 from robrain.coordinator.recording.invariants.judging import Judging, broken
 from robrain.coordinator.recording.writer.provenance import software_versions
-from robrain.deploy.bench.mapping_plan import errors_alone
+from robrain.deploy.bench.mapping.mapping_plan import errors_alone
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.deploy.sweep.run_outcome import RunRecord, RunState, outcome_of
 from robrain.protocol.wire.errors import RobrainError

@@ -39,7 +39,7 @@ def list_tasks(
     as_json: JsonOption = False,
 ) -> None:
     """List tasks with their states."""
-    from robrain.protocol.wire.messages.task_messages import TaskFilter
+    from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 
     states = [_state(text) for text in state or []] or (_open_states() if only_open else [])
     wanted = TaskFilter(states=states, kinds=kind or [], robot=robot, by=by, own=everything, limit=limit)
@@ -117,7 +117,7 @@ def watch(
     """Print each change of tasks until they end; exit status 1 if one of them was not done."""
     from robrain.deploy.errors import UsageError
     from robrain.protocol.model.tasks.task import TaskState
-    from robrain.protocol.wire.messages.task_messages import TaskFilter
+    from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 
     not_done = 0
     with connect_team(connect, team) as client:

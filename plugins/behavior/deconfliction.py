@@ -30,7 +30,7 @@ from robrain.protocol.model.navigation.right_of_way import (
 )
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.robot_messages import PlannedPath
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath
 
 MARGINS = Margins()
 REFUGE_M = 0.22

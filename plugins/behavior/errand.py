@@ -37,8 +37,8 @@ from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NeedsTime, NoPath, OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
 

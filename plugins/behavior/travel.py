@@ -22,7 +22,7 @@ from robrain.protocol.model.navigation.right_of_way import LONGEST_M, LOOK_AHEAD
 from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.robot_messages import PlannedPath
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath
 from robrain.protocol.wire.reasons.offers import PositionLost
 from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.topics import ROBOT_PATH

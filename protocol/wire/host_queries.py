@@ -4,7 +4,7 @@ A verb of another distribution has a row of its own, made by `host_query`, under
 """
 
 from robrain.protocol.wire.errors import PLUGIN_ERRORS, START_ERRORS, ErrorCode
-from robrain.protocol.wire.messages.host_messages import (
+from robrain.protocol.wire.messages.robots.host_messages import (
     CommandRequest,
     HaltAnswer,
     HaltRequest,
@@ -16,7 +16,7 @@ from robrain.protocol.wire.messages.host_messages import (
     ResumeRequest,
     UnloadRequest,
 )
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.topic import ANSWER_S, Q, Query, R, Role, Urgency
 
 HOST_S = 10.0

@@ -3,7 +3,7 @@
 from types import NoneType
 
 from robrain.protocol.wire.errors import ErrorCode
-from robrain.protocol.wire.messages import standing_messages
+from robrain.protocol.wire.messages.team import standing_messages
 from robrain.protocol.wire.topic import Delivery, Query, Role, Topic, Urgency
 
 COORDINATOR_JOURNAL = Topic(

@@ -10,22 +10,12 @@ from typing import Any, cast
 
 from robrain.protocol.wire.errors import PLUGIN_ERRORS, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_QUERIES
-from robrain.protocol.wire.messages import (
-    arena_messages,
-    consensus_messages,
-    left_messages,
-    map_messages,
-    mote_messages,
-    offer_messages,
-    plan_messages,
-    plugin_messages,
-    recorder_messages,
-    robot_messages,
-    team_messages,
-)
-from robrain.protocol.wire.messages.cost_messages import CostsRequest, TaskCost
-from robrain.protocol.wire.messages.replay_messages import ReplayRequest, ReplayStatus
-from robrain.protocol.wire.messages.task_messages import (
+from robrain.protocol.wire.messages.maps import left_messages, map_messages
+from robrain.protocol.wire.messages.motes import mote_messages
+from robrain.protocol.wire.messages.robots import plugin_messages, robot_messages
+from robrain.protocol.wire.messages.tasks import consensus_messages, offer_messages, plan_messages
+from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.wire.messages.tasks.task_messages import (
     KnownKind,
     TaskFilter,
     TaskRecord,
@@ -33,6 +23,8 @@ from robrain.protocol.wire.messages.task_messages import (
     TaskSubmission,
     TaskWhy,
 )
+from robrain.protocol.wire.messages.team import arena_messages, recorder_messages, team_messages
+from robrain.protocol.wire.messages.team.replay_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.standing_topics import STANDING_ROWS
 from robrain.protocol.wire.topic import (
     CAN_FRAME,

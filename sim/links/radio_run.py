@@ -10,7 +10,7 @@ from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.links.radio_network import COORDINATOR
-from robrain.protocol.wire.messages.arena_messages import ArenaLinks, LinkCounters, RadioTruth
+from robrain.protocol.wire.messages.team.arena_messages import ArenaLinks, LinkCounters, RadioTruth
 from robrain.protocol.wire.topics import ARENA_LINKS
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.links.radio_faults import RadioFaults

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.links.radio_network import COORDINATOR
-from robrain.protocol.wire.messages.arena_messages import LinkCounters
+from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.links.walls_between import walls_between

@@ -31,8 +31,8 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.links.radio_network import COORDINATOR, EVERYWHERE
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING

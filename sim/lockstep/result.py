@@ -4,8 +4,8 @@ import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.messages.arena_messages import LinkCounters
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.sim.world.floor_left import FloorLeft
 from robrain.sim.world.scenario_tasks import TaskOutcome

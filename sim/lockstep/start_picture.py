@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.arena_messages import ArenaPreparation, ArenaTruth, MoteTruth, RobotTruth
-from robrain.protocol.wire.messages.map_patch import to_message
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.team.arena_messages import ArenaPreparation, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.topics import ARENA_PREPARATION
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.wall_shapes import touchable_cells

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays_of
-from robrain.protocol.wire.messages.arena_messages import Scan
+from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 

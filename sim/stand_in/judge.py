@@ -20,8 +20,8 @@ from robrain.protocol.wire.border.border import AHEAD_NS, Border
 from robrain.protocol.wire.border.refusals import RefusalCode, Refused
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR
 from robrain.sim.stand_in.operator import OPERATOR

@@ -5,8 +5,8 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_ALIVE, ROBOT_STATE, TASK_CANCEL, TASK_SUBMIT
 from robrain.sim.stand_in.fault_script import FaultScript, HaltOrder
 

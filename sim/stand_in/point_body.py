@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 SPEED_M_S = 1.0
 STANDING_W = 8.0

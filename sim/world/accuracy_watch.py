@@ -17,7 +17,7 @@ from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.topics import ROBOT_STATE
 from robrain.sim.robot.robot_body import RobotBody
 from robrain.sim.world.referee import Referee

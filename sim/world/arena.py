@@ -16,7 +16,7 @@ from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import SOLID
 from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
+from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH
 from robrain.sim.disturbance import Disturbance
 from robrain.sim.faults.fault_spec import FaultSpec

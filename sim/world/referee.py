@@ -15,7 +15,7 @@ from robrain.protocol.model.slam.submap import Submap
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.map_patch import check_claim, take_message
+from robrain.protocol.wire.messages.maps.map_patch import check_claim, take_message
 from robrain.protocol.wire.topics import ROBOT_MAP
 from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
 

@@ -13,7 +13,7 @@ from robrain.protocol.wire.answers.later import Later
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.wire.topics import TASK_EVENT, TASK_SUBMIT, TASK_WHY
 from robrain.sim.spec_checks import check_not_negative
 

@@ -2,7 +2,7 @@
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.wire.reasons.reason import Said
 
 GOAL = Point2D(1.0, 2.0)

@@ -11,7 +11,7 @@ from robrain.agent.event import Event, Mailbox
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topics import HALT, ROBOT_EVENT
 
 OVEN = """

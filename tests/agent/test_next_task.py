@@ -9,9 +9,9 @@ from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import EpochOld, NoBehavior, NotAtTask
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
@@ -334,7 +334,7 @@ TestDeskWithNext = DeskWithNext.TestCase
 
 SEEKER = """
     from robrain.protocol.model.tasks.task import TaskState
-    from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+    from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 
     class Seeker(Behavior):
         kind = "explore"

@@ -8,7 +8,7 @@ from robrain.agent.plugin_traceback import MOST_CHARACTERS, plugin_traceback, wh
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_COMMAND, HOST_LOAD
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.host_messages import CommandRequest, LoadRequest
+from robrain.protocol.wire.messages.robots.host_messages import CommandRequest, LoadRequest
 from robrain.protocol.wire.topics import ROBOT_LOG, ROBOT_STATE
 
 LAMP = """

@@ -5,13 +5,13 @@ import pytest
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskWithdrawal
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 from tests.agent.desk_of_one import offer
 
 SEEKER = """
-    from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+    from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 
     class Seeker(Behavior):
         kind = "explore"

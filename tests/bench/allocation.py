@@ -1,7 +1,7 @@
 """Allocation, as `robrain bench allocation` measures it.
 
 `python -m tests.bench.allocation best` looks for better plans of the large instances, two minutes of a core each. It
-writes them into `deploy/bench/allocation_best.json`; figures of ours are compared with what stands there.
+writes them into `deploy/bench/allocation/allocation_best.json`; figures of ours are compared with what stands there.
 """
 
 import sys
@@ -13,7 +13,16 @@ from rich.console import Console
 from robrain.coordinator.allocation.optimal import OptimalAllocator
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Objective
-from robrain.deploy.bench.allocation import BEST, GAP_BOUND, SIZES, BestKnown, instance, measure, name_of, read_best
+from robrain.deploy.bench.allocation.allocation import (
+    BEST,
+    GAP_BOUND,
+    SIZES,
+    BestKnown,
+    instance,
+    measure,
+    name_of,
+    read_best,
+)
 from robrain.deploy.bench.figure import WIDTH, show_figures
 
 __all__ = ["measure"]

@@ -24,7 +24,7 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_STATE
 from robrain.sim.firmware.battery import BatterySpec

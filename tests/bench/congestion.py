@@ -27,7 +27,7 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_PATH, ROBOT_STATE

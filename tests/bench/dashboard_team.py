@@ -16,11 +16,11 @@ from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, Scan
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.wire.messages.team_messages import RobotSummary, TeamState
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, Scan
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,

@@ -37,8 +37,8 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, COORDINATOR_STATE
 

@@ -24,7 +24,7 @@ from robrain.deploy.bench.figure import Figure, at_least, at_most, timing
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.host_queries import HOST_LOAD
-from robrain.protocol.wire.messages.host_messages import LoadRequest
+from robrain.protocol.wire.messages.robots.host_messages import LoadRequest
 from robrain.protocol.wire.session import open_lockstep_session, open_session
 from robrain.protocol.wire.topic import JSON
 from robrain.protocol.wire.topics import ROBOT_CALL

@@ -25,10 +25,10 @@ from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.session import listening_at, open_session
 
 RATE_HZ = 10_000

@@ -31,7 +31,7 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import (
     ARENA_TRUTH,

@@ -85,8 +85,8 @@ SECTIONS = {
     "allocation": Section(
         "Allocation",
         "`robrain bench allocation`; seconds of one core. Best known: searches of 60 and 120 s, "
-        "`deploy/bench/allocation_best.json`.",
-        "robrain.deploy.bench.allocation:measure",
+        "`deploy/bench/allocation/allocation_best.json`.",
+        "robrain.deploy.bench.allocation.allocation:measure",
     ),
     "consensus": Section(
         "Allocation without a coordinator",

@@ -17,7 +17,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session
 

@@ -22,12 +22,12 @@ from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskEvent, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState, TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord, TaskSubmission
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskEvent, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskSubmission
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import open_lockstep_session, open_session
 from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import (

@@ -5,8 +5,8 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.topics import COORDINATOR_STATE
 from tests.coordinator.conftest import FakeRobot, Team
 

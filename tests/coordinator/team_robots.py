@@ -9,8 +9,8 @@ from robrain.agent.consensus.consensus_desk import GOES_ON_S, TELLING, Consensus
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.topics import ROBOT_BALLOT, ROBOT_STATE
 from tests.coordinator.conftest import Team
 from tests.coordinator.desk_robots import DeskRobot

@@ -17,7 +17,7 @@ from robrain.protocol.wire.answers.trace import trace_of
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.reasons.idle import PlanPending, TaskSoon
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,

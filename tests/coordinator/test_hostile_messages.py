@@ -9,9 +9,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)

@@ -14,7 +14,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NeedsEnergy
 from robrain.protocol.wire.reasons.plans import HolderLacksEnergy, HolderLate, NearestOut, NoRobots
 from robrain.protocol.wire.reasons.robots import BelowReserve, Crowded, LacksEnergy, NoWayAndBack

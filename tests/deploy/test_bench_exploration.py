@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.deploy.bench.exploration import ExplorationPlan, by_group, choose, figures, run_bench, table
-from robrain.deploy.bench.exploration_runs import FULL, IDEAL, ExplorationCase, ExplorationRun, bound_s, run_case
+from robrain.deploy.bench.exploration.exploration import ExplorationPlan, by_group, choose, figures, run_bench, table
+from robrain.deploy.bench.exploration.exploration_runs import (
+    FULL,
+    IDEAL,
+    ExplorationCase,
+    ExplorationRun,
+    bound_s,
+    run_case,
+)
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.floor_plan import FloorPlan

@@ -5,8 +5,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.deploy.bench.exploration_page import times_table, write_page
-from robrain.deploy.bench.exploration_runs import FULL, IDEAL, ExplorationCase, ExplorationRun
+from robrain.deploy.bench.exploration.exploration_page import times_table, write_page
+from robrain.deploy.bench.exploration.exploration_runs import FULL, IDEAL, ExplorationCase, ExplorationRun
 from robrain.deploy.errors import UsageError
 
 CASE = ExplorationCase(map="clinic", path="", robots=2, seed=1, strategy="joint", motion=IDEAL)

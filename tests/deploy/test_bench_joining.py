@@ -5,8 +5,17 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.deploy.bench.joining import HEADINGS, KINDS, Joining, JoiningReport, figures, kinds_of, run_bench, run_case
-from robrain.deploy.bench.mapping_plan import Case, Plan
+from robrain.deploy.bench.mapping.joining import (
+    HEADINGS,
+    KINDS,
+    Joining,
+    JoiningReport,
+    figures,
+    kinds_of,
+    run_bench,
+    run_case,
+)
+from robrain.deploy.bench.mapping.mapping_plan import Case, Plan
 from robrain.deploy.errors import UsageError
 
 SMALL = Case(map="arena_small", path="", robots=2, seed=3, wheels="exact", time_limit_s=2.0)

@@ -7,8 +7,16 @@ import msgspec
 import pytest
 
 from robrain import Scenario
-from robrain.deploy.bench.mapping import HEADINGS, MappedRun, MappingReport, figures, mapped, run_bench, run_case
-from robrain.deploy.bench.mapping_plan import OWN_MAPS, Case, Plan, choose
+from robrain.deploy.bench.mapping.mapping import (
+    HEADINGS,
+    MappedRun,
+    MappingReport,
+    figures,
+    mapped,
+    run_bench,
+    run_case,
+)
+from robrain.deploy.bench.mapping.mapping_plan import OWN_MAPS, Case, Plan, choose
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.sim.lockstep.result import RunResult

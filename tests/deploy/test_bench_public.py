@@ -7,7 +7,7 @@ import pytest
 from robrain.coordinator.allocation.optimal import OptimalAllocator
 from robrain.coordinator.allocation.problem import Objective
 from robrain.coordinator.allocation.warm_up import warm_up
-from robrain.deploy.bench.public import read_best, read_public, solve_public
+from robrain.deploy.bench.allocation.public import read_best, read_public, solve_public
 from robrain.deploy.errors import InstanceError
 
 R101 = Path(__file__).parents[1] / "coordinator" / "allocation" / "data" / "R101_25.txt"

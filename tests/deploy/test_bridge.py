@@ -18,9 +18,9 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import HALT, ROBOT_ALIVE, ROBOT_PLUGINS, ROBOT_STATE
 from tests.waiting import until

@@ -26,10 +26,10 @@ from robrain.deploy.recordings.scenario_surroundings import (
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.arena import clearance_m
 from tests.coordinator.recording.invariants.told import Told, at_task

@@ -39,9 +39,9 @@ from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.plugins.behavior.recharge.recharge import RechargeBehavior
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.sim.firmware import motor_controller
 from robrain.sim.firmware.battery import Battery, BatterySpec
 from robrain.sim.robot.robot_body import RobotBodies

@@ -2,7 +2,7 @@
 
 from robrain.deploy.run.run_display import accuracy_lines, links_line
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.messages.arena_messages import LinkCounters
+from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 
 
 def test_nothing_is_said_of_what_was_not_measured() -> None:

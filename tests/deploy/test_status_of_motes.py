@@ -1,7 +1,7 @@
 """`robrain status` tells how a field of motes is doing that the coordinator keeps alive."""
 
 from robrain.deploy.commands.status_command import TeamStatus, show_status
-from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
 
 FIELD = MoteFieldState(motes=10, dead=1, delivery_ratio=0.968, age_s=5.2, oldest_s=34.4, coverage=0.961, on_duty=3)
 

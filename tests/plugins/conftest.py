@@ -15,10 +15,10 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.arena_messages import Scan
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import Halt, TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
+from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (

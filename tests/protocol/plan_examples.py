@@ -5,8 +5,8 @@ Changed bytes break both: think first.
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.wire.messages import plan_messages
-from robrain.protocol.wire.messages.task_messages import RobotVerdict
+from robrain.protocol.wire.messages.tasks import plan_messages
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.reasons import plans, robots
 
 EXAMPLES = [

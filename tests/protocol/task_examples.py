@@ -5,7 +5,7 @@ Changed bytes break peers and journals: think first.
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages import task_messages
+from robrain.protocol.wire.messages.tasks import task_messages
 from robrain.protocol.wire.reasons import robots, tasks
 from robrain.protocol.wire.reasons.reason import Said
 

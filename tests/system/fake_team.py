@@ -10,11 +10,11 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
-from robrain.protocol.wire.messages.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import (
     ARENA_TRUTH,

@@ -9,7 +9,7 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
 from tests.system.conftest import Commands

@@ -3,8 +3,8 @@
 from robrain.coordinator.dashboard.html.html_words import NONE, span_text, text, tile
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.mote_field_messages import GatewayCount, MoteFieldState
-from robrain.protocol.wire.messages.rule_messages import RuleStatus
+from robrain.protocol.wire.messages.motes.mote_field_messages import GatewayCount, MoteFieldState
+from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
 
 WELL, POOR = 0.95, 0.8
 """Thresholds of the delivery ratio and of the coverage: good from the first, bad below the second (chosen)."""

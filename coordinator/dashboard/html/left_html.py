@@ -2,7 +2,7 @@
 
 from robrain.coordinator.dashboard.html.html_words import text
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.messages.left_messages import RegionLeft
+from robrain.protocol.wire.messages.maps.left_messages import RegionLeft
 
 ROWS = 20
 

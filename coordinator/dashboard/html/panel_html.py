@@ -28,8 +28,8 @@ from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, 
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.drawing.palette import battery_class, look_of, mote_class
-from robrain.protocol.wire.messages.arena_messages import ArenaPreparation
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.team.arena_messages import ArenaPreparation
 
 ROWS = 200
 """Maximum number of rows of a table: more would slow a browser down."""

@@ -19,7 +19,7 @@ from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import battery_class, look_of
 from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
-from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 
 LEVELS = ("device", "unit", "skill", "behavior")
 STATES: dict[str, tuple[str, str]] = {

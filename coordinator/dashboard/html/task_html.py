@@ -13,8 +13,8 @@ from robrain.coordinator.dashboard.html.html_words import (
 )
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskWhy
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskWhy
 
 LONG_ID = re.compile(r"^(explore|recharge|[a-z_]+(?=-\d{8}))-\d+$")
 """Ids of the coordinator's own tasks, which contain no more than the kind."""

@@ -8,7 +8,7 @@ from robrain.coordinator.dashboard.scene.meshes import Mesh, cube, diamond
 from robrain.coordinator.dashboard.scene.scene_nodes import Labels, rows
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing import palette
-from robrain.protocol.wire.messages.left_messages import LeftKind, RegionLeft
+from robrain.protocol.wire.messages.maps.left_messages import LeftKind, RegionLeft
 
 FRAME_M, FRAME_HEIGHT_M = 0.06, 0.04
 MARK = diamond(0.16, 0.45)

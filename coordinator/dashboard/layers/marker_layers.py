@@ -12,7 +12,7 @@ from robrain.coordinator.dashboard.state.robot_view import MoteView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing import palette
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 
 FRONTIER_SIZE_M = 0.1
 MOTE_LABEL_Z_M = 0.35

@@ -8,7 +8,7 @@ from robrain.coordinator.dashboard.scene.meshes import Mesh, circle, cube, join,
 from robrain.coordinator.dashboard.scene.scene_nodes import Instances, colors, rows
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing import palette
-from robrain.protocol.wire.messages.arena_messages import BodyKind, BodyTruth
+from robrain.protocol.wire.messages.team.arena_messages import BodyKind, BodyTruth
 
 HEIGHTS_M = {BodyKind.DOOR: 0.45, BodyKind.MOVER: 0.4, BodyKind.PERSON: 0.8}
 """A door stands a little above walls, which are drawn 0.35 m high."""

@@ -17,7 +17,7 @@ from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topics import HALT
 
 WIDTH_PX = 290

@@ -17,9 +17,9 @@ from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.wire.answers.hand_control import HandControl
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.plan_messages import PlanningStatus
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.task_messages import KnownKind
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
+from robrain.protocol.wire.messages.tasks.task_messages import KnownKind
 from robrain.protocol.wire.schema.struct_schema import parameters_schema
 from robrain.protocol.wire.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
 

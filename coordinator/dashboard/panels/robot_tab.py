@@ -22,8 +22,8 @@ from robrain.coordinator.dashboard.panels.page_context import Page, PluginsOf
 from robrain.coordinator.dashboard.server.asker import Answer
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
-from robrain.protocol.wire.messages.host_messages import LoadRequest, ReloadRequest, UnloadRequest
-from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
+from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import ROBOT_CALL
 

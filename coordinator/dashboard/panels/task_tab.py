@@ -21,8 +21,14 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.messages.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.messages.tasks.task_messages import (
+    KnownKind,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 
 HIDDEN = {"id", "kind", "parameters", "earliest_ns", "deadline_ns", "needs", "after", "robots"}

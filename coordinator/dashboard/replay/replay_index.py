@@ -14,10 +14,10 @@ from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
 
 if TYPE_CHECKING:  # loads what reads recordings

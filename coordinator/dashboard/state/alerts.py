@@ -6,7 +6,7 @@ from typing import NamedTuple
 from robrain.coordinator.dashboard.state.robot_view import Condition, Contact, RecorderView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.border.refusals import RefusalCode
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.wire import TopicStale
 from robrain.protocol.wire.reasons.words import words
 from robrain.protocol.wire.topics import COORDINATOR_STATE

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.topics import ROBOT_MAP
 
-MERGER = "robrain.protocol.wire.messages.map_patch"
+MERGER = "robrain.protocol.wire.messages.maps.map_patch"
 HELD_PATCHES = 8192
 JOIN_S = 3.0
 

@@ -8,12 +8,12 @@ from msgspec import UNSET
 
 from robrain.coordinator.drawing.robot_history import RobotHistory
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages.arena_messages import RobotTruth, Scan
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.plugin_messages import Event
-from robrain.protocol.wire.messages.recorder_messages import RecorderState
-from robrain.protocol.wire.messages.robot_messages import RadioLink, RobotState
-from robrain.protocol.wire.messages.team_messages import RobotSummary
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import Event
+from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, RobotState
+from robrain.protocol.wire.messages.team.arena_messages import RobotTruth, Scan
+from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 
 SILENT_AFTER_S = 3.0
 """A robot that is present but whose state is older than this may hang: its token would last 10 s more."""

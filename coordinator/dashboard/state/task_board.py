@@ -4,8 +4,8 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
 
 OPEN_TASKS = 1000
 ENDED_TASKS = 200

@@ -15,17 +15,17 @@ from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.patch_cells import cells_of
-from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
-from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
-from robrain.protocol.wire.messages.recorder_messages import RecorderState
-from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotLinks, RobotState
-from robrain.protocol.wire.messages.team_messages import Halt, TeamState
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.patch_cells import cells_of
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
+from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
+from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.topic import Topic
 

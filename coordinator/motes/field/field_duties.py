@@ -6,7 +6,7 @@ from robrain.protocol.model.motes.coverage import duty_set
 from robrain.protocol.tinyos.payloads import PERIOD_MAX_S
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.mote_messages import MoteDuty
+from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.wire.topics import MOTE_DUTY
 
 BY = "mote field"

@@ -19,8 +19,8 @@ from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard, TaskReason
 from robrain.protocol.wire.topics import MOTE_READING
 

@@ -12,8 +12,8 @@ from robrain.protocol.model.motes.coverage import CoverageMap
 from robrain.protocol.model.motes.mote_energy import FLAT_V, FRESH_V
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 
 SEQUENCES = 65_536
 NEARLY_FLAT_V = 0.02

@@ -5,8 +5,8 @@ from collections import Counter
 from msgspec import UNSET
 
 from robrain.coordinator.motes.mote_registry import MOTES_MAX
-from robrain.protocol.wire.messages.mote_field_messages import ForwarderCount, GatewayCount
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_field_messages import ForwarderCount, GatewayCount
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 
 FORWARDERS_TOLD = 16
 GATEWAYS_MAX = 256

@@ -18,12 +18,12 @@ from robrain.coordinator.recording.reader.map_at import KnownMap
 from robrain.coordinator.recording.writer.plain_schema import plain_schema
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.arena_messages import Scan
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,

@@ -30,7 +30,7 @@ from robrain.coordinator.drawing.palette import FREE, OCCUPIED, UNKNOWN, Rgb
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import OCCUPIED as OCCUPIED_CELL
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.messages.arena_messages import Scan
+from robrain.protocol.wire.messages.team.arena_messages import Scan
 
 ARENA = "arena"
 """The fixed frame."""

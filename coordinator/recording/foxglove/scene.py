@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from robrain.coordinator.drawing.palette import FRONTIER, HALTED, LOST, NOSE, WALL, WARNING, Rgb, look_of, mote_color
 from robrain.coordinator.recording.foxglove.messages import ARENA, color, point, pose, timestamp, wall_cubes
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 
 ROBOT_HEIGHT_M = 0.25
 LABEL_M = 0.35

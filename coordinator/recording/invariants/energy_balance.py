@@ -16,8 +16,8 @@ from robrain.coordinator.recording.invariants.findings import (
 from robrain.coordinator.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 
 FELL_J = 1e-6
 """Less than this is rounding."""

@@ -12,9 +12,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import Halt, TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 
 STOPPED_NS = to_ns(1.0)
 """A halted robot stands after this: the firmware's watchdog, and braking from top speed (chosen: twice that)."""

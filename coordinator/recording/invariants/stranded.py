@@ -10,8 +10,8 @@ from robrain.coordinator.recording.invariants.findings import Invariant, Missing
 from robrain.coordinator.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 
 EMPTY_AFTER_S = 2.0
 """A battery that has delivered nothing for this long has cut off (chosen: ten periods of the battery manager)."""

@@ -10,7 +10,7 @@ from robrain.coordinator.recording.invariants.invariant_judge import Handler, In
 from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 
 BOTH_NS = to_ns(FREE_AFTER_S)
 """For as long two robots may be at a task: the lease and its guard time."""

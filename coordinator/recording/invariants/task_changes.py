@@ -3,7 +3,7 @@
 from enum import Enum, auto
 
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 
 ENDED_KEPT = 100_000
 """Ended tasks that are remembered (chosen: some 20 MB)."""

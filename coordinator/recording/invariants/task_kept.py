@@ -15,9 +15,9 @@ from robrain.coordinator.recording.invariants.task_changes import TaskChanges
 from robrain.coordinator.team.roster import LOST_AFTER_S
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 
 FORGOTTEN_AFTER_NS = to_ns(1.0)
 """A count that is too small for this long is no change on its way (chosen: two summaries)."""

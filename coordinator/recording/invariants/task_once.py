@@ -8,8 +8,8 @@ from robrain.coordinator.recording.invariants.task_changes import TaskChanges, T
 from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 
 STILL_AT_NS = to_ns(FREE_AFTER_S)
 """For as long a robot may go on with a task that was done: until it hears of it, or its lease ends."""

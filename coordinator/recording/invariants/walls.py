@@ -7,8 +7,8 @@ from robrain.coordinator.recording.invariants.findings import Invariant, InWall,
 from robrain.coordinator.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 
 DEPTH_M = 0.03
 """Least depth that is a breach: what a solver leaves of an overlap, and the raster of the floor (chosen)."""

@@ -12,8 +12,8 @@ import msgspec
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import submap_message, take_message, whole_map
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import submap_message, take_message, whole_map
 
 PATCHES_BETWEEN = 250
 KEPT_MAX = 400

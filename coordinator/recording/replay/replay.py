@@ -9,7 +9,7 @@ from robrain.coordinator.recording.reader.reading import RecordedMessage, record
 from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
-from robrain.protocol.wire.messages.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.wire.messages.team.replay_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topic import Role
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of

@@ -16,15 +16,15 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 
 STEP_S = 0.2
 """States of a robot closer together than this are not kept one by one."""

@@ -19,7 +19,7 @@ from robrain.coordinator.recording.writer.run_digest import RunDigest
 from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.border.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import msgspec
 
 from robrain.protocol.wire.clock import Clock, to_ns, to_seconds
-from robrain.protocol.wire.messages.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.publisher import Publisher
 
 logger = logging.getLogger(__name__)

@@ -24,7 +24,7 @@ from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NoPath
 
 OWN_CHOICES = 12

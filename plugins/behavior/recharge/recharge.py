@@ -18,7 +18,7 @@ from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, VISIT, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 
 GUARD_S = 2.0
 """How often it is looked whether the robot still can get home."""

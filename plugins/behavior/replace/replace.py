@@ -7,7 +7,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import REPLACE, Replace
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.topics import MOTE_READING
 
 

@@ -25,7 +25,7 @@ from robrain.protocol.wire.border.reading_sieve import taken_at_ns
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.topics import MOTE_READING
 
 SAMPLE_S = 0.5

@@ -16,7 +16,7 @@ from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.arena_messages import Scan
+from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN
 
 MM_PER_M = 1000.0

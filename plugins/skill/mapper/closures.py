@@ -11,8 +11,8 @@ from robrain.protocol.model.numeric.small_linear_algebra import symmetric
 from robrain.protocol.model.slam.loop_closure import Contradiction, Lying, lay_on
 from robrain.protocol.model.slam.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
 from robrain.protocol.model.slam.submap_graph import SubmapGraph, is_information
-from robrain.protocol.wire.messages.map_messages import Closure, Closures, MapPatch
-from robrain.protocol.wire.messages.map_patch import is_near_grid
+from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures, MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import is_near_grid
 
 WAY_M = 0.4
 """Metres that the robot moves between two attempts."""

@@ -22,8 +22,8 @@ from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.slam.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.slam.submap_graph import SubmapGraph
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import pose_message
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import pose_message
 
 logger = logging.getLogger(__name__)
 

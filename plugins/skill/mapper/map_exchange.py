@@ -20,8 +20,8 @@ from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.map_messages import Closures, MapPatch
-from robrain.protocol.wire.messages.map_patch import (
+from robrain.protocol.wire.messages.maps.map_messages import Closures, MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import (
     AHEAD_MAX_MS,
     check_claim,
     joined_message,
@@ -31,7 +31,7 @@ from robrain.protocol.wire.messages.map_patch import (
     to_message,
     whole_map,
 )
-from robrain.protocol.wire.messages.shared_patches import SharedSteps
+from robrain.protocol.wire.messages.maps.shared_patches import SharedSteps
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)

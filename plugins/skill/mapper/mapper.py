@@ -29,8 +29,8 @@ from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.map_messages import Closures
-from robrain.protocol.wire.messages.map_patch import map_stamp_ms
+from robrain.protocol.wire.messages.maps.map_messages import Closures
+from robrain.protocol.wire.messages.maps.map_patch import map_stamp_ms
 from robrain.protocol.wire.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from robrain.protocol.model.energy.battery_tracker import BatteryTracker, GaugeL
 from robrain.protocol.model.energy.consumption import Drawn
 from robrain.protocol.model.energy.soc_filter import PackModel
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 CHARGING_BELOW_A = -0.05
 

@@ -6,7 +6,7 @@ import msgspec
 
 from robrain.agent.event import Event
 from robrain.protocol.model.energy.consumption import Drawn
-from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 
 class BatteryAlarm(msgspec.Struct, frozen=True):

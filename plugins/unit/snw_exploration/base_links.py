@@ -9,7 +9,7 @@ from robrain.protocol.tinyos.payloads import DECI, MAX_NAME_BYTES, SEQUENCES, Be
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.robot_messages import RadioLink, RobotLinks
+from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, RobotLinks
 
 MAX_ROBOTS = 256
 

@@ -12,7 +12,7 @@ import msgspec
 
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE
 
 FORWARD_NS = to_ns(0.05)

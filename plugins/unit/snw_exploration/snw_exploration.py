@@ -32,7 +32,7 @@ from robrain.protocol.tinyos.payloads import (
 )
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 
 IN_REACH_NS = to_ns(15.0)

@@ -28,7 +28,7 @@ from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 
 HEAR_NS = to_ns(0.15)

@@ -19,7 +19,7 @@ from robrain.protocol.wire.access.identity import Identity
 from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topic import JSON, Query, Token
 from robrain.protocol.wire.topics import COORDINATOR_CLAIM, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_LOG, ROBOT_WHO

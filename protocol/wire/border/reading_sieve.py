@@ -8,7 +8,7 @@ round and the mote has not started anew; the time when it was taken tells those 
 from collections import OrderedDict
 
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 
 SAME_NS = to_ns(5.0)
 """Two robots' words on when a reading was taken differ by their clocks and by the mote's tenths of a second."""

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 from typing import Protocol
 
-from robrain.protocol.wire.messages.arena_messages import LinkCounters
+from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 
 COORDINATOR = "coordinator"
 """The coordinator's party; robots are parties by their names."""

@@ -7,7 +7,7 @@ from robrain.protocol.model.energy.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, OfferRefusal
 from robrain.sim.stand_in.plugins.point_base.interface import PointBaseInterface
 from robrain.sim.stand_in.point_body import drive_j, drive_s

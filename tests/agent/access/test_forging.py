@@ -33,8 +33,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_HOLD, HOST_LOAD
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages import plugin_messages
-from robrain.protocol.wire.messages.host_messages import HoldRequest, LoadRequest
+from robrain.protocol.wire.messages.robots import plugin_messages
+from robrain.protocol.wire.messages.robots.host_messages import HoldRequest, LoadRequest
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_EVENT
 from tests.agent.conftest import Bench

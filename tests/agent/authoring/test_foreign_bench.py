@@ -17,7 +17,7 @@ PROCESS = """
 import os, time
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
 

@@ -4,8 +4,13 @@ import pytest
 
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.consensus_messages import CANCELLED_MAX, CANCELLED_TEXT_MAX, DropTaken, TaskDropped
-from robrain.protocol.wire.messages.task_messages import TaskRequest
+from robrain.protocol.wire.messages.tasks.consensus_messages import (
+    CANCELLED_MAX,
+    CANCELLED_TEXT_MAX,
+    DropTaken,
+    TaskDropped,
+)
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest
 from tests.agent.consensus.test_submitted_to_robots import ALL, halt, kept, submit, visit, why_refused
 from tests.coordinator.team_robots import LostTeam, TeamRobot
 

@@ -19,7 +19,7 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.consensus_messages import (
+from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ASKED_MAX,
     ENDS_MAX,
     TaskAsked,
@@ -28,9 +28,9 @@ from robrain.protocol.wire.messages.consensus_messages import (
     TaskKnown,
     TeamBallot,
 )
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskEvent
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
-from robrain.protocol.wire.messages.team_messages import RobotSummary, TeamState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskEvent
+from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.wire.reasons.offers import Occupied
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT

@@ -19,8 +19,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.host_queries import HOST_COMMAND, HOST_HALT
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.host_messages import CommandRequest, HaltRequest
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.robots.host_messages import CommandRequest, HaltRequest
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import HALT, ROBOT_CALL, ROBOT_STATE
 from tests.patient_endpoint import PatientEndpoint

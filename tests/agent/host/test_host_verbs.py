@@ -24,7 +24,7 @@ from robrain.protocol.wire.host_queries import (
     HOST_VERB,
     host_query,
 )
-from robrain.protocol.wire.messages.host_messages import CommandRequest, HoldRequest, UnloadRequest
+from robrain.protocol.wire.messages.robots.host_messages import CommandRequest, HoldRequest, UnloadRequest
 from tests.hostile_payloads import fixed_payloads
 from tests.installed_distributions import install  # noqa: F401 - a fixture
 

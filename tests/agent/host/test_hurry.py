@@ -12,7 +12,7 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskOffer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskOffer
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_OFFER, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
@@ -20,7 +20,7 @@ from tests.waiting import PATIENCE_S, until
 PLUGIN = """
 from robrain.agent.plugin import Behavior, external
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 
 class Slow(Behavior):
     kind = "visit"

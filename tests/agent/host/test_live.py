@@ -16,7 +16,7 @@ from robrain.agent.lifecycle.transitions import Step
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import HALT, ROBOT_ALIVE, ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
 from tests.patient_endpoint import PatientEndpoint

@@ -15,7 +15,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import VirtualClock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
 from tests.waiting import until

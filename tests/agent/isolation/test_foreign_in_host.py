@@ -14,7 +14,7 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_COMMAND
-from robrain.protocol.wire.messages.host_messages import CommandRequest
+from robrain.protocol.wire.messages.robots.host_messages import CommandRequest
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_PLUGINS
 from tests.agent.conftest import Bench

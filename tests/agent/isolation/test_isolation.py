@@ -19,7 +19,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 from tests.agent.isolation.isolation_bench import IsolationBench, StandInEnvironment
@@ -340,7 +340,7 @@ def test_random_numbers_are_those_of_the_same_plugin_in_process(bench):
 def test_the_board_is_the_robots(bench):
     bench.env.board.T_arena_odom = Pose2D(1.0, 2.0, 0.5)
     vision = bench.start("""
-        from robrain.protocol.wire.messages.robot_messages import BatteryState
+        from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
         class Vision(Unit):
             def activate(self):
                 self.env.board.battery = BatteryState(

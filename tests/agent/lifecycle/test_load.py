@@ -13,7 +13,7 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Plugin
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_LOAD
-from robrain.protocol.wire.messages.host_messages import LoadRequest
+from robrain.protocol.wire.messages.robots.host_messages import LoadRequest
 from tests.waiting import PATIENCE_S
 
 LAB = """

@@ -13,7 +13,7 @@ from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_LOAD
-from robrain.protocol.wire.messages.host_messages import LoadRequest
+from robrain.protocol.wire.messages.robots.host_messages import LoadRequest
 
 LAMP = "from robrain.agent.plugin import Unit\n\nclass Lamp(Unit):\n    pass\n"
 MANIFEST = '[plugin]\nclass = "lamp:Lamp"\n'

@@ -14,7 +14,7 @@ from robrain.agent.plugin import PluginState
 from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 
 BUZZER = """
-    from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+    from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
     from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 
     class Interface(Protocol):

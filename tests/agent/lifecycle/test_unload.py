@@ -5,7 +5,7 @@ import pytest
 from robrain.agent.errors import PluginInUse, PluginMissing, PluginUnloaded
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_UNLOAD
-from robrain.protocol.wire.messages.host_messages import UnloadRequest
+from robrain.protocol.wire.messages.robots.host_messages import UnloadRequest
 from robrain.protocol.wire.topics import ROBOT_CALL
 
 STACK = """

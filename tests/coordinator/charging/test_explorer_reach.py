@@ -8,7 +8,7 @@ from robrain.coordinator.charging.explorer_reach import PLENTY_M, STEP_M, reach_
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.energy.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.reasons.idle import LacksRange
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, model, run
 

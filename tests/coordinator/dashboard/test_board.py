@@ -18,13 +18,13 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.messages.arena_messages import RobotTruth
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.recorder_messages import LostMessages, RecorderState
-from robrain.protocol.wire.messages.robot_messages import BatteryState, PluginFault, RobotState
-from robrain.protocol.wire.messages.task_messages import RobotVerdict
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
+from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.wire import TopicStale
 from robrain.protocol.wire.topics import RECORDER_STATE
 

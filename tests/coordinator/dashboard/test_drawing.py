@@ -22,8 +22,8 @@ from robrain.coordinator.dashboard.state.team_view import RateMeter
 from robrain.coordinator.drawing.drawn_floor import cover_with_boxes
 from robrain.coordinator.drawing.palette import look_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages.arena_messages import Scan
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.arena_messages import Scan
 
 FOV_RAD = math.radians(45)
 

@@ -16,11 +16,11 @@ from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.map_view import FAR_M
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, BodyKind, BodyTruth
-from robrain.protocol.wire.messages.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.rule_messages import RuleStatus
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, BodyKind, BodyTruth
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.topics import ARENA_TRUTH, MOTE_READING
 from tests.coordinator.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page, tell
 

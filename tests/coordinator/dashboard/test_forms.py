@@ -13,7 +13,7 @@ from robrain.coordinator.dashboard.panels.page_context import stock_kinds
 from robrain.coordinator.dashboard.panels.task_tab import form_submission, task_fields
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import check_parameters
-from robrain.protocol.wire.messages.task_messages import KnownKind
+from robrain.protocol.wire.messages.tasks.task_messages import KnownKind
 
 
 class Arguments(msgspec.Struct):

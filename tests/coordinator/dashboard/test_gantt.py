@@ -6,10 +6,10 @@ from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
-from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
-from robrain.protocol.wire.messages.task_messages import RobotVerdict
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.topics import COORDINATOR_CHARGES
 
 PLACE = Point2D(1.0, 2.0)

@@ -28,9 +28,9 @@ from robrain.coordinator.dashboard.state.robot_view import Condition
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.coordinator.dashboard.test_team_view import patch, tell, tell_place, token
 

@@ -15,8 +15,8 @@ from robrain.coordinator.drawing import palette
 from robrain.coordinator.drawing.map_view import FAR_M
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.arena_messages import ArenaClock
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.wire.messages.team.arena_messages import ArenaClock
 from robrain.protocol.wire.topics import ARENA_CLOCK, COORDINATOR_LEFT
 from tests.coordinator.dashboard.test_panel_html import Page
 

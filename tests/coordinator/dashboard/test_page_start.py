@@ -13,8 +13,8 @@ from robrain.coordinator.dashboard.state.map_loading import MapLoading
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.arena_messages import ArenaClock
-from robrain.protocol.wire.messages.map_patch import to_message
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.team.arena_messages import ArenaClock
 from robrain.protocol.wire.topics import ARENA_CLOCK, ROBOT_MAP
 from tests.waiting import PATIENCE_S
 

@@ -24,14 +24,14 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
-from robrain.protocol.wire.messages.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
-from robrain.protocol.wire.messages.team_messages import Halt, TeamState
+from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_TRUTH, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT
 

@@ -13,16 +13,16 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.arena_messages import (
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.message import Message
+from robrain.protocol.wire.messages.team.arena_messages import (
     ArenaClock,
     ArenaPreparation,
     ArenaTruth,
     MoteTruth,
     RobotTruth,
 )
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP

@@ -16,8 +16,8 @@ from robrain.coordinator.dashboard.state.robot_view import MoteView, RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robot_messages import RadioLink, RobotLinks, RobotState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, RobotLinks, RobotState
 from robrain.protocol.wire.topics import ROBOT_LINKS
 
 NOW_S = 10.0

@@ -9,13 +9,13 @@ from robrain.coordinator.dashboard.state.team_view import HISTORY_POINTS, TeamVi
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
-from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState, TaskStatus
-from robrain.protocol.wire.messages.team_messages import Halt, RobotSummary, TeamState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
+from robrain.protocol.wire.messages.team.team_messages import Halt, RobotSummary, TeamState
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (

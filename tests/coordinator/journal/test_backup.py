@@ -30,7 +30,7 @@ from robrain.coordinator.journal.journal_check import check_journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.wire.standing_topics import COORDINATOR_BACKUP
 from tests.waiting import until
 

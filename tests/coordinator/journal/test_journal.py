@@ -12,7 +12,7 @@ from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
 from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import Halted, Refused
 from robrain.protocol.wire.reasons.tasks import RobotOut

@@ -21,9 +21,9 @@ from robrain.coordinator.tasks.task_book import LEGAL, TaskBook
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskFilter
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.reasons.robots import LostContact
 from robrain.protocol.wire.reasons.tasks import Cancelled, Forgotten, IsNext, LeaseRanOut
 

@@ -15,7 +15,7 @@ from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
 
 TASKS = 120
 PAGE = 4096

@@ -8,7 +8,7 @@ from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskWhy
 from robrain.protocol.wire.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard
 from robrain.protocol.wire.topics import TASK_WHY
 from tests.coordinator.motes.test_motes import Field

@@ -15,9 +15,9 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING, TASK_CANCEL, TASK_GET, TASK_WHY
 from tests.coordinator.conftest import TICK_S
 

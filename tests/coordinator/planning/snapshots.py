@@ -3,8 +3,8 @@
 from robrain.coordinator.planning.snapshot import Member, Snapshot
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 
 def open_floor_snapshot(number: int, tasks: int, robots: int = 2) -> Snapshot:

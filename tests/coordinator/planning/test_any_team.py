@@ -17,7 +17,7 @@ from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.task_messages import TaskFilter
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import TASK_DECISION, TASK_PROBLEM
 from tests.coordinator.conftest import Team

@@ -9,7 +9,7 @@ from robrain.coordinator.planning.snapshot import Member
 from robrain.coordinator.planning.worker.live_planner import TRIES, LivePlanner
 from robrain.coordinator.planning.worker.worker_link import Done
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S
 

@@ -9,7 +9,7 @@ from robrain.coordinator.allocation.problem import Job, Objective, Problem, Work
 from robrain.coordinator.planning import plan_in_force as planned_module
 from robrain.coordinator.planning.plan_in_force import Step, planned
 from robrain.coordinator.planning.problem_builder import BuiltProblem
-from robrain.protocol.wire.messages.plan_messages import PlanProblem
+from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.plans import NoRobots
 from robrain.protocol.wire.reasons.robots import Refused

@@ -14,8 +14,8 @@ from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.reasons.robots import LacksPlugins
 from robrain.protocol.wire.topics import (
     COORDINATOR_OBJECTIVE,

@@ -8,8 +8,8 @@ from robrain.coordinator.planning.snapshot import Member
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from tests.coordinator.planning.worlds import model
 
 HOME = Point2D(0.0, 0.0)

@@ -15,7 +15,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.plan_messages import PlanProblem
+from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import TASK_DECISION, TASK_PROBLEM
 from tests.coordinator.conftest import Team

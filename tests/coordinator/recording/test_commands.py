@@ -23,9 +23,9 @@ from robrain.coordinator.recording.reader.recovering import recover
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.deploy.recordings.recording_display import FOLDED_ABOVE, folded
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import PlannedPath, RobotState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.sim.scenarios.scenario import Scenario
 from tests.waiting import PATIENCE_S
 

@@ -20,7 +20,7 @@ from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_IMAGE, ROBOT_LOG
 

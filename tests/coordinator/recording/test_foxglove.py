@@ -18,10 +18,10 @@ from robrain.coordinator.recording.reader.reading import read_messages, recordin
 from robrain.coordinator.recording.reader.recovering import with_visual
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_SCAN,

@@ -20,14 +20,14 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
-from robrain.protocol.wire.messages.arena_messages import Scan
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.wire.messages.team_messages import Halt, TeamState
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (

@@ -28,10 +28,10 @@ from robrain.protocol.model.mapping import grid_geometry as cells
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.arena_messages import Scan
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import Scan
 
 
 def scan(*ranges_mm: int, **fields: Any) -> Scan:

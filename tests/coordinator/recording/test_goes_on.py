@@ -26,8 +26,8 @@ from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_MAP
 

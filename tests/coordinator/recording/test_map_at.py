@@ -17,9 +17,9 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import pose_message, take_message, to_message
-from robrain.protocol.wire.messages.patch_cells import MAX_CELLS
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import pose_message, take_message, to_message
+from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS
 
 DECODER = msgspec.json.Decoder(MapPatch)
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 1000, 10)

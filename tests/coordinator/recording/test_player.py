@@ -16,7 +16,7 @@ from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
 from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.messages.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.sim.scenarios.scenario import Scenario
 
 NS_PER_S = 1_000_000_000

@@ -10,7 +10,7 @@ import pytest
 from robrain.coordinator.recording.writer import recorder_status as recorder_telling
 from robrain.coordinator.recording.writer.recorder_status import RecorderTelling
 from robrain.protocol.wire.clock import VirtualClock, to_ns
-from robrain.protocol.wire.messages.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 
 
 class FakeWatch:

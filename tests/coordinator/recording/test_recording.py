@@ -21,11 +21,11 @@ from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSum
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.arena_messages import ArenaClock
 from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaClock
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, topic_of

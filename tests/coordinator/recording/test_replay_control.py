@@ -13,7 +13,7 @@ from robrain.protocol.wire.clock import VirtualClock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.wire.messages.team.replay_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import REPLAY_CONTROL
 from robrain.sim.scenarios.scenario import Scenario

@@ -20,14 +20,14 @@ from robrain.coordinator.recording.report.run_groups import group_runs
 from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.left_messages import ExplorationLeft, LeftKind, RegionLeft
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import BatteryState, PluginFault, RobotState
-from robrain.protocol.wire.messages.task_messages import RobotVerdict
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.sim.scenarios.scenario import Scenario
 from tests.coordinator.recording.test_commands import HOSTILE
 

@@ -18,15 +18,15 @@ from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.map_patch import to_message
-from robrain.protocol.wire.messages.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.task_messages import RobotVerdict
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from tests.coordinator.planning.worlds import model
 
 NS_PER_S = 1_000_000_000

@@ -17,7 +17,7 @@ from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_STATE
 from tests.waiting import PATIENCE_S

@@ -28,8 +28,8 @@ from robrain.coordinator.recording.writer.rotation import KeepFiles, Rotation, o
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_STATE
 

@@ -17,9 +17,9 @@ from robrain.coordinator.recording.export.exporting import export_tables
 from robrain.coordinator.recording.export.tables import Cell, Table, columns_of
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import PUBLISHED, ROBOT_STATE, topic_of
 

@@ -6,7 +6,7 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.reasons.tasks import RuleReading
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_WHY
 from tests.coordinator.rules.sensed_team import PLACE, SensedTeam, rule

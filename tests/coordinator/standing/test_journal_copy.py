@@ -14,7 +14,7 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_SUBMIT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.faulty_exchange import FaultyExchange

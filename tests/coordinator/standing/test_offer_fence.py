@@ -8,8 +8,8 @@ from robrain.coordinator.standing.offer_fence import HEARD_NS
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.messages.standing_messages import LeadReply, LeadRequest, StandByState
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest, StandByState
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY

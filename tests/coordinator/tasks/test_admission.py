@@ -12,7 +12,7 @@ from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeo
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import AfterEnded
 

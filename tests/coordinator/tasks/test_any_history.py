@@ -10,7 +10,7 @@ from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRequest
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL
 from tests.coordinator.conftest import Team
 from tests.coordinator.histories import play

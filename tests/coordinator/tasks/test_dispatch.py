@@ -6,8 +6,8 @@ from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import RobotVerdict, TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import (
     AnotherNearer,

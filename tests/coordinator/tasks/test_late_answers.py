@@ -16,9 +16,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskWithdrawal
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState, TaskStatus
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.reasons.offers import (
     DoneJustNow,

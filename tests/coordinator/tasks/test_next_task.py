@@ -5,8 +5,8 @@ import pytest
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_WHY
 from tests.coordinator.desk_robots import DeskRobot
 

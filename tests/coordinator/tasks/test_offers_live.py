@@ -11,8 +11,8 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskWithdrawal
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from tests.waiting import PATIENCE_S, until

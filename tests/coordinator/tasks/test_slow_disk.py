@@ -10,7 +10,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.wire.topics import TASK_SUBMIT
 from tests.waiting import PATIENCE_S, until
 

@@ -11,7 +11,7 @@ from robrain.coordinator.tasks.task_book import ATTEMPTS, KEPT_ENDED, LEGAL, Tas
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import LostContact
 from robrain.protocol.wire.reasons.tasks import Cancelled, LeaseRanOut

@@ -10,8 +10,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.cost_messages import TaskCost
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.wire.messages.tasks.cost_messages import TaskCost
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_COSTS, ROBOT_PLUGINS
 

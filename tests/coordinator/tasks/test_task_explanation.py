@@ -12,8 +12,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import (
     AtTask,

@@ -7,7 +7,13 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.wire.messages.tasks.task_messages import (
+    TaskFilter,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
 
 

@@ -8,8 +8,8 @@ from robrain.protocol.model.consensus.ballot import Ballot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
-from robrain.protocol.wire.messages.consensus_messages import TaskAsked, TaskDropped, TeamBallot
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.tasks.consensus_messages import TaskAsked, TaskDropped, TeamBallot
+from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.wire.reasons.tasks import Cancelled
 
 TASK = Task(id="t4", kind="visit", place=Point2D(1.0, 2.0))

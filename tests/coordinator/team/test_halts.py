@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topics import COORDINATOR_HALT, HALT
 
 

@@ -7,7 +7,7 @@ import pytest
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
-from robrain.protocol.wire.messages.map_patch import to_message
+from robrain.protocol.wire.messages.maps.map_patch import to_message
 
 GEOMETRY = GridGeometry(0.1, -1.0, -1.0, 40, 30)
 

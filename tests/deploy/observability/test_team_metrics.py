@@ -15,10 +15,10 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.wire import TopicStale
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import (

@@ -14,7 +14,7 @@ from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from tests.plugins.behavior.bare_errand import BareErrand
 
 CHARGER = ChargerPlace(4.0, 0.0, 1.0)

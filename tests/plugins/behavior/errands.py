@@ -16,9 +16,9 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_CALL, ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.sim.maps.floor_plan import FloorPlan

@@ -7,7 +7,7 @@ import pytest
 from robrain.agent.lifecycle.plugin_info import plugin_info
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath
 from robrain.protocol.wire.topics import HALT, ROBOT_PATH, ROBOT_STATE
 from tests.plugins.behavior.errands import START, Build, Errands, open_errands

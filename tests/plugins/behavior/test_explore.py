@@ -9,7 +9,7 @@ from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.navigation.frontier import find_frontiers, frontier_mask
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.offer_messages import TaskWithdrawal
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskWithdrawal
 from robrain.protocol.wire.reasons.offers import EpochOld, NoPath
 from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE, ROBOT_WITHDRAW
 

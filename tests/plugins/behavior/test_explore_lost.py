@@ -8,7 +8,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.navigation.frontier import find_frontiers
 from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.wire.messages.robot_messages import BatteryState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.topics import ROBOT_STATE
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))

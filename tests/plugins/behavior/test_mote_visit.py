@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.mote_messages import MoteDuty
+from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
 from robrain.sim.motes.field import Field, FieldSpec
 from robrain.sim.motes.mote import ArenaMote, MoteSpec

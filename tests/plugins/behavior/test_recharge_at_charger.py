@@ -15,7 +15,7 @@ from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from tests.plugins.behavior.bare_errand import run
 from tests.plugins.behavior.bare_recharge import CHARGER, BareRecharge
 

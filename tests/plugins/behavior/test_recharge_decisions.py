@@ -13,7 +13,7 @@ from robrain.plugins.behavior.recharge.recharge import (
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.offer_messages import TaskOffer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskOffer
 from tests.plugins.behavior.bare_errand import mate, run
 from tests.plugins.behavior.bare_recharge import CHARGER, RESERVE_S, BareRecharge
 

@@ -5,7 +5,7 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topics import HALT
 from tests.plugins.behavior.errands import Build, open_errands
 

@@ -11,8 +11,8 @@ from robrain.protocol.model.numeric.small_linear_algebra import symmetric
 from robrain.protocol.model.slam.submap import IDENTITY, Submap
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph, is_information
-from robrain.protocol.wire.messages.map_messages import Closure, Closures, MapPatch
-from robrain.protocol.wire.messages.map_patch import joined_message, pose_message
+from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures, MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import joined_message, pose_message
 from tests.protocol.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 MATE = ("r2", 7)

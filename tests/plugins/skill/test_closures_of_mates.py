@@ -10,8 +10,8 @@ from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.wire.messages.map_messages import Closure, Closures
-from robrain.protocol.wire.messages.map_patch import joined_message, pose_message
+from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures
+from robrain.protocol.wire.messages.maps.map_patch import joined_message, pose_message
 
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
 SURE = (1e4, 0.0, 0.0, 1e4, 0.0, 1e4)

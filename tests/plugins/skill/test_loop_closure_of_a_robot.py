@@ -11,8 +11,8 @@ from robrain.protocol.model.localization.odometry import moved_along
 from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.messages.arena_messages import Scan
-from robrain.protocol.wire.messages.map_patch import take_message
+from robrain.protocol.wire.messages.maps.map_patch import take_message
+from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, LidarFloor
 

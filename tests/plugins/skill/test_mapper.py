@@ -11,9 +11,9 @@ from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.messages.arena_messages import Scan
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import take_message, to_message
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import take_message, to_message
+from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}

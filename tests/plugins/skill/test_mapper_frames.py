@@ -12,8 +12,8 @@ from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import joined_message, pose_message
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import joined_message, pose_message
 from tests.plugins.unit.frame_scene import MATES, OWN, PLACES, SURE, T_OWN_FLOOR, WHY, WIDE, Scene, lost, off
 
 

@@ -10,7 +10,7 @@ from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.wire.messages.map_patch import joined_message, to_message
+from robrain.protocol.wire.messages.maps.map_patch import joined_message, to_message
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_MAP
 from tests.plugins.unit.frame_scene import PLACES, ROOM_CLASSES, T_OWN_FLOOR, WIDE
 from tests.protocol.mapping.lidar_floor import ROOM

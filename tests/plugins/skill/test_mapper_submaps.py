@@ -13,8 +13,8 @@ from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.messages.map_messages import Closure, Closures
-from robrain.protocol.wire.messages.map_patch import pose_message, take_message, to_message
+from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures
+from robrain.protocol.wire.messages.maps.map_patch import pose_message, take_message, to_message
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}

@@ -21,7 +21,7 @@ from robrain.protocol.tinyos.payloads import (
     SequenceRange,
 )
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.messages.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
 
 # TinyOS 2 serial packets, written out by hand: dispatch, destination, source, length, group, AM type; then the mote's

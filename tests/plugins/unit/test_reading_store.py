@@ -8,7 +8,7 @@ from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity, ReadingPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.mote_messages import MoteReading
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE
 from tests.plugins.unit.test_motes import Talk, asked, packet
 

@@ -4,8 +4,8 @@ import random
 
 import pytest
 
+from robrain.deploy.bench.allocation.instances import team_problem
 from robrain.deploy.bench.consensus import negotiate, scorer_of
-from robrain.deploy.bench.instances import team_problem
 from robrain.protocol.model.consensus.negotiation import Negotiation
 
 PROBLEM = team_problem(4, 16, 3, tightness=0.75)

@@ -10,7 +10,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.map_patch import to_message
+from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.reasons.idle import (
     LacksRange,
     NothingUnknown,

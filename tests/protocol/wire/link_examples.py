@@ -3,9 +3,11 @@
 from robrain.protocol.model.consensus.ballot import Ballot, Bid, Heard, Standing
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages import arena_messages, consensus_messages, left_messages
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
-from robrain.protocol.wire.messages.team_messages import StandByStatus
+from robrain.protocol.wire.messages.maps import left_messages
+from robrain.protocol.wire.messages.tasks import consensus_messages
+from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.team import arena_messages
+from robrain.protocol.wire.messages.team.team_messages import StandByStatus
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 
 STAND_BY = StandByStatus(

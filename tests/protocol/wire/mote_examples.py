@@ -1,9 +1,9 @@
 """Examples of messages about motes."""
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages import mote_messages
 from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.messages.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
+from robrain.protocol.wire.messages.motes import mote_messages
+from robrain.protocol.wire.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
 
 STAMP = {"stamp_ns": 1_500_000_000, "seq": 3}
 FIELD = MoteFieldState(

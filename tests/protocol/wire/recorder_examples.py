@@ -1,7 +1,7 @@
 """Examples of what recorders say."""
 
 from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.messages import recorder_messages
+from robrain.protocol.wire.messages.team import recorder_messages
 
 EXAMPLES_OF_RECORDERS = [
     recorder_messages.RecorderState(

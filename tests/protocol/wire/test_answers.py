@@ -6,7 +6,7 @@ from robrain.protocol.wire.answers.later import call_error
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.host_queries import HOST_HALT
-from robrain.protocol.wire.messages.host_messages import HaltAnswer, HaltRequest
+from robrain.protocol.wire.messages.robots.host_messages import HaltAnswer, HaltRequest
 from robrain.protocol.wire.topic import Urgency
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS, TASK_SUBMIT
 from tests.waiting import PATIENCE_S

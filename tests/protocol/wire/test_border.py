@@ -15,12 +15,12 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.mote_messages import MoteReading
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.plugin_messages import Event, LogRecord
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import (
     HALT,

@@ -12,10 +12,10 @@ from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.plugin_messages import Event
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.robots.plugin_messages import Event
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.protocol.wire.topic import Urgency
 from robrain.protocol.wire.topics import (

@@ -12,8 +12,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links import declared_keys
-from robrain.protocol.wire.messages.plugin_messages import Event
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.plugin_messages import Event
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until

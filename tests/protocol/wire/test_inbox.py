@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.inbox import LARGE_BYTES, Inbox
-from robrain.protocol.wire.messages.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topic import Delivery
 from robrain.protocol.wire.topics import ARENA_CAN, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 

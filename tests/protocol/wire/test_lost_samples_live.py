@@ -9,7 +9,7 @@ from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.plugin_messages import Event
+from robrain.protocol.wire.messages.robots.plugin_messages import Event
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_EVENT
 from tests.own_hub import OwnHub

@@ -13,8 +13,8 @@ from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.slam import submap_atlas
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import (
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import (
     MESSAGE_CELLS_MAX,
     check_claim,
     joined_message,
@@ -25,7 +25,7 @@ from robrain.protocol.wire.messages.map_patch import (
     to_message,
     whole_map,
 )
-from robrain.protocol.wire.messages.patch_cells import MAX_CELLS, OCCUPIED_MAX, geometry_of
+from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, OCCUPIED_MAX, geometry_of
 
 GEOMETRY = GridGeometry(0.05, -1.0, -2.0, 12, 9)
 CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, OCCUPIED]], np.int8)

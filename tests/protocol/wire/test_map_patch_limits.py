@@ -11,9 +11,9 @@ from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE, SURFACES_MAX
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.messages import map_patch
-from robrain.protocol.wire.messages.map_messages import MapPatch
-from robrain.protocol.wire.messages.map_patch import (
+from robrain.protocol.wire.messages.maps import map_patch
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import (
     is_near_grid,
     joined_message,
     pose_message,

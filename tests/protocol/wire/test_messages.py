@@ -12,20 +12,11 @@ from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire import errors
 from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.messages import (
-    arena_messages,
-    host_messages,
-    map_messages,
-    message,
-    offer_messages,
-    plan_messages,
-    plugin_messages,
-    replay_messages,
-    robot_messages,
-    rule_messages,
-    standing_messages,
-    team_messages,
-)
+from robrain.protocol.wire.messages import message
+from robrain.protocol.wire.messages.maps import map_messages
+from robrain.protocol.wire.messages.robots import host_messages, plugin_messages, robot_messages
+from robrain.protocol.wire.messages.tasks import offer_messages, plan_messages, rule_messages
+from robrain.protocol.wire.messages.team import arena_messages, replay_messages, standing_messages, team_messages
 from robrain.protocol.wire.reasons.idle import NoWay
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import LostContact, Refused

@@ -10,9 +10,9 @@ from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links import radio_exchange
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
-from robrain.protocol.wire.messages.arena_messages import LinkCounters
-from robrain.protocol.wire.messages.plugin_messages import Event
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.plugin_messages import Event
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
 

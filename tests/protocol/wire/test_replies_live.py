@@ -9,7 +9,7 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
 from tests.waiting import until

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.protocol.wire.messages import plan_messages, task_messages
+from robrain.protocol.wire.messages.tasks import plan_messages, task_messages
 from tests.protocol import plan_examples, task_examples
 
 GOLDEN = Path(__file__).parents[1] / "golden"

@@ -10,7 +10,7 @@ from robrain.protocol.wire.answers.trace import KEPT, Traces, read_trace, trace_
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
-from robrain.protocol.wire.messages.offer_messages import TaskAnswer, TaskOffer
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_OFFER
 from tests.waiting import until

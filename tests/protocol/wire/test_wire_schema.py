@@ -8,8 +8,8 @@ import msgspec
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.schema.json_schema import definitions, reference_to, types_of
 from robrain.protocol.wire.schema.struct_schema import DIALECT, bare, field_meanings, schema_of, structs_in
 from robrain.protocol.wire.topics import TOPICS

@@ -9,7 +9,7 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.team_messages import Halt
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topics import (
     ARENA_LINKS,
     COORDINATOR_STATE,

@@ -14,7 +14,7 @@ from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.hub import teams_there
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links.exchange import Exchange
-from robrain.protocol.wire.messages.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_STATE

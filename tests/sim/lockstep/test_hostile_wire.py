@@ -15,7 +15,7 @@ from robrain.coordinator.dashboard.state.live_source import LiveSource
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import ErrorCode
-from robrain.protocol.wire.messages.task_messages import TaskFilter
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.schema.document import errors_of
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Query, Topic

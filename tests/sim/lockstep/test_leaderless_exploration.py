@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import msgspec
 import pytest
 
-from robrain.deploy.bench.leaderless_exploration import LeaderlessCase, run_case
+from robrain.deploy.bench.exploration.leaderless_exploration import LeaderlessCase, run_case
 from robrain.plugins.behavior.explore.team_choice import ALONE
 from robrain.sim.lockstep.lockstep import LockstepRun
 

@@ -9,7 +9,7 @@ from robrain.protocol.wire.clock import VirtualClock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.messages.patch_cells import cells_of, geometry_of
+from robrain.protocol.wire.messages.maps.patch_cells import cells_of, geometry_of
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.protocol.wire.topics import ARENA_PREPARATION
 from robrain.sim.lockstep.lockstep import LockstepRun

@@ -6,7 +6,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.task_messages import TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.sim.scenarios.scenario import Scenario
 
 TASKS = [

@@ -13,7 +13,7 @@ from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_SUBMIT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.lockstep.lockstep import LockstepRun

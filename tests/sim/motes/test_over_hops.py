@@ -13,7 +13,7 @@ from robrain.protocol.tinyos.routed import ROUTED_TYPE, RoutedPayload
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.mote_messages import MoteDuty
+from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_RADIO_TX, COORDINATOR_ALIVE, MOTE_DUTY, MOTE_READING
 from robrain.sim.motes.field import Field, Plume

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.task_messages import TaskFilter
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.reasons.tasks import RuleReading
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -6,7 +6,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.arena_messages import BodyKind
+from robrain.protocol.wire.messages.team.arena_messages import BodyKind
 from robrain.sim.errors import ScenarioError
 from robrain.sim.traffic.door import Door
 from robrain.sim.traffic.specs import DoorSpec

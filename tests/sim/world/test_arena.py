@@ -12,7 +12,7 @@ from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.clock import VirtualClock, WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import (
     ARENA_CAN,

@@ -13,8 +13,8 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_HOLD, HOST_LOAD, HOST_RELEASE, HOST_RESUME
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.robot_messages import RobotState
-from robrain.protocol.wire.messages.task_messages import TaskRequest, TaskState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskState
 from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import (
     ROBOT_CALL,

@@ -21,9 +21,9 @@ from robrain.coordinator.recording.invariants.task_changes import ENDED_KEPT, Ta
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.team_messages import TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 from tests.coordinator.recording.invariants.told import Told, at_task
 
 QUEUED, OFFERED, RUNNING = TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING

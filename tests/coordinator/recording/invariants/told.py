@@ -8,10 +8,10 @@ from robrain.coordinator.recording.invariants.judging import judge
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.robot_messages import BatteryState, RobotState, TaskStatus
-from robrain.protocol.wire.messages.team_messages import Halt, HaltStatus, RobotSummary, TeamState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.team_messages import Halt, HaltStatus, RobotSummary, TeamState
 
 RADIUS_M = 0.2
 

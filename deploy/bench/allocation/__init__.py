@@ -1,0 +1,1 @@
+"""How good the routes of the allocators are."""

@@ -1,0 +1,1 @@
+"""How accurate maps are, and how robots with unknown starts join."""

@@ -1,0 +1,1 @@
+"""How long a field of motes lives."""

@@ -1,0 +1,1 @@
+"""What travels of maps, and how their patches are packed."""

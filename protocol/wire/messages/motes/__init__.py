@@ -1,0 +1,1 @@
+"""What travels about sensor motes."""

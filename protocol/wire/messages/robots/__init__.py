@@ -1,0 +1,1 @@
+"""What travels between a robot, its plugins and the team."""

@@ -1,0 +1,230 @@
+"""`robrain plugin`: a student writes a plugin and takes it into a robot that is running."""
+
+import json
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.topics import ROBOT_CALL
+from tests.asking import until_answered
+from tests.waiting import PATIENCE_S, until
+
+pytestmark = pytest.mark.system
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "03_your_own_plugin"
+
+
+class Robot:
+    """A robot that runs in an arena, and the commands that speak to it."""
+
+    def __init__(self, commands) -> None:
+        self.commands = commands
+        arena = commands.start(
+            "arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", "."
+        )
+        self.endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
+        self.agent = commands.start("agent", "r1.toml")
+        commands.line_with(self.agent, "agent: r1 is up")
+
+    def plugin(self, *words: str) -> subprocess.CompletedProcess[str]:
+        return self.commands.run("plugin", *words, ROBRAIN_CONNECT=self.endpoint)
+
+    def told(self, *words: str) -> list[str]:
+        """What a command that succeeds prints."""
+        done = self.plugin(*words)
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout.splitlines()
+
+    def refused(self, *words: str) -> str:
+        """Output of a refused command: a sentence, followed by the traceback if a plugin raised."""
+        done = self.plugin(*words)
+        assert (done.returncode, done.stdout) == (2, "")
+        line, *traceback = done.stderr.splitlines()
+        assert line.startswith("robrain: ")
+        assert all(line.startswith("  ") for line in traceback), traceback
+        return done.stderr.removesuffix("\n")
+
+    def states(self) -> dict[str, str]:
+        listed = self.commands.run_until(
+            lambda done: done.returncode == 0, "plugin", "list", "r1", "--json", ROBRAIN_CONNECT=self.endpoint
+        )
+        return {info["name"]: info["state"] for info in json.loads(listed.stdout)}
+
+    def settled(self) -> dict[str, str]:
+        """States once every plugin is active: on a busy machine a device may wait for its hardware for a moment."""
+        return until(lambda: states if set((states := self.states()).values()) == {"active"} else None)
+
+    def comes_to(self, wanted: dict[str, str]) -> None:
+        """Wait until the states are these, for the same reason."""
+        until(lambda: self.states() == wanted, f"the plugins' states are not {wanted}")
+
+    def call(self, plugin: str, function: str, *arguments: object) -> object:
+        session = open_session(connect=[self.endpoint], wait_s=PATIENCE_S)
+        wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        try:
+            ask = partial(wire.ask, ROBOT_CALL, list(arguments), robot="r1", plugin=plugin, function=function)
+            return json.loads(until_answered(ask))
+        finally:
+            wire.close()
+            session.close()
+
+
+@pytest.fixture
+def robot(commands) -> Robot:
+    return Robot(commands)
+
+
+# -- without a robot --------------------------------------------------------------------------------------------
+
+
+def test_a_new_plugin_is_checked_and_tested_as_it_was_written(commands) -> None:
+    written = commands.run("plugin", "new", "lamp", "--level", "unit", "--active", "--dir", "mine")
+    assert (written.returncode, written.stderr) == (0, "")
+    assert written.stdout.split() == ["mine/lamp/lamp.py", "mine/lamp/lamp.toml", "mine/lamp/test_lamp.py"]
+    checked = commands.run("plugin", "check", "mine")
+    assert (checked.returncode, checked.stdout) == (0, "1 plugin, no mistakes\n")
+    tested = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-W", "error", "mine"],
+        cwd=commands.folder,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert tested.returncode == 0, tested.stdout
+    assert "2 passed" in tested.stdout
+
+
+def test_check_exits_with_1_for_mistakes_and_with_0_for_warnings(commands) -> None:
+    commands.run("plugin", "new", "lamp", "--level", "unit")
+    commands.run("plugin", "new", "dimmer", "--level", "skill")
+    source, manifest = (commands.folder / "lamp" / name for name in ("lamp.py", "lamp.toml"))
+    source.write_text(source.read_text().replace('        """Greet somebody."""\n', ""))
+    warned = commands.run("plugin", "check", ".")
+    assert warned.returncode == 0
+    assert warned.stdout.splitlines()[-1] == "2 plugins, no mistakes, 1 warning"
+    manifest.write_text(manifest.read_text().replace("requires = []", 'requires = ["socket"]'))
+    wrong = commands.run("plugin", "check", ".")
+    assert wrong.returncode == 1
+    *findings, last = wrong.stdout.splitlines()
+    assert last == "2 plugins, 1 mistake, 1 warning"
+    assert [line.split(": ")[:2] for line in findings] == [
+        [str(source), "Lamp.hello"],
+        ["lamp/lamp.toml", "[tag] requires"],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["new", "2lamps", "--level", "unit"], ["2lamps", "Python name"]),
+        (["new", "lamp", "--level", "gadget"], ["gadget", "device, unit, skill, behavior"]),
+        (["new", "there", "--level", "unit"], ["there", "is there already"]),
+        (["check", "nosuch"], ["nosuch", "no such folder"]),
+        (["list", "r1"], ["--connect", "ROBRAIN_CONNECT"]),
+        (["list", "r1", "--connect", "tcp/127.0.0.1:9"], ["nobody", "tcp/127.0.0.1:9"]),
+        (["list", "a/b", "--connect", "tcp/127.0.0.1:9"], ["a/b", "robot"]),
+        (["load", "r1", "no/such", "--connect", "tcp/127.0.0.1:9"], ["no/such", "no such folder or manifest"]),
+        (["load", "r1", "lamp.toml", "--connect", "tcp/127.0.0.1:9"], ["lamp.toml", "no such folder or manifest"]),
+        (["unload", "r1", "a b", "--connect", "tcp/127.0.0.1:9"], ["a b", "plugin"]),
+    ],
+)
+def test_bad_input_is_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:
+    (commands.folder / "there").mkdir()
+    done = commands.run("plugin", *words)
+    assert (done.returncode, done.stdout) == (2, "")
+    lines = [line for line in done.stderr.splitlines() if line.startswith("robrain: ")]
+    assert len(lines) == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    for text in named:
+        assert text in lines[0]
+    assert list(commands.folder.rglob("*")) == [commands.folder / "there"]
+
+
+# -- with one ---------------------------------------------------------------------------------------------------
+
+
+def test_the_plugins_of_a_robot_are_listed_and_an_absent_robot_names_those_there(robot) -> None:
+    columns, *rows = robot.told("list", "r1")
+    assert columns.split() == ["plugin", "level", "state", "visible", "to", "holder", "functions"]  # and nothing empty
+    driver = next(row for row in rows if row.startswith("driver "))
+    assert driver.split()[1:3] == ["unit", "active"]
+    mocdevice = next(row for row in rows if row.startswith("mocdevice "))
+    assert "driver, command" in mocdevice  # who sees it
+    assert mocdevice.split()[5] == "driver"  # who holds it
+    infos = json.loads(robot.plugin("list", "r1", "--json").stdout)
+    assert len(rows) == len(infos) >= 12
+    assert robot.refused("list", "r9") == "robrain: no robot r9 in team default; there are: r1"
+    assert robot.refused("list", "r1", "--team", "other") == (
+        "robrain: no robot r1 in team other; there is team default"
+    )
+
+
+def test_the_example_is_loaded_into_a_robot_that_is_running_called_edited_and_unloaded(robot) -> None:
+    folder = robot.commands.folder / "mine"
+    folder.mkdir()
+    for name in ("trip.py", "trip.toml"):
+        (folder / name).write_bytes((EXAMPLE / name).read_bytes())
+    before = robot.settled()
+    assert robot.told("load", "r1", "mine") == ["trip: active"]
+    robot.comes_to({**before, "trip": "active"})
+    assert robot.call("trip", "distance_m") >= 0.0
+    assert "trip is loaded already" in robot.refused("load", "r1", "mine")
+
+    source = folder / "trip.py"
+    sound = source.read_text()
+    source.write_text(sound.replace("return round(self._way_m, 2)", "return -1.0"))
+    assert robot.told("reload", "r1", "trip") == ["trip: active"]
+    assert robot.call("trip", "distance_m") == -1.0
+
+    source.write_text("def broken(:")
+    refusal = robot.refused("reload", "r1", "trip")
+    assert "invalid syntax" in refusal
+    assert 'File "mine/trip.py", line 1' in refusal
+    assert robot.call("trip", "distance_m") == -1.0  # the old one keeps running
+
+    (gone,) = robot.told("unload", "r1", "trip")
+    assert gone.startswith("trip: unloaded")
+    robot.comes_to(before)
+    source.write_text(sound)
+    assert robot.told("load", "r1", str(folder / "trip.toml")) == ["trip: active"]
+    assert robot.agent.poll() is None
+
+
+def test_what_others_require_is_unloaded_only_with_them_and_comes_back_by_name(robot) -> None:
+    before = robot.settled()
+    refusal = robot.refused("unload", "r1", "planner")
+    assert "explore" in refusal
+    robot.comes_to(before)
+    gone = [line.split(":")[0] for line in robot.told("unload", "r1", "planner", "--cascade")]
+    assert gone[-1] == "planner"
+    assert {"explore", "visit"} < set(gone)
+    robot.comes_to({name: state for name, state in before.items() if name not in gone})
+    assert set(robot.told("load", "r1", "explore")) == {"planner: active", "explore: active"}
+    for name in set(gone) - {"planner", "explore"}:
+        robot.told("load", "r1", name)
+    robot.comes_to(before)
+
+
+@pytest.mark.parametrize("verb", ["unload", "reload", "load"])
+def test_a_plugin_that_is_not_there_is_told_with_those_that_are(robot, verb: str) -> None:
+    text = robot.refused(verb, "r1", "ghost")
+    assert "ghost" in text
+    assert "driver" in text
+
+
+def test_a_plugin_that_does_not_start_leaves_the_robot_as_it_was(robot) -> None:
+    robot.commands.run("plugin", "new", "lamp", "--level", "unit")
+    source = robot.commands.folder / "lamp" / "lamp.py"
+    source.write_text(source.read_text() + "\n    def activate(self) -> None:\n        raise OSError('no such lamp')\n")
+    before = robot.settled()
+    refusal = robot.refused("load", "r1", "lamp")
+    assert "no such lamp" in refusal
+    assert 'File "lamp/lamp.py", line 15, in activate' in refusal
+    robot.comes_to(before)

@@ -1,0 +1,255 @@
+"""The two shells: `robrain shell ROBOT` over the wire, and the one at the robot's own terminal."""
+
+import io
+import os
+import sys
+import threading
+from types import SimpleNamespace
+
+import pytest
+from prompt_toolkit.application import create_app_session
+from prompt_toolkit.completion import CompleteEvent
+from prompt_toolkit.document import Document
+from prompt_toolkit.input import create_pipe_input
+from prompt_toolkit.output import DummyOutput
+
+from robrain import Team
+from robrain.agent.access.external_function import external_functions
+from robrain.agent.errors import HardwareAbsent, PluginError
+from robrain.agent.plugin import Unit, external
+from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
+from robrain.plugins.unit.interactive_shell.interactive_shell import InteractiveShell
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.host_queries import HOST_COMMAND
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.topics import ROBOT_PLUGINS
+from tests.waiting import PATIENCE_S, until
+
+pytestmark = pytest.mark.system
+
+
+class Driver(Unit):
+    """Drives."""
+
+    @external
+    def drive(self, distance_m: float, speed_m_s: float = 0.5) -> bool:
+        """Drive straight ahead."""
+        return True
+
+    @external
+    def stop(self) -> None:
+        """Stand still."""
+
+
+def info(name, *, visible=True):
+    functions = [info for function in external_functions(Driver).values() for info in function.infos]
+    visibility = ["command"] if visible else []
+    return PluginInfo(
+        name=name, level="unit", state="active", visibility=visibility, doc="Drives.", functions=functions
+    )
+
+
+PLUGINS = [info("driver"), info("drill"), info("hidden", visible=False)]
+
+
+@pytest.fixture(scope="module")
+def team():
+    """A client of a robot's team; the robot's host is played."""
+    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
+        robot = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        robot.answer(ROBOT_PLUGINS, lambda request: PLUGINS, robot="r1")
+
+        def command(request):
+            text = request.asked.text
+            if "stop" in text:
+                return ""
+            if "refuse" in text:
+                raise CallError(ErrorCode.BUSY, "somebody else drives")
+            return f"did {text}"
+
+        robot.answer(HOST_COMMAND, command, robot="r1")
+        with Team.connect(listening_at(session)[0]) as person:
+            yield person
+        robot.close()
+
+
+def read(monkeypatch, team, data):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+    return run_shell(team, "r1", interactive=False)
+
+
+def test_lines_of_stdin_are_executed_and_answered(team, monkeypatch, capsys):
+    status = read(monkeypatch, team, b"call driver drive(1.0)\n\ncall driver stop()\nlist\n")
+    assert status == 0
+    assert capsys.readouterr().out == "did call driver drive(1.0)\ndriver drill\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        (b"call driver refuse()", "error busy: somebody else drives"),
+        (b"fly", "error bad_arguments: expected `call PLUGIN FUNCTION(ARGUMENTS)`"),
+        (b"help nobody", "error unknown_plugin: no plugin nobody"),
+        (b"\xff", "error bad_arguments: "),
+    ],
+)
+def test_a_line_that_fails_makes_the_exit_status_1_and_the_rest_goes_on(team, monkeypatch, capsys, line, answer):
+    assert read(monkeypatch, team, line + b"\ncall driver drive(1.0)") == 1
+    first, last = capsys.readouterr().out.splitlines()
+    assert first.startswith(answer)
+    assert last == "did call driver drive(1.0)"
+
+
+def test_help_comes_from_signatures_and_docstrings(team, monkeypatch, capsys):
+    assert read(monkeypatch, team, b"help driver\n") == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "driver (unit, active)  Drives.",
+        "  drive(distance_m: float, speed_m_s: float = 0.5) -> bool  Drive straight ahead.",
+        "  stop() -> None  Stand still.",
+    ]
+
+
+def test_a_robot_that_is_not_there_is_said_at_once(team):
+    with pytest.raises(NobodyThere):
+        run_shell(team, "r2", interactive=False)
+
+
+def test_a_person_types_commands_which_are_remembered(team, monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
+        keys.send_text("call driver drive(2)\r\rfly\rexit\r")
+        assert run_shell(team, "r1", interactive=True) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == "r1: 2 plugins; `help` tells what can be called, `exit` or Ctrl-D ends"
+    assert out[1] == "did call driver drive(2)"
+    assert out[2].startswith("error bad_arguments: ")
+    assert history_path() == tmp_path / "robrain" / "shell_history"
+    assert "+call driver drive(2)" in history_path().read_text()
+
+
+def test_completions_replace_what_was_begun_and_say_what_they_are(team):
+    commands = RemoteCommands(team, "r1")
+    commands.refresh()
+    document = Document("call driver dr")
+    (found,) = RobotCompleter(commands).get_completions(document, CompleteEvent())
+    assert (found.text, found.start_position) == ("drive(", -2)
+    assert found.display_meta_text == "drive(distance_m: float, speed_m_s: float = 0.5) -> bool"
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("", ["call ", "help ", "list", "exit"]),
+        ("he", ["help "]),
+        ("call ", ["driver ", "drill "]),
+        ("call dri", ["driver ", "drill "]),
+        ("call drill", ["drill "]),
+        ("help drive", ["driver"]),
+        ("call driver ", ["drive(", "stop("]),
+        ("call driver s", ["stop("]),
+        ("call driver drive(", ["distance_m=", "speed_m_s="]),
+        ("call driver drive(1.0, s", ["speed_m_s="]),
+        ("call driver drive(distance_m=1, ", ["speed_m_s="]),  # each once
+        ("call driver bool.drive-double-double(", ["distance_m=", "speed_m_s="]),
+        ("call driver stop(", []),
+        ("call nobody ", []),
+        ("call nobody drive(", []),
+        ("nonsense ", []),
+    ],
+)
+def test_what_may_come_next_is_offered(team, typed, offered):
+    commands = RemoteCommands(team, "r1")
+    commands.refresh()
+    found = completions(typed, commands.plugins)
+    assert [text for text, _, _ in found] == offered
+    assert all(text.startswith(begun) and typed.endswith(begun) for text, begun, _ in found)
+
+
+def test_without_a_state_folder_of_its_own_history_lies_below_home(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", "relative")  # which the specification says to ignore
+    assert history_path() == tmp_path / ".local" / "state" / "robrain" / "shell_history"
+
+
+class Command:
+    def execute(self, text):
+        return f"ok {text}"
+
+
+def shell(drive=Drive.LIVE, **parameters):
+    env = SimpleNamespace(
+        robot="r1",
+        plugin="interactive_shell",
+        wire=SimpleNamespace(drive=drive),
+        use=lambda name, interface: Command(),
+    )
+    plugin = InteractiveShell(env, InteractiveShell.Parameters(**parameters))
+    plugin.init()
+    return plugin
+
+
+def heard(terminal, text):
+    """What the terminal says up to a text."""
+    said = ""
+    while text not in said:
+        said += os.read(terminal, 1024).decode(errors="replace")
+    return said
+
+
+def threads_at(path):
+    """Those that read a terminal; others of this process come and go by themselves."""
+    return [thread for thread in threading.enumerate() if thread.name == f"terminal-{path}"]
+
+
+@pytest.fixture
+def terminal():
+    """A person's side of a terminal, and the path of the robot's side."""
+    ours, theirs = os.openpty()
+    yield ours, os.ttyname(theirs)
+    for side in (ours, theirs):
+        os.close(side)
+
+
+def test_a_person_at_the_robots_terminal_is_answered(terminal):
+    ours, path = terminal
+    plugin = shell(enabled=True, terminal=path)
+    plugin.activate()
+    heard(ours, "r1> ")
+    os.write(ours, "call driver grüß\n".encode())
+    heard(ours, "ok call driver grüß\r\nr1> ")
+    os.write(ours, b"\xff\n\n")
+    heard(ours, "ok \N{REPLACEMENT CHARACTER}\r\nr1> r1> ")
+    plugin.deactivate()
+    plugin.deactivate()
+    until(lambda: not threads_at(path), "the thread at the terminal goes on")
+
+
+def test_the_end_of_the_terminals_input_ends_the_shell(terminal):
+    ours, path = terminal
+    plugin = shell(enabled=True, terminal=path)
+    plugin.activate()
+    heard(ours, "r1> ")
+    (thread,) = threads_at(path)
+    os.write(ours, b"\x04")
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+    plugin.deactivate()
+
+
+def test_the_shell_takes_no_terminal_unless_told():
+    plugin = shell(terminal="/nowhere")
+    plugin.activate()
+    plugin.deactivate()
+
+
+def test_a_terminal_that_is_not_there_is_absent_hardware():
+    with pytest.raises(HardwareAbsent, match="no terminal at /nowhere: No such file"):
+        shell(enabled=True, terminal="/nowhere").activate()
+
+
+def test_the_shell_is_for_the_live_drive():
+    with pytest.raises(PluginError, match="only in the live drive"):
+        shell(Drive.LOCKSTEP, enabled=True).activate()

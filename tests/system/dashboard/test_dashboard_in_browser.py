@@ -1,0 +1,235 @@
+"""The dashboard as a person sees it: a real server, a real wire, a real Chromium."""
+
+import re
+import threading
+import time
+from collections.abc import Iterator
+from queue import Queue
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from robrain.coordinator.dashboard import run_dashboard
+from robrain.coordinator.drawing.palette import FREE
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.team.team_messages import Halt
+from robrain.protocol.wire.session import open_session
+from tests.system.browser import (
+    browser_process,
+    click_on,
+    colors_in,
+    keep,
+    open_page,
+    picture_of,
+    share_of,
+    switch_layer,
+    wait_for,
+    window,
+)
+from tests.system.fake_team import FakeTeam
+from tests.waiting import PATIENCE_S
+
+pytestmark = pytest.mark.system
+
+WAIT_S = PATIENCE_S
+SEEN, HIDDEN = 0.03, 0.003
+"""Shares of the picture that have the colour of free floor."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with browser_process() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def everybody() -> Iterator[FakeTeam]:
+    with FakeTeam() as team:
+        yield team
+
+
+@pytest.fixture
+def team(everybody: FakeTeam) -> FakeTeam:
+    everybody.heard.drain()
+    return everybody
+
+
+class Stoppable:
+    """A dashboard with a session of its own, as `robrain dashboard` runs it."""
+
+    def __init__(self, address: str) -> None:
+        self._session = open_session(mode="client", connect=(address,))
+        self._endpoint = Endpoint(self._session, "default", WallClock(), Drive.LIVE)
+        self._stop = threading.Event()
+        ready: Queue[str] = Queue()
+        arguments = (self._endpoint, "127.0.0.1", 0, ready.put, self._stop.is_set)
+        self._thread = threading.Thread(target=run_dashboard, args=arguments)
+        self._thread.start()
+        self.url = ready.get(timeout=WAIT_S)
+
+    def stop(self) -> None:
+        if not self._stop.is_set():
+            self._stop.set()
+            self._thread.join()
+            self._endpoint.close()
+            self._session.close()  # type: ignore[no-untyped-call]
+
+
+@pytest.fixture
+def stoppable(team: FakeTeam) -> Iterator[Stoppable]:
+    dashboard = Stoppable(team.address)
+    yield dashboard
+    dashboard.stop()
+
+
+@pytest.fixture
+def url(stoppable: Stoppable) -> str:
+    return stoppable.url
+
+
+def test_team_is_seen_and_halted_in_a_browser(browser: Browser, team: FakeTeam, url: str) -> None:
+    with window(browser, width=1100, height=740) as context:
+        page, errors = open_page(context, url)
+        title = page.title()
+        assert title == "robrain"
+        _check_figures(page)
+
+        # The picture is of something, and it moves.
+        before = wait_for(lambda: picture_of(page), lambda picture: colors_in(picture) > 20, "a picture")
+        wait_for(lambda: picture_of(page), lambda picture: bool((picture != before).any()), "another picture")
+
+        # One click halts; resuming is asked about.
+        page.get_by_role("button", name="EMERGENCY HALT", exact=True).click()
+        assert next_halt(team).halted
+        expect(page.get_by_test_id("halt-state")).to_contain_text("EMERGENCY HALT by operator:dashboard")
+        expect(page.get_by_test_id("not-stopped")).to_have_text("r1, r2")
+        keep(page, "dashboard-halt")
+        page.get_by_role("button", name="Resume after halt …", exact=True).click()
+        page.get_by_role("button", name="Keep them halted", exact=True).click()
+        page.get_by_role("button", name="Resume after halt …", exact=True).click()
+        assert not len(team.heard)
+        page.get_by_role("button", name="Resume all robots", exact=True).click()
+        resumed = next_halt(team)
+        assert (resumed.halted, resumed.by) == (False, "operator:dashboard")
+        expect(page.get_by_test_id("halt-state")).to_have_count(0)
+        page.keyboard.press("h")
+        assert next_halt(team).halted
+
+        # Every layer can be hidden and shown, the camera moved, the colours changed, while all this goes on.
+        page.get_by_role("tab", name="View", exact=True).click()
+        page.get_by_role("button", name="Top view", exact=True).click()
+        for box in page.get_by_role("checkbox").all():
+            box.dispatch_event("click")
+            box.dispatch_event("click")
+        page.keyboard.press("l")
+        expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", "light")
+        _check_that_words_stay_words(page, title)
+        assert errors == []
+
+
+def test_two_browsers_have_selections_and_layers_of_their_own_one_halt_and_see_the_dashboard_go(
+    browser: Browser, team: FakeTeam, stoppable: Stoppable
+) -> None:
+    url = stoppable.url
+    with window(browser, width=1000, height=700) as context:
+        (first, first_errors), (second, second_errors) = open_page(context, url), open_page(context, url)
+        for page, robot in ((first, "r1"), (second, "r2")):
+            page.bring_to_front()
+            click_on(page, f"[data-rb='select {robot}']")
+            page.get_by_role("tab", name="Robot", exact=True).click()
+            expect(page.get_by_test_id("selected-robot")).to_have_text(robot)
+        first.bring_to_front()
+        expect(first.get_by_test_id("selected-robot")).to_have_text("r1")
+        first.keyboard.press("n")
+        expect(first.get_by_test_id("selected-robot")).to_have_text("r2")
+        _layers_are_each_browsers_own(first, second)
+        first.bring_to_front()
+        first.keyboard.press("h")
+        assert next_halt(team).halted
+        for page in (first, second):
+            page.bring_to_front()
+            expect(page.get_by_test_id("halt-state")).to_be_visible()
+        assert first_errors == second_errors == []
+        expect(second.locator("#rb-lost")).to_be_hidden()
+        stoppable.stop()
+        expect(second.locator("#rb-lost")).to_be_visible()
+
+
+def test_halt_and_resume_stay_in_reach_on_a_narrow_screen(browser: Browser, team: FakeTeam, url: str) -> None:
+    with window(browser, width=390, height=800) as context:
+        page, errors = open_page(context, url)
+        keep(page, "dashboard-narrow")
+        page.locator("#rb-halt").click()
+        assert next_halt(team).halted
+        expect(page.get_by_test_id("halt-state")).to_be_visible()
+        expect(page.get_by_test_id("halt-missing")).to_have_text("Not stopped: r1, r2")
+        click_on(page, "[data-rb='resume']")
+        page.get_by_role("button", name="Resume all robots", exact=True).click()
+        assert not next_halt(team).halted
+        expect(page.get_by_test_id("halt-state")).to_have_count(0)
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        assert errors == []
+
+
+def _layers_are_each_browsers_own(first: Page, second: Page) -> None:
+    """What one hides the other still sees."""
+    first.bring_to_front()
+    first.get_by_role("tab", name="View", exact=True).click()
+    wait_for(lambda: _floor_in(first), lambda share: share > SEEN, "the floor")
+    second.bring_to_front()
+    wait_for(lambda: _floor_in(second), lambda share: share > SEEN, "the floor in the other one")
+    first.bring_to_front()
+    switch_layer(first, "Floor")
+    wait_for(lambda: _floor_in(first), lambda share: share < HIDDEN, "a picture without the floor")
+    second.bring_to_front()
+    second.get_by_role("tab", name="View", exact=True).click()
+    second.wait_for_timeout(500)
+    wait_for(lambda: _floor_in(second), lambda share: share > SEEN, "the floor, still in the other one")
+    first.bring_to_front()
+    switch_layer(first, "Floor")
+    wait_for(lambda: _floor_in(first), lambda share: share > SEEN, "the floor again")
+
+
+def _floor_in(page: Page) -> float:
+    return share_of(picture_of(page), FREE, within=40)
+
+
+def _check_figures(page: Page) -> None:
+    """The panel tells what is on the wire, and goes on doing so."""
+    expect(page.get_by_test_id("coordinator")).to_have_text("up")
+    expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
+    expect(page.get_by_test_id("known-area")).to_have_text("30 m²")
+    for moving in ("explored", "sim-time"):
+        value = page.get_by_test_id(moving).inner_text()
+        expect(page.get_by_test_id(moving)).not_to_have_text(value)
+    expect(page.get_by_test_id("speed")).to_have_text(re.compile(r"× (1\.[0-9]|2\.0)"))  # 2.0 on an idle machine
+
+
+def _check_that_words_stay_words(page: Page, title: str) -> None:
+    """What robots and motes say is text wherever it stands."""
+    page.get_by_role("tab", name="Team", exact=True).click()
+    assert page.get_by_test_id("robot-r1-behavior").inner_text().startswith("<script>")
+    page.get_by_text("Log", exact=True).click()
+    expect(page.get_by_test_id("log")).to_contain_text("<img src=x onerror")
+    page.get_by_role("tab", name="Robot", exact=True).click()
+    page.get_by_text("Events", exact=True).click()
+    expect(page.get_by_test_id("events")).to_contain_text("<img src=x onerror")
+    page.get_by_role("tab", name="View", exact=True).click()
+    page.get_by_text("Motes", exact=True).last.click()
+    expect(page.get_by_test_id("motes")).to_contain_text("<script>")
+    assert page.title() == title
+    # Were something to slip through as markup: it would still be no program.
+    page.evaluate("document.body.insertAdjacentHTML('beforeend', \"<img src=x onerror='document.title=1'>\")")
+    page.wait_for_timeout(200)
+    assert page.title() == title
+
+
+def next_halt(team: FakeTeam) -> Halt:
+    end_s = time.monotonic() + WAIT_S
+    while not len(team.heard):
+        assert time.monotonic() < end_s, "no halt on the wire"
+        time.sleep(0.01)
+    (received,) = team.heard.drain()
+    message: Halt = received.message
+    return message

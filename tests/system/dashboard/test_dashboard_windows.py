@@ -1,0 +1,207 @@
+"""The halt while windows, palette and fields are open, stacking order, motes when zoomed in; in a real Chromium."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from robrain.coordinator.dashboard.layers.layer_switches import LayerSwitch
+from robrain.coordinator.dashboard.layers.marker_layers import MoteLabelLayer
+from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_session
+from tests.system.browser import browser_process, click_on, keep, open_page, wait_for, window
+from tests.system.dashboard.test_dashboard_in_browser import next_halt
+from tests.system.fake_team import FakeTeam
+from tests.system.stepped_dashboard import Stepped
+
+pytestmark = pytest.mark.system
+
+ON_TOP = """() => {
+  const box = document.querySelector("#rb-halt").getBoundingClientRect();
+  return [[0.5, 0.5], [0.02, 0.1], [0.98, 0.9]].every(([x, y]) =>
+    document.elementFromPoint(box.x + x * box.width, box.y + y * box.height)?.id === "rb-halt");
+}"""
+ADD_WHY = """() => document.body.insertAdjacentHTML("beforeend",
+  `<div class="rb" style="position: fixed; top: 200px; left: 200px; z-index: 50">
+    <b data-rb="why visit-1">why</b></div>`)"""
+TIMES = 4
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with browser_process() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def everybody() -> Iterator[FakeTeam]:
+    with FakeTeam() as team:
+        yield team
+
+
+@pytest.fixture
+def team(everybody: FakeTeam) -> FakeTeam:
+    everybody.heard.drain()
+    return everybody
+
+
+@pytest.fixture(scope="module")
+def stepped(everybody: FakeTeam) -> Iterator[Stepped]:
+    session = open_session(mode="client", connect=(everybody.address,))
+    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    stepped = Stepped(endpoint)
+    yield stepped
+    stepped.stop()
+    endpoint.close()
+    session.close()  # type: ignore[no-untyped-call]
+
+
+@pytest.fixture(params=[(1280, 800), (420, 860)], ids=["wide", "narrow"])
+def page(request: pytest.FixtureRequest, browser: Browser, stepped: Stepped) -> Iterator[Page]:
+    with window(browser, *request.param) as context:
+        page, errors = open_page(context, stepped.dashboard.url)
+        yield page
+        assert errors == []
+
+
+def test_halt_lies_above_every_window_its_key_works_there_and_escape_closes_the_window(
+    page: Page, team: FakeTeam
+) -> None:
+    halt = page.get_by_role("button", name="EMERGENCY HALT", exact=True)
+    modal = page.locator(".mantine-Modal-content")
+    halt.click()
+    assert next_halt(team).halted
+    _open_why(page)
+    for window_name in ("why", "resume"):
+        if window_name == "resume":
+            _open_resume(page)
+        expect(modal).to_be_visible()
+        keep(page, f"dashboard-halt-over-{window_name}-{page.viewport_size['width']}")  # type: ignore[index]
+        assert page.evaluate(ON_TOP)
+        halt.click()
+        assert next_halt(team).halted
+        expect(modal).to_be_visible()
+        page.keyboard.press("h")
+        assert next_halt(team).halted
+        page.keyboard.press("Escape")
+        expect(modal).to_have_count(0)
+    assert not len(team.heard)  # Escape confirms nothing
+    _open_resume(page)
+    page.get_by_role("button", name="Resume all robots", exact=True).click()
+    assert not next_halt(team).halted
+
+
+def test_key_of_the_halt_works_at_once_after_the_palette_was_closed_and_the_button_lies_above_it(
+    page: Page, team: FakeTeam
+) -> None:
+    palette = page.locator(".mantine-Spotlight-content")
+    for _ in range(TIMES):
+        page.keyboard.press("Control+k")
+        expect(palette).to_be_visible()
+        page.get_by_placeholder("Search commands...").press_sequentially("h")  # typing there does not halt
+        assert page.evaluate(ON_TOP)
+        page.keyboard.press("Escape")
+        page.keyboard.press("h")
+        assert next_halt(team).halted
+        expect(palette).to_have_count(0)
+        page.keyboard.press("h")
+        assert next_halt(team).halted
+
+
+def test_typing_does_not_halt_and_escape_leaves_the_field(browser: Browser, stepped: Stepped, team: FakeTeam) -> None:
+    with window(browser) as context:
+        page, errors = open_page(context, stepped.dashboard.url)
+        page.get_by_role("tab", name="Robot", exact=True).click()
+        field = page.get_by_text("Name or path", exact=True).locator("xpath=ancestor::div[.//input][1]//input")
+        field.click()
+        page.keyboard.type("hello")
+        expect(field).to_have_value("hello")
+        assert not len(team.heard)
+        page.keyboard.press("Escape")
+        page.keyboard.press("h")
+        assert next_halt(team).halted
+        expect(field).to_have_value("hello")
+        # A ticked box, a chosen tab and a pressed button have the focus, but nobody types there.
+        page.get_by_role("tab", name="View", exact=True).click()
+        page.keyboard.press("h")
+        assert next_halt(team).halted
+        page.get_by_role("checkbox").first.dispatch_event("focus")
+        page.keyboard.press("Shift+H")
+        assert next_halt(team).halted
+        assert errors == []
+
+
+def test_most_used_controls_come_first(browser: Browser, stepped: Stepped) -> None:
+    with window(browser) as context:
+        page, errors = open_page(context, stepped.dashboard.url)
+        page.get_by_role("tab", name="Robot", exact=True).click()
+        drive, call, plugins = (_top_of(page, words) for words in ("Drive by hand", "Call a function", "Plugins"))
+        assert max(drive, call) < plugins
+        expect(page.get_by_role("button", name="Call", exact=True)).to_be_in_viewport()
+        page.get_by_role("tab", name="Tasks", exact=True).click()
+        click, form = (_top_of(page, words) for words in ("Click on the map to add a task", "Coordinates and options"))
+        assert click < form
+        assert errors == []
+
+
+def test_motes_have_labels_when_one_zooms_in_or_selects_and_not_before(browser: Browser, stepped: Stepped) -> None:
+    with window(browser) as context:
+        page, errors = open_page(context, stepped.dashboard.url)
+        expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
+
+        # The page of the test before is there until the server has seen it go.
+        wait_for(lambda: len(stepped.dashboard._pages), lambda pages: pages == 1, "this page alone")
+
+        def labels() -> int:
+            (one,) = stepped.dashboard._pages.values()
+            (layer,) = [
+                switch._own
+                for switch in one.switches
+                if isinstance(switch, LayerSwitch) and isinstance(switch._own, MoteLabelLayer)
+            ]
+            return len(layer._labels._handles)
+
+        wait_for(lambda: len(stepped.dashboard.view.motes), bool, "a mote")
+        page.wait_for_timeout(2500)
+        assert labels() == 0
+        page.get_by_role("tab", name="View", exact=True).click()
+        page.get_by_text("Motes", exact=True).last.click()
+        click_on(page, "[data-rb='mote m1']")
+        wait_for(labels, lambda count: count == 1, "the label of the selected mote")
+        click_on(page, "[data-rb='mote m1']")
+        wait_for(labels, lambda count: count == 0, "no label")
+        page.mouse.move(420, 380)
+
+        def labels_nearer() -> int:
+            page.mouse.wheel(0, -240)
+            return labels()
+
+        wait_for(labels_nearer, lambda count: count == 1, "the label of a mote that is seen from nearby")
+        keep(page, "dashboard-zoomed")
+        page.keyboard.press("o")
+        wait_for(labels, lambda count: count == 0, "no label in the overview")
+        assert errors == []
+
+
+def _open_why(page: Page) -> None:
+    page.evaluate(ADD_WHY)
+    click_on(page, "[data-rb='why visit-1']")
+    expect(page.locator(".mantine-Modal-content")).to_be_visible()
+
+
+def _open_resume(page: Page) -> None:
+    button = page.get_by_role("button", name="Resume after halt …", exact=True)
+    if button.is_visible():
+        button.click()
+    else:
+        click_on(page, "[data-rb='resume']")
+    expect(page.get_by_role("button", name="Resume all robots", exact=True)).to_be_visible()
+
+
+def _top_of(page: Page, words: str) -> float:
+    found = page.get_by_text(words, exact=True).first
+    expect(found).to_be_visible()
+    box = found.bounding_box()
+    assert box is not None
+    return box["y"]

@@ -1,0 +1,82 @@
+"""Processes are killed and stopped while tasks run; `make soak` does a few hundred of these."""
+
+import itertools
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robrain import Team
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskChange, TaskRecord
+from tests.waiting import PATIENCE_S, until
+
+pytestmark = pytest.mark.system
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.mark.parametrize(("victim", "kills"), [("coordinator", 4), ("agent", 3)])
+def test_every_task_ends_once_whatever_is_killed(victim: str, kills: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.system.soak", "--of", victim, "--kills", str(kills), "--seed", "7"],
+        cwd=ROOT, capture_output=True, text=True, check=False, timeout=590,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-4000:]
+    found = json.loads(done.stdout)
+    assert found["kills"] == kills
+    assert found["tasks"] >= 5
+    assert found["done"] >= 1
+    assert found["done"] == found["done_and_seen_on_the_wire"]
+
+
+def test_a_robot_whose_process_is_stopped_loses_its_task_and_is_told_to_stop_when_it_returns(commands) -> None:
+    """SIGSTOP: its liveliness token stays for many seconds; only its silence tells."""
+    words = ("arena_small", "--robots", "2", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
+    arena = commands.start("arena", *words)
+    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
+    agents = {name: commands.start("agent", f"{name}.toml") for name in ("r1", "r2")}
+    for name, agent in agents.items():
+        commands.line_with(agent, f"agent: {name} is up")
+    coordinator = commands.start("coordinator", "--connect", endpoint)
+    commands.line_with(coordinator, "coordinator: of team default")
+    with Team.connect(endpoint, patience_s=PATIENCE_S) as client:
+        client.submit("visit", id="t1", place=(4.0, 5.3), service_s=12.0)
+        running = until(lambda: _running(client), "nobody begins the task")
+        stopped, before = running.robot, client.why("t1").changes[-1].number
+        os.kill(agents[stopped].pid, signal.SIGSTOP)
+        try:
+            lost, freed = until(lambda: _lost_and_freed(client, before), "the task was never freed")
+        finally:
+            os.kill(agents[stopped].pid, signal.SIGCONT)
+        # After a stall of the coordinator's own the token may have gone by the time that it looks.
+        silence = re.fullmatch(r"lost contact ([\d.]+) s ago|gone", lost.why)
+        assert silence, lost
+        assert float(silence[1] or 1.0) >= 1.0, lost
+        assert freed.why == f"{stopped} is silent, and the lease ran out"
+        assert freed.stamp_ns > lost.stamp_ns
+        assert client.wait("t1", timeout_s=PATIENCE_S).state is TaskState.DONE
+        assert _states(client).count(TaskState.DONE) == 1
+
+
+def _running(client: Team) -> TaskRecord | None:
+    record = client.get("t1")
+    return record if record.state is TaskState.RUNNING else None
+
+
+def _lost_and_freed(client: Team, before: int) -> tuple[TaskChange, TaskChange] | None:
+    """The silence in which the task was given back; on a busy machine a robot may be silent before, and come back."""
+    changes = [change for change in client.why("t1").changes if change.number > before]
+    for lost, freed in itertools.pairwise(changes):
+        if (lost.state, freed.state) == (TaskState.LOST_CONTACT, TaskState.QUEUED):
+            return lost, freed
+    return None
+
+
+def _states(client: Team) -> list[TaskState]:
+    return [change.state for change in client.why("t1").changes]

@@ -1,0 +1,116 @@
+"""A client written from the printed document alone talks to a live team, and what the two say is valid."""
+
+import json
+import math
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from tests.system.conftest import Commands
+from tests.system.valid_messages import counts_by_ajv, counts_by_jsonschema
+from tests.waiting import PATIENCE_S
+
+pytestmark = pytest.mark.system
+
+CLIENT = Path(__file__).parents[3] / "examples" / "09_any_language" / "client.py"
+ME = "any-language"
+
+
+class Run:
+    """What the client printed, and what the recorder heard."""
+
+    def __init__(self, said: str, recording: Path) -> None:
+        self.said = said
+        self.recording = recording
+
+    def told(self, key: str) -> list[Any]:
+        """The messages of one key, as recorded."""
+        with self.recording.open("rb") as stream:
+            messages = make_reader(stream).iter_messages(topics=[f"robrain/default/{key}"])
+            return [json.loads(message.data) for _, _, message in messages]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """A team of two robots, the client's whole visit to it, and the recording of both."""
+    folder = tmp_path_factory.mktemp("any_language")
+    commands = Commands(folder)
+    try:
+        words = ("arena_small", "--robots", "2", "--motes", "2", "--port", "0", "--record", "run.mcap")
+        team = commands.start("up", *words)
+        hub = commands.line_with(team, "hub: ").split()[1]
+        missing = {"r1: up", "r2: up"}
+        while missing:
+            line = commands.line_with(team, ": up")
+            missing -= {words for words in missing if words in line}
+        done = subprocess.run(
+            [sys.executable, str(CLIENT), hub],
+            input=commands.run("wire", "--format", "jsonschema").stdout,
+            cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        team.send_signal(signal.SIGINT)
+        team.communicate(timeout=PATIENCE_S)
+        yield Run(done.stdout, folder / "run.mcap")
+    finally:
+        commands.stop_all()
+
+
+def place_of(state: dict[str, Any]) -> tuple[float, float]:
+    return state["pose"]["x_m"], state["pose"]["y_m"]
+
+
+def test_the_client_knows_nothing_of_the_project_but_the_document() -> None:
+    source = CLIENT.read_text(encoding="utf-8")
+    imported = set(re.findall(r"^\s*(?:import|from) (\w+)", source, re.MULTILINE))
+    assert imported - set(sys.stdlib_module_names) == {"zenoh"}
+    assert "robrain/" not in source
+
+
+def test_the_client_lists_the_robots_and_reads_errors(run: Run) -> None:
+    assert re.search(r"^r1 is at -?\d+\.\d, -?\d+\.\d\nr2 is at ", run.said)
+    assert re.search(r"^an unknown task: refused, \w", run.said, re.MULTILINE)
+
+
+def test_the_client_drives_a_robot(run: Run) -> None:
+    assert re.search(r"^r1 wanders: \d+\.\d m", run.said, re.MULTILINE)
+    said = run.told("robot/r1/state")
+    walks = [list(walk) for behavior, walk in groupby(said, itemgetter("behavior")) if behavior == "wander"]
+    assert max(math.dist(place_of(walk[0]), place_of(walk[-1])) for walk in walks) > 0.1
+    assert "wander" not in {state["behavior"] for state in run.told("robot/r2/state")}
+
+
+def test_the_client_has_a_task_done_and_hears_of_each_change(run: Run) -> None:
+    assert re.search(r"^the visit: .*done by r\d$", run.said, re.MULTILINE)
+    states = [event["state"] for event in run.told("task/event") if event["task"]["id"].startswith(ME)]
+    assert states[0] == "queued"
+    assert states[-1] == "done"
+
+
+def test_the_client_halts_the_team_and_resumes_it(run: Run) -> None:
+    assert run.said.endswith("halted: r1, r2\nresumed: r1, r2\n")
+    said = [message["halted"] for message in run.told("halt") if message["by"] == ME]
+    assert set(said) == {True, False}
+    assert said == sorted(said, reverse=True)
+    for robot in ("r1", "r2"):
+        states = run.told(f"robot/{robot}/state")
+        halted = [state["halted"] for state in states]
+        assert [ME] in [state["halted_by"] for state in states if state["halted"]]
+        assert True in halted
+        assert halted[-1] is False
+
+
+def test_every_message_of_a_live_run_is_valid_by_two_validators(run: Run) -> None:
+    counts = counts_by_jsonschema(run.recording)
+    assert counts_by_ajv(run.recording) == counts
+    for key in ("arena/truth", "coordinator/state", "halt", "robot/r1/path", "robot/r2/state", "task/event"):
+        assert counts[f"robrain/default/{key}"]

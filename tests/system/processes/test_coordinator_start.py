@@ -1,0 +1,79 @@
+"""A coordinator's process from its start to its end: live first, then all that it needs; nobody stays behind."""
+
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.wire.session import listening_at
+from robrain.protocol.wire.topics import (
+    COORDINATOR_ALIVE,
+    COORDINATOR_PLANNING,
+    COORDINATOR_STATE,
+    ROBOT_ALIVE,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+)
+from tests.asking import until_answered
+from tests.waiting import PATIENCE_S, has_ended, until
+
+pytestmark = pytest.mark.system
+
+POLICY = '[planning]\nmethod = "greedy"\nobjective = "lifetime"\n'
+
+
+def start(commands, hub, *words: str):
+    where = next(endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/"))
+    return commands.start("coordinator", "--connect", where, *words)
+
+
+def planner_of(pid: int) -> int:
+    """Process id of a coordinator's planner; 0 if there is none."""
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(OSError):  # the thread or child has ended
+            for child in (task / "children").read_text(encoding="ascii").split():
+                if b"worker_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    return int(child)
+    return 0
+
+
+def test_it_plans_as_its_file_says_except_for_what_the_command_line_does(commands, hub, wire):
+    (commands.folder / "team.toml").write_text(POLICY)
+    coordinator = start(commands, hub, "--planning", "team.toml", "--objective", "makespan")
+    commands.line_with(coordinator, "coordinator: of team default")
+    status = until_answered(lambda: wire.ask(COORDINATOR_PLANNING))
+    assert (status.method, str(status.objective)) == ("greedy", "makespan")
+
+
+def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, wire):
+    summaries = Inbox()
+    wire.subscribe(summaries, COORDINATOR_STATE)
+    presence = wire.watch(COORDINATOR_ALIVE)
+    cells = PatchCells(0, 0, np.full((10, 10), FREE), 1)
+    patch = to_message("r1", GridGeometry(0.1, 0.0, 0.0, 40, 40), cells)
+    # A patch may be taken in before the token of its robot is; as that appears, the robot is asked for its whole map.
+    wire.answer(ROBOT_MAP_WHOLE, lambda _: patch, robot="r1")
+    wire.token(ROBOT_ALIVE, robot="r1")
+    start(commands, hub)
+    until(lambda: (list(presence.changes()), presence.present)[1])
+    wire.publisher(ROBOT_MAP, robot="r1").put(patch)
+    known_m2 = until(lambda: [m for one in summaries.drain() if (m := one.message.known_area_m2) > 0.0])
+    assert known_m2[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_however_it_ends_its_planner_does_too_and_nobody_complains(commands, hub, how):
+    coordinator = start(commands, hub)
+    commands.line_with(coordinator, "coordinator: of team default")
+    planner = until(lambda: planner_of(coordinator.pid))
+    coordinator.send_signal(how)
+    said, _ = coordinator.communicate(timeout=PATIENCE_S)  # until the planner has closed it, too
+    assert said == ""
+    assert coordinator.returncode == (-signal.SIGKILL if how is signal.SIGKILL else 0)
+    until(lambda: has_ended(planner))
