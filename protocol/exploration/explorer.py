@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
     from robrain.protocol.model.navigation.frontier import Frontier
     from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
-    from robrain.protocol.wire.messages.left_messages import ExplorationLeft
+    from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
 
 NARROW_LOOK_NS = to_ns(2.0)
 """Period of the search for narrow paths for idle robots; each search takes some milliseconds."""

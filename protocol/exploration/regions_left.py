@@ -20,7 +20,7 @@ from robrain.protocol.model.navigation.clearance_kernels import clearance_m
 from robrain.protocol.model.navigation.frontier import Frontier, find_frontiers, frontier_mask, touching
 from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.navigation.path_planning import nearest_traversable
-from robrain.protocol.wire.messages.left_messages import REGIONS_MAX, ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.wire.messages.maps.left_messages import REGIONS_MAX, ExplorationLeft, LeftKind, RegionLeft
 
 LEAST_AREA_M2 = 0.5
 """Smaller regions are not reported unless a robot could stand in them: corners, floor between the legs of furniture."""
