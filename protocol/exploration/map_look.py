@@ -1,5 +1,6 @@
 """What the team's map shows beside the paths: rooms, and how much unknown floor each frontier stands for."""
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -14,6 +15,8 @@ from robrain.protocol.model.navigation.unknown_shares import unknown_shares
 
 SHARE_REACH_M = 6.0
 """Unknown floor farther than this from all frontiers belongs to none."""
+LEAST_ROOM_M2 = 1.0
+"""What is smaller is a niche, and no room."""
 
 
 class MapLook:
@@ -53,6 +56,17 @@ class MapLook:
         if not (0 <= row < height and 0 <= column < width):
             return NO_ROOM
         return int(rooms[row, column])
+
+    @cached_property
+    def room_m2(self) -> float:
+        """Mean area of the room around a place of the known floor, square metres; infinite if there is no room.
+
+        The mean over places, not over rooms, so that niches and closets beside a hall count for little.
+        """
+        sizes = np.bincount(self._rooms[self._rooms != NO_ROOM])
+        sizes_m2 = sizes * self._geometry.resolution_m**2
+        rooms = sizes_m2 >= LEAST_ROOM_M2
+        return float((sizes_m2**2).sum() / sizes_m2.sum()) if rooms.any() else math.inf
 
     @cached_property
     def _rooms(self) -> NDArray[np.int32]:

@@ -82,6 +82,11 @@ class FloorLook(Protocol):
         """The number of each frontier's room, (frontiers,); below 0 if it is in none."""
         ...
 
+    @property
+    def room_m2(self) -> float:
+        """Mean area of the room around a place of the known floor, square metres; infinite if there is no room."""
+        ...
+
     def room_of(self, place: Point2D) -> int:
         """The number of the room around a place; below 0 if it is in none."""
         ...

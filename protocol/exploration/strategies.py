@@ -29,7 +29,7 @@ ROOMS: Final = "rooms"
 """Tours that know rooms, the work behind each frontier, and the ways of the other robots."""
 
 AUTO: Final = "auto"
-"""The default: `tours` for up to four robots, `joint` for more."""
+"""The default: `tours` for up to four robots, or `rooms` for three and four where rooms are small; `joint` for more."""
 
 
 class Strategy(Protocol):

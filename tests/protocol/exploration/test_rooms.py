@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from robrain.protocol.exploration.auto import auto
 from robrain.protocol.exploration.explorer import Explorer, Scout
+from robrain.protocol.exploration.joint import joint
 from robrain.protocol.exploration.map_look import MapLook
 from robrain.protocol.exploration.rooms import DOOR_M, MEET_M, meetings_m, rooms
 from robrain.protocol.exploration.situation import Busy, Candidate, Seeker, Situation
 from robrain.protocol.exploration.strategies import ROOMS, strategy_of
+from robrain.protocol.exploration.tours import tours
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -18,8 +21,9 @@ GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 60)
 class Look:
     """Rooms by x: one to each `room_m`."""
 
-    def __init__(self, candidates, shares_m2, room_m=1000.0):
+    def __init__(self, candidates, shares_m2, room_m=1000.0, room_m2=20.0):
         self._room_m = room_m
+        self.room_m2 = room_m2
         self.shares_m2 = np.array(shares_m2, np.float64)
         self.frontier_rooms = np.array([self.room_of(one.place) for one in candidates])
 
@@ -114,6 +118,26 @@ def test_nothing_to_choose_from_gives_no_choice():
     assert rooms(nowhere) == []
 
 
+# -- the default ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("robots", "room_m2", "by_rooms"), [(3, 20, True), (4, 44, True), (2, 20, False), (4, 46, False), (5, 20, False)]
+)
+def test_three_or_four_robots_are_sent_by_rooms_where_those_are_small(robots, room_m2, by_rooms):
+    near, far = at(-2.0), at(6.0)
+    busy = [Busy(Point2D(0.0, 90.0 + number), Point2D(0.0, 95.0 + number)) for number in range(robots - 1)]
+    situation = straight([near, far], [seeker("r1")], busy, shares_m2=[2.0, 40.0])
+    situation.floor.room_m2 = room_m2
+    assert goals(rooms(situation)) == {"r1": 6.0}
+    assert goals(tours(situation)) == goals(joint(situation)) == {"r1": -2.0}
+    assert (auto(situation) == rooms(situation)) is by_rooms
+
+
+def test_a_map_without_a_room_has_no_small_rooms():
+    assert MapLook(OccupancyGrid(GEOMETRY), []).room_m2 == np.inf
+
+
 # -- what the map shows -----------------------------------------------------------------------------------------
 
 
@@ -134,6 +158,8 @@ def test_map_tells_the_rooms_and_shares_of_frontiers():
     look = MapLook(grid, [left, right])
     assert look.frontier_rooms[0] == look.room_of(Point2D(4.0, 2.0)) != look.frontier_rooms[1]
     assert look.room_of(Point2D(-3.0, 2.0)) < 0
+    # The door belongs to one of the rooms, of 16.0 and 15.6 m².
+    assert look.room_m2 == pytest.approx((16.0**2 + 15.67**2) / (16.0 + 15.67), abs=0.05)
     assert look.shares_m2[0] == pytest.approx(4.0)
     assert look.shares_m2[1] > 8.0
 
