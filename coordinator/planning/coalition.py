@@ -140,6 +140,8 @@ class Coalitions:
             result = {"robots": list(group.robots), "energy_j": round(energy_j, 1)}
             self._book.move(task_id, TaskState.DONE, result=result)
             return
+        if self._lifecycle.reasons.held_back() is not None:
+            return  # another coordinator may be offering the same task; its robots wait
         doing = tuple(self._add(self._own_share(record.task, spot), task_id) for spot in group.spots)
         self._groups[task_id] = group._replace(doing=doing)
         self._offer(task_id, group.robots, doing, now_ns)

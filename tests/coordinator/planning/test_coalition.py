@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest
-from robrain.protocol.wire.reasons.tasks import Gather, PartsUntold
+from robrain.protocol.wire.reasons.tasks import Gather, MinorityHeard, PartsUntold
 from robrain.protocol.wire.topics import TASK_CANCEL
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 
@@ -54,6 +54,18 @@ def test_robots_gather_around_the_place_and_begin_when_all_are_there(team, crew)
     assert [len(worker.robot.offers) for worker in at_it(crew)] == [2, 2]
     record = team.coordinator.tasks.find("lift")
     assert record.result["robots"] == sorted(worker.robot.name for worker in at_it(crew))
+
+
+def test_they_do_not_begin_while_another_coordinator_may_lead(team, crew):
+    held_back = MinorityHeard(1, 3, "office-77")
+    team.submit(together())
+    run(team, crew, 60.0, until=lambda: len(at_it(crew)) == 2)
+    team.coordinator.lifecycle.reasons.held_back = lambda: held_back
+    run(team, crew, 60.0)
+    assert not any(parts(worker, "share") for worker in crew)
+    assert team.states() == {"lift": TaskState.RUNNING}
+    team.coordinator.lifecycle.reasons.held_back = lambda: None
+    assert run(team, crew, 60.0, until=lambda: team.states() == {"lift": TaskState.DONE})
 
 
 def test_those_that_wait_for_the_others_are_given_nothing_else(team, crew):
