@@ -8,7 +8,7 @@ WORKERS := $(shell $(PYTHON) -c "import os; print(min(os.cpu_count() or 1, 4) + 
 unexport PYTHONDONTWRITEBYTECODE
 export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
 
-.PHONY: demo test browser kernels test-rust check docs reference bench figures soak mutants format install clean
+.PHONY: demo test browser kernels test-rust check docs reference bench figures soak endurance mutants format install clean
 
 demo: install ## a team explores, seen in the browser, recorded
 	@$(BIN)/robrain demo $(ARGS)
@@ -68,6 +68,9 @@ figures: install ## the tables of the pages, from docs/figures/bench.json
 soak: install ## kill -9, 200 times the coordinator and 100 times an agent of a live team: a quarter of an hour
 	$(BIN)/python -m tests.system.soak --of coordinator --kills 200 $(ARGS)
 	$(BIN)/python -m tests.system.soak --of agent --kills 100 $(ARGS)
+
+endurance: install ## a live team of eight with tasks for half an hour: memory, descriptors and threads of each process (ARGS="--minutes 480")
+	$(BIN)/python -m tests.system.endurance $(ARGS)
 
 mutants: install ## break the code on purpose, 400 times, and list what no test notices: about half an hour
 	$(BIN)/python -m tests.mutation $(ARGS)

@@ -125,7 +125,10 @@ class KnownTasks:
         return task_id in self.done
 
     def ready(self, now_ns: int) -> list[Task]:
-        """Tasks for one robot that may begin now: what comes before them is done."""
+        """Tasks for one robot that may begin now: what comes before them is known to have ended.
+
+        A coordinator that has said so cancels the tasks that wait for one that was not done.
+        """
         return [
             known.task
             for task_id, known in sorted(self.open.items())
@@ -134,5 +137,5 @@ class KnownTasks:
             and known.task.robots == 1
             and known.task.earliest_ns <= now_ns
             and (known.task.deadline_ns is None or now_ns < known.task.deadline_ns)
-            and not any(other in self.open and other not in self.done for other in known.task.after)
+            and all(other in self.done or self.has_ended(other) for other in known.task.after)
         ]

@@ -18,7 +18,9 @@ SPAN_S = 40.0
 """Orders and faults begin within this time."""
 METHODS = {NEAREST: 0.6, AUCTION: 0.37, OPTIMAL: 0.03}
 """Share of the scripts that each method gets; an optimal plan takes longer than all else."""
-_RNG_OF_SCRIPTS = 13
+CONSENSUS_SHARE = 0.2
+"""Share of the scripts whose robots go on without a coordinator; it is away for a while in each of them."""
+_RNG_OF_SCRIPTS, _RNG_OF_ABSENCES = 13, 14
 
 Draw = Callable[[np.random.Generator, str, float], FaultSpec]
 
@@ -41,6 +43,8 @@ def draw_script(seed: int) -> FaultScript:
     if rng.random() < 0.35:
         at_s = _time(rng, 2.0, SPAN_S)
         halts = (HaltOrder(at_s=at_s, until_s=round(at_s + float(rng.uniform(2.0, 25.0)), 1)),)
+    faults = (*_faults(rng, names), *_around_halts(rng, names, halts))
+    absence = _absence(seed)
     return FaultScript(
         seed=seed,
         robots=robots,
@@ -49,8 +53,21 @@ def draw_script(seed: int) -> FaultScript:
         tasks=tasks,
         cancels=cancels,
         halts=halts,
-        faults=(*_faults(rng, names), *_around_halts(rng, names, halts)),
+        consensus=absence is not None,
+        faults=faults if absence is None else (*faults, absence),
     )
+
+
+def _absence(seed: int) -> FaultSpec | None:
+    """A time without the coordinator, long enough for robots to allocate tasks; None if they do not. From a generator
+    of its own, so that the rest of a seed's script does not depend on it."""
+    rng = np.random.default_rng([seed, _RNG_OF_ABSENCES])
+    if rng.random() >= CONSENSUS_SHARE:
+        return None
+    kind = FaultKind.KILL if rng.random() < 0.7 else FaultKind.PARTITION
+    at_s = 0.0 if rng.random() < 0.2 else _time(rng, 0.0, SPAN_S)
+    until_s = round(at_s + float(rng.uniform(3.0, 60.0)), 1)
+    return FaultSpec(robot=COORDINATOR, kind=kind, at_s=at_s, until_s=until_s)
 
 
 def _tasks(rng: np.random.Generator) -> tuple[TaskOrder, ...]:

@@ -290,6 +290,18 @@ def test_a_task_is_not_ready_before_its_time_nor_at_its_deadline() -> None:
     assert [bool(known.ready(now_ns)) for now_ns in (9, 10, 19, 20)] == [False, True, True, False]
 
 
+def test_a_task_is_not_ready_before_what_comes_before_it_is_known_to_have_ended() -> None:
+    known = KnownTasks()
+    known.hear(heard(visit("t2", after=("t1",))))
+    assert known.ready(0) == [], "a robot that began later has never heard of t1"
+    known.hear(heard(visit("t1")))
+    assert [task.id for task in known.ready(0)] == ["t1"]
+    known.note_done([TaskDone(id="t1", robot="r2", epoch=1)])
+    assert [task.id for task in known.ready(0)] == ["t2"]
+    known.hear(heard(visit("t1"), TaskState.DONE))
+    assert [task.id for task in known.ready(0)] == ["t2"]
+
+
 def test_so_many_ends_are_remembered_and_then_no_task_is_begun(one: OneRobot) -> None:
     known = one.consensus.known
     for number in range(ENDS_MAX):

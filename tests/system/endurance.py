@@ -1,0 +1,266 @@
+"""A live team with tasks for a long time: do memory, descriptors and threads of its processes stay as they are?
+
+`python -m tests.system.endurance --minutes 30` is what `make endurance` runs: `robrain up` with eight robots, a
+recorder and a page, a seeded flow of tasks, and a halt of the team now and then. Every five seconds it notes what each
+process takes; `endurance.csv` and `endurance.png` have all of it.
+"""
+
+import argparse
+import csv
+import json
+import random
+import statistics
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from robrain import Team
+from robrain.client.errors import BadTask
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.errors import CallError, NobodyThere, RobrainError
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
+from tests.system.soak import Process
+
+SCENARIO = "depot"
+RECORDING, JOURNAL = "endurance.mcap", "team.journal"
+SAMPLE_S = 5.0
+TASK_S = 4.0
+"""A task is submitted this often, if no more than `OPEN_TASKS` are open."""
+OPEN_TASKS = 12
+HALT_S, HALTED_S = 120.0, 5.0
+"""The team is halted this often, for so long."""
+END_S = 180.0
+"""The last tasks have so long to end."""
+SETTLED_SHARE = 1 / 3
+"""Share of the run after which a process should have all that it needs: maps are drawn, caches are full."""
+GROWTH_MB_H = 40.0
+"""Growth of resident memory after that, MiB an hour (chosen: a robot with 1 GB lasts for a day)."""
+LEAST_GROWTH_MB = 4.0
+"""Less is not judged: memory comes in pages and arenas."""
+SPREAD = 3
+"""Descriptors and threads may be this many more at the end than after settling: connections of clients come and go."""
+
+
+class Sample(NamedTuple):
+    """What a process took at a time."""
+
+    time_s: float
+    pid: int
+    name: str
+    memory_mb: float
+    """Resident, MiB."""
+    descriptors: int
+    threads: int
+    cpu_s: float
+    """Since it began."""
+
+
+class Endured(NamedTuple):
+    """What became of a run."""
+
+    samples: list[Sample]
+    submitted: list[str]
+    ended: Mapping[str, str]
+    """Final state of each task that was acknowledged."""
+    halts: int
+
+
+def look_at(pid: int, name: str, time_s: float) -> Sample:
+    """What a process takes now (OSError if it has ended)."""
+    folder = Path("/proc") / str(pid)
+    status = dict(line.split(":\t", 1) for line in (folder / "status").read_text().splitlines() if ":\t" in line)
+    fields = (folder / "stat").read_text().rpartition(")")[2].split()
+    cpu_s = (int(fields[11]) + int(fields[12])) / 100.0
+    resident_mb = int(status["VmRSS"].split()[0]) / 1024.0
+    descriptors = sum(1 for _ in (folder / "fd").iterdir())
+    return Sample(round(time_s, 1), pid, name, round(resident_mb, 2), descriptors, int(status["Threads"]), cpu_s)
+
+
+def children_of(parent: int) -> dict[int, str]:
+    """The processes that a process has started, each with a name that says what it is."""
+    found = {parent: "up"}
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        with suppress(OSError):
+            if int((entry / "stat").read_text().rpartition(")")[2].split()[1]) != parent:
+                continue
+            words = (entry / "cmdline").read_text().split("\0")
+            robot = next((Path(word).stem for word in words if word.endswith(".toml") and "agent" in words), "")
+            kinds = ("arena", "coordinator", "dashboard", "record", "hub", "router")
+            if name := robot or next((kind for kind in kinds if kind in words), ""):
+                found[int(entry.name)] = name
+    return found
+
+
+def endure(folder: Path, minutes: float, *, robots: int, seed: int, scenario: str = SCENARIO) -> Endured:
+    """Run a team for so long; it is gone afterwards."""
+    for old in ("up.log", RECORDING, JOURNAL):
+        (folder / old).unlink(missing_ok=True)
+    draw = random.Random(seed)
+    samples: list[Sample] = []
+    submitted: list[str] = []
+    halts = 0
+    up = Process(
+        folder, "up", "up", scenario, "--robots", str(robots), "--seed", str(seed), "--port", "0",
+        "--record", RECORDING, "--journal", JOURNAL, "--listen", "tcp/127.0.0.1:0",
+    )  # fmt: skip
+    try:
+        hub = up.wait_for(r"hub: (\S+)")[1]
+        up.wait_for("dashboard: ")
+        with Team.connect(hub, by="operator:endurance", patience_s=60.0) as team:
+            began_s = time.monotonic()
+            due_s = {"sample": 0.0, "task": 10.0, "halt": HALT_S}
+            while (now_s := time.monotonic() - began_s) < 60.0 * minutes:
+                if now_s >= due_s["sample"]:
+                    due_s["sample"] = now_s + SAMPLE_S
+                    for pid, name in children_of(up.process.pid).items():
+                        with suppress(OSError, KeyError):
+                            samples.append(look_at(pid, name, now_s))
+                if now_s >= due_s["task"]:
+                    due_s["task"] = now_s + TASK_S
+                    _submit(team, draw, submitted)
+                if now_s >= due_s["halt"]:
+                    due_s["halt"] = now_s + HALT_S
+                    halts += 1
+                    team.halt()
+                    time.sleep(HALTED_S)
+                    team.resume()
+                time.sleep(0.1)
+            ended = _wait_for_ends(team, submitted)
+    finally:
+        up.stop()
+    return Endured(samples, submitted, ended, halts)
+
+
+def _submit(team: Team, draw: random.Random, submitted: list[str]) -> None:
+    """A visit to where some robot has been: a place that is known, and that robots can get to."""
+    with suppress(CallError, NobodyThere, BadTask):
+        still_open = TaskFilter(states=[state for state in TaskState if not state.ended])
+        if len(team.list(still_open)) >= OPEN_TASKS:
+            return
+        pose = team.state(draw.choice(team.robots)).pose
+        if pose is None:
+            return
+        name = f"e{len(submitted) + 1}"
+        team.submit("visit", id=name, place=Point2D(round(pose.x_m, 2), round(pose.y_m, 2)), service_s=2.0)
+        submitted.append(name)
+
+
+def _wait_for_ends(team: Team, submitted: Sequence[str]) -> dict[str, str]:
+    ends_s = time.monotonic() + END_S
+    states: dict[str, str] = {}
+    while time.monotonic() < ends_s:
+        with suppress(RobrainError):
+            states = {name: str(team.get(name).state) for name in submitted}
+            if all(TaskState(state).ended for state in states.values()):
+                break
+        time.sleep(1.0)
+    return states
+
+
+def verdict(endured: Endured) -> list[str]:
+    """What is not as it should be, in sentences; empty if all is."""
+    wrong = []
+    for name, own in by_process(endured.samples).items():
+        if len({sample.pid for sample in own}) > 1:
+            wrong.append(f"{name}: was started again")
+            continue
+        settled = own[int(len(own) * SETTLED_SHARE) :]
+        if len(settled) < 6:
+            wrong.append(f"{name}: {len(own)} samples are too few")
+            continue
+        third = len(settled) // 3
+        early, late = settled[:third], settled[-third:]
+        grown_mb = statistics.median(one.memory_mb for one in late) - statistics.median(one.memory_mb for one in early)
+        hours = (statistics.mean(one.time_s for one in late) - statistics.mean(one.time_s for one in early)) / 3600.0
+        if grown_mb > max(LEAST_GROWTH_MB, GROWTH_MB_H * hours):
+            wrong.append(f"{name}: memory grew by {grown_mb:.1f} MiB in {60 * hours:.0f} min")
+        for what in ("descriptors", "threads"):
+            before, after = (statistics.median(getattr(one, what) for one in part) for part in (early, late))
+            if after > before + SPREAD:
+                wrong.append(f"{name}: {what} grew from {before:g} to {after:g}")
+    lost = [name for name in endured.submitted if not TaskState(endured.ended.get(name, "queued")).ended]
+    if lost:
+        wrong.append(f"{len(lost)} of {len(endured.submitted)} tasks have not ended: {', '.join(lost[:5])}")
+    return wrong
+
+
+def by_process(samples: Sequence[Sample]) -> dict[str, list[Sample]]:
+    """Samples by name of the process, in order of time."""
+    found: dict[str, list[Sample]] = {}
+    for sample in samples:
+        found.setdefault(sample.name, []).append(sample)
+    return {name: found[name] for name in sorted(found, key=lambda name: (len(name), name))}
+
+
+def write_csv(samples: Sequence[Sample], path: Path) -> None:
+    """One line for each sample."""
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Sample._fields)
+        writer.writerows(samples)
+
+
+def draw_plot(samples: Sequence[Sample], path: Path) -> None:
+    """Memory, CPU, descriptors and threads of each process over time, in one picture."""
+    from robrain.coordinator.recording.report.figure_style import figure_style, line_look, new_figure
+
+    with figure_style():
+        figure = new_figure(11.0, 8.0)
+        axes = figure.subplots(2, 2, sharex=True).ravel()
+        titles = ("Resident memory, MiB", "CPU, cores (mean of a minute)", "Open descriptors", "Threads")
+        for index, (name, own) in enumerate(by_process(samples).items()):
+            minutes = [one.time_s / 60.0 for one in own]
+            memory_mb, descriptors, threads = zip(*(one[3:6] for one in own), strict=True)
+            for one, values in zip(axes, (memory_mb, _cpu(own), descriptors, threads), strict=True):
+                one.plot(minutes, values, label=name, **line_look(index))
+        for one, title in zip(axes, titles, strict=True):
+            one.set_title(title)
+            one.set_ylim(bottom=0)
+        for one in axes[2:]:
+            one.set_xlabel("minutes")
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside right center")
+        figure.savefig(path)
+
+
+def _cpu(own: Sequence[Sample], over_s: float = 60.0) -> list[float]:
+    shares = []
+    for index, one in enumerate(own):
+        before = next(other for other in own[: index + 1] if one.time_s - other.time_s <= over_s)
+        span_s = one.time_s - before.time_s
+        shares.append((one.cpu_s - before.cpu_s) / span_s if span_s else float("nan"))
+    return shares
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--robots", type=int, default=8)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--folder", type=Path, default=Path("runs/endurance"))
+    given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
+    endured = endure(given.folder.resolve(), given.minutes, robots=given.robots, seed=given.seed)
+    write_csv(endured.samples, given.folder / "endurance.csv")
+    draw_plot(endured.samples, given.folder / "endurance.png")
+    wrong = verdict(endured)
+    memory_mb = {
+        name: [own[place].memory_mb for place in (0, len(own) // 3, -1)]
+        for name, own in by_process(endured.samples).items()
+    }
+    said = {
+        "minutes": given.minutes, "robots": given.robots, "tasks": len(endured.submitted), "halts": endured.halts,
+        "done": sum(state == "done" for state in endured.ended.values()), "memory_mb": memory_mb, "wrong": wrong,
+    }  # fmt: skip
+    sys.stdout.write(json.dumps(said, indent=1) + "\n")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""What the long run of a live team judges, and that it sees every process."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.system.endurance import Endured, Sample, draw_plot, endure, verdict, write_csv
+
+
+def run_of(minutes: float = 30.0, **changes) -> Endured:
+    """A run whose two processes need more at first, and then what `changes` say for the second: a function of hours."""
+    samples = []
+    for step in range(int(minutes * 12)):
+        hours = step / 720.0
+        settled = min(1.0, step / (minutes * 3))
+        for pid, name in ((10, "r1"), (11, "coordinator")):
+            values = {"memory_mb": 100.0 + 50.0 * settled, "descriptors": 20, "threads": 15, "pid": pid}
+            if name == "coordinator":
+                values |= {field: values[field] + change(hours) for field, change in changes.items()}
+            samples.append(Sample(name=name, time_s=5.0 * step, cpu_s=0.2 * step, **values))
+    return Endured(samples, ["e1", "e2"], {"e1": "done", "e2": "cancelled"}, 3)
+
+
+def test_a_run_whose_processes_settle_is_as_it_should_be():
+    assert verdict(run_of()) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"memory_mb": lambda hours: 60.0 * hours}, "coordinator: memory grew by 13.3 MiB in 13 min"),
+        ({"descriptors": lambda hours: int(40 * hours)}, "coordinator: descriptors grew from"),
+        ({"threads": lambda hours: int(40 * hours)}, "coordinator: threads grew from"),
+        ({"pid": lambda hours: int(hours > 0.3)}, "coordinator: was started again"),
+    ],
+    ids=["memory", "descriptors", "threads", "restart"],
+)
+def test_what_grows_or_was_started_again_is_named(changes, said):
+    (words,) = verdict(run_of(**changes))
+    assert words.startswith(said)
+
+
+def test_a_little_memory_in_a_short_run_is_no_growth():
+    assert verdict(run_of(4.0, memory_mb=lambda hours: 60.0 * hours)) == []
+
+
+def test_a_task_that_has_not_ended_is_named():
+    run = run_of()._replace(ended={"e1": "done", "e2": "queued"})
+    assert verdict(run) == ["1 of 2 tasks have not ended: e2"]
+
+
+def test_a_run_that_saw_too_little_says_so():
+    assert verdict(run_of(0.5)) == ["r1: 6 samples are too few", "coordinator: 6 samples are too few"]
+
+
+@pytest.mark.system
+def test_every_process_of_a_live_team_is_seen_and_its_tasks_end(tmp_path: Path):
+    run = endure(tmp_path, 0.5, robots=2, seed=1, scenario="arena_small")
+    assert {sample.name for sample in run.samples} == {
+        "up",
+        "hub",
+        "arena",
+        "coordinator",
+        "record",
+        "dashboard",
+        "r1",
+        "r2",
+    }
+    assert all(sample.memory_mb > 10 and sample.threads > 0 and sample.descriptors > 3 for sample in run.samples)
+    assert run.submitted
+    assert set(run.ended.values()) == {"done"}
+    write_csv(run.samples, tmp_path / "samples.csv")
+    assert len((tmp_path / "samples.csv").read_text().splitlines()) == len(run.samples) + 1
+    draw_plot(run.samples, tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
