@@ -487,6 +487,7 @@ class Coordinator:
                 rules=UNSET if self.rules is None else self.rules.status(),
                 mote_field=self.mote_field.state or UNSET,
                 stand_by=UNSET if self.feed is None else self.feed.status(self.fence.reason),
+                last_change=self.tasks.last_change,
             )
         )
         if has_ended:

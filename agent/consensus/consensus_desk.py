@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from robrain.agent.board import Board
 from robrain.agent.consensus.known_tasks import KnownTasks
 from robrain.agent.consensus.task_intake import Known, TaskIntake
+from robrain.agent.consensus.task_look import TaskLook
 from robrain.agent.consensus.task_scorer import task_scorer
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.consensus.negotiation import Negotiation
@@ -101,6 +102,7 @@ class ConsensusDesk:
         """Whether this robot and more than half of the team allocate tasks by themselves."""
         self._robot, self._board, self._desk, self._chargers = robot, board, desk, chargers
         self._intake = TaskIntake(robot, self.known, desk)
+        self._look = TaskLook(wire, self.known)
         self._inbox = Inbox(capacity=4096)
         for topic in (COORDINATOR_STATE, TASK_EVENT, ROBOT_BALLOT):
             wire.subscribe(self._inbox, topic)
@@ -138,6 +140,8 @@ class ConsensusDesk:
             self._fenced_until_ns = now_ns + TOLD_NS
             self._tell_until_ns = now_ns + 2 * TOLD_NS
         self._was_alone = is_alone
+        if not is_alone:
+            self._look.step(now_ns)
         knows_of_one = any(mate.said.hears_coordinator for mate in self._mates.values())
         self.is_leaderless = is_alone and not knows_of_one and self._has_quorum()
         self._note_own_ends(now_ns)
@@ -201,8 +205,10 @@ class ConsensusDesk:
                 case TeamState():
                     self._heard_ns = now_ns
                     self._team = frozenset(robot.name for robot in message.robots if robot.up)
+                    self._look.hear_summary(message.last_change, now_ns)
                 case TaskEvent():
-                    self.known.hear(message)
+                    self.known.hear(message, now_ns)
+                    self._look.hear(message, now_ns)
                     if message.task.id in self.known.dropped:  # the coordinator does not know that yet
                         self._tell_until_ns = max(self._tell_until_ns, now_ns + TOLD_NS)
                 case TeamBallot() if message.robot != self._robot:
@@ -278,17 +284,20 @@ class ConsensusDesk:
                 self._charge()
 
     def _free(self, now_ns: int) -> list[Task]:
-        """Open tasks that nobody does."""
+        """Open tasks that nobody does; of those that may have ended unheard none before others would be given them."""
         since_ns = now_ns - to_ns(GOES_ON_S + 2.0)
         held = {task for task, (_, heard_ns) in self._holders.items() if heard_ns > since_ns}
         held |= {one.id for one in self._held()}
         there = {self._robot, *self._mates}
         lost = now_ns - self._heard_ns > to_ns(GOES_ON_S + 2.0)
-        return [
+        free = [
             task
             for task in self.known.ready(now_ns)
             if task.id not in held and (lost or not (robot := self.known.open[task.id].robot) or robot in there)
         ]
+        if self._look.behind_since_ns is None or lost:
+            return free
+        return [task for task in free if self.known.open[task.id].heard_ns >= self._look.behind_since_ns]
 
     def _open(self, tasks: dict[str, Task], mates: frozenset[str], now_ns: int) -> None:
         """Bid anew, in the negotiation that a mate has opened or in one of its own."""

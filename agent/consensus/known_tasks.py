@@ -36,6 +36,8 @@ class KnownTask(NamedTuple):
     task: Task
     robot: str
     """Who had it then; empty if nobody."""
+    heard_ns: int = 0
+    """When the robot heard of it last."""
 
 
 class KnownTasks:
@@ -59,7 +61,7 @@ class KnownTasks:
         """Whether there is room for a task that a robot accepts."""
         return len(self.asked) < ASKED_MAX and len(self.open) < TASKS_MAX
 
-    def hear(self, event: TaskEvent) -> None:
+    def hear(self, event: TaskEvent, now_ns: int = 0) -> None:
         """Take in what the coordinator says of a task."""
         task = event.task
         self.asked.pop(task.id, None)
@@ -70,7 +72,28 @@ class KnownTasks:
         elif task.kind not in OWN_KINDS and (task.id in self.open or len(self.open) < TASKS_MAX):
             self._ended.pop(task.id, None)
             robot = "" if event.state is TaskState.QUEUED else event.robot
-            self.open[task.id] = KnownTask(task, robot)
+            self.open[task.id] = KnownTask(task, robot, now_ns)
+
+    def take_open(self, events: Iterable[TaskEvent], asked_ns: int, now_ns: int) -> None:
+        """Take in all tasks that a coordinator has open; of the others those have ended that were heard of before.
+
+        Args:
+            events: the last change of each; if they are as many as a robot remembers, there may be more.
+            asked_ns: when it was asked.
+            now_ns: the time.
+
+        """
+        there = {event.task.id: event for event in events}
+        ended = [name for name, one in self.open.items() if name not in there and one.heard_ns < asked_ns]
+        for name in ended if len(there) < TASKS_MAX else ():
+            if name not in self.asked:  # it may not know yet what robots have accepted
+                self.note_ended([name])
+                self.done.pop(name, None)
+                self.dropped.pop(name, None)
+        for name, event in there.items():
+            known = self.open.get(name)
+            if known is None or known.heard_ns < asked_ns:
+                self.hear(event, now_ns)
 
     def ask(self, asked: TaskAsked) -> None:
         """Remember a task that a robot has accepted; of two with one id the first heard stays."""

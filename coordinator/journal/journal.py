@@ -345,6 +345,10 @@ class Journal:
         ).fetchall()
         return [record for (task_id,) in reversed(rows) if (record := self.find(task_id)) is not None]
 
+    def last_change(self) -> int:
+        """The number of the last change; 0 if there was none."""
+        return int(self._db.execute("SELECT coalesce(max(number), 0) FROM change").fetchone()[0])
+
     def count(self, state: TaskState) -> int:
         """How many tasks are in a state."""
         (found,) = self._db.execute("SELECT count(*) FROM task WHERE state = ?", (state,)).fetchone()

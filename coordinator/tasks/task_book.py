@@ -73,6 +73,8 @@ class TaskBook:
         self.done_count = self.journal.count(TaskState.DONE)
         self.version = 0
         """Increases with each change."""
+        self.last_change = self.journal.last_change()
+        """The number of the last change."""
 
     @property
     def open(self) -> list[TaskRecord]:
@@ -254,6 +256,7 @@ class TaskBook:
         else:
             self._open[record.task.id] = record
             self._bind(record)
+        self.last_change = max(self.last_change, record.change)
         self._tell(record.event)
         return record
 

@@ -17,6 +17,7 @@ from robrain.protocol.wire.errors import RobrainError
 from robrain.protocol.wire.session import check_endpoint, is_loopback, is_secured, listening_at, open_session
 
 DEFAULT_LISTEN = "tls/127.0.0.1:7447"
+READY_PREFIX = "router: at "
 LOOK_S = 0.2
 WATCHED = (MEMBERS_FILE, CERTIFICATE)
 """Files of its folder with whose change the router opens its session anew."""
@@ -129,7 +130,8 @@ def router_command(folder: Path | None, listen: str | None) -> None:
     try:
         if listen and not is_loopback(listen):
             note(f"router: other machines can reach {listen}; they need a certificate of this CA")
-        tell(f"router: at {router.endpoint}, {router.members} members may connect; Ctrl-C ends it")
+        tell(f"{READY_PREFIX}{router.endpoint}, {router.members} members may connect; Ctrl-C ends it")
+        should_stop.ready()
         while not should_stop():
             time.sleep(LOOK_S)
             said = _say_once(said, router.look(), note)

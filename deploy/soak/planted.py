@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robrain.agent.task_desk import TaskDesk
+from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks import reconcile as reconciling
 from robrain.coordinator.tasks import task_lifecycle
@@ -49,15 +50,15 @@ def _lease_not_kept() -> list[Patch]:
 def _journal_late() -> list[Patch]:
     accept, change = Journal.accept, Journal.change
 
-    def accept_later(self: Journal, record: TaskRecord, asked: bytes = b"") -> TaskRecord:
-        waiting: list[tuple[TaskRecord, bytes]] = self.__dict__.setdefault("waiting", [])
-        waiting.append((record, asked))
+    def accept_later(self: Journal, record: TaskRecord, asked: bytes = b"", alarm: Alarm | None = None) -> TaskRecord:
+        waiting: list[tuple[TaskRecord, bytes, Alarm | None]] = self.__dict__.setdefault("waiting", [])
+        waiting.append((record, asked, alarm))
         return msgspec.structs.replace(record, change=0)
 
     def change_after(self: Journal, record: TaskRecord) -> TaskRecord:
-        waiting: list[tuple[TaskRecord, bytes]] = self.__dict__.setdefault("waiting", [])
-        for late, asked in waiting:
-            accept(self, late, asked)
+        waiting: list[tuple[TaskRecord, bytes, Alarm | None]] = self.__dict__.setdefault("waiting", [])
+        for late, asked, alarm in waiting:
+            accept(self, late, asked, alarm)
         waiting.clear()
         return change(self, record)
 

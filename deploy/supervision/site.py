@@ -45,6 +45,11 @@ def hub_part(listen: Callable[[], str], on_line: Callable[[str], None]) -> Part:
     )
 
 
+def router_part(listen: Callable[[], str], on_line: Callable[[str], None]) -> Part:
+    """The router of a secured team, in place of the hub; arguments as of `hub_part`."""
+    return hub_part(listen, on_line)._replace(arguments=lambda _: ["router", "--listen", listen()])
+
+
 def coordinator_parts(site: Site, journal: Path, options: Sequence[str], *, first: bool, stands_by: bool) -> list[Part]:
     """The coordinator, and one that stands by with the same journal.
 

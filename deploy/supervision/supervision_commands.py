@@ -61,6 +61,12 @@ def up(
         bool, typer.Option("--stand-by", help="Also start a coordinator that stands by and takes over.")
     ] = False,
     rules: RulesOption = None,
+    secured: Annotated[
+        bool, typer.Option("--secured", help="Each part shows a certificate, made for this run; see --pki.")
+    ] = False,
+    pki: Annotated[
+        Path | None, typer.Option(help="Secured, with the certificates of this folder of `robrain pki`.")
+    ] = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: Annotated[
         bool,
@@ -79,7 +85,8 @@ def up(
         given = {
             "--map": map_file, "--robots": robots, "--motes": motes, "--seed": seed, "--record": record, "--port": port,
             "--listen": listen, "--journal": journal, "--stand-by": stand_by or None, "--rules": rules,
-            "--no-dashboard": None if dashboard else True, "--team": None if team == DEFAULT_TEAM else team,
+            "--no-dashboard": None if dashboard else True, "--secured": secured or None, "--pki": pki,
+            "--team": None if team == DEFAULT_TEAM else team,
         }  # fmt: skip
         if wrong := [option for option, value in given.items() if value is not None]:
             raise UsageError(f"{', '.join(wrong)}: the team file {scenario} says that, not the command line")
@@ -96,7 +103,7 @@ def up(
             from robrain.deploy.run.rules_file import read_rules
 
             chosen = chosen.replace(rules=read_rules(rules))
-        site = ScenarioSite(team, listen, dashboard, port, new_recording(record), journal, stand_by)
+        site = ScenarioSite(team, listen, dashboard, port, new_recording(record), journal, stand_by, secured, pki)
         result = up_scenario(chosen, _scenario_words(scenario, map_file, robots, motes, seed), site, words)
     if result.given_up:
         raise typer.Exit(EXIT_WRONG)

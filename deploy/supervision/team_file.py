@@ -61,6 +61,9 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_de
     """The recorder's file, relative to this one; default: runs/NAME-N.mcap with the first free number."""
     dashboard_port: int | None = None
     """Of the page, on loopback of its host; 8080 if absent, or a free one if that is taken."""
+    pki: str = ""
+    """Folder of the certificates of a secured team, relative to this file; empty for a plain one. With the CA's key in
+    it the certificates that are missing are made."""
 
     def __post_init__(self) -> None:
         _checked("team", self.name)
@@ -140,7 +143,7 @@ class TeamFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def endpoint(self) -> str:
         """Where the hub listens."""
         address = self.hub_host.address
-        return f"tcp/{f'[{address}]' if ':' in address else address}:{self.team.port}"
+        return f"{'tls' if self.team.pki else 'tcp'}/{f'[{address}]' if ':' in address else address}:{self.team.port}"
 
     def host(self, path: Path, name: str | None) -> Host:
         """The host of a name; without one the only host, or else a UsageError that lists all."""

@@ -10,12 +10,14 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from robrain.deploy.errors import ChildFailed
+from robrain.deploy.errors import ChildFailed, UsageError
+from robrain.deploy.pki.router import READY_PREFIX
 from robrain.deploy.processes import dashboard_process, hub_process
 from robrain.deploy.processes.forwarder_words import read_said
 from robrain.deploy.processes.live_process import ANY_PORT, open_when_there
+from robrain.deploy.supervision.credentials import Credentials, now_utc
 from robrain.deploy.supervision.part import HUB, RECORDER, PartEvent, PartView
-from robrain.deploy.supervision.site import MakeParts, Site, hub_part
+from robrain.deploy.supervision.site import MakeParts, Site, hub_part, router_part
 from robrain.deploy.supervision.supervisor import Supervisor
 from robrain.deploy.supervision.team_watch import TeamWatch
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
@@ -23,9 +25,12 @@ from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import PortTaken
 from robrain.protocol.wire.hub import hub_endpoint
-from robrain.protocol.wire.session import check_endpoint, check_port_free, is_loopback
+from robrain.protocol.wire.session import check_endpoint, check_port_free, is_loopback, is_secured
 
 LOOK_PERIOD_S = 0.1
+RENEW_PERIOD_S = 60.0
+"""Between two looks at certificates that soon end."""
+ANY_SECURED_PORT = "tls/127.0.0.1:0"
 STARTING_PERIOD_S = 0.01
 """Between two looks at a hub that starts, for which everything else waits."""
 
@@ -80,13 +85,28 @@ class UpOptions(NamedTuple):
     until_explored: float | None = None
     time_limit_s: float | None = None
     record: Path | None = None
+    parts: Sequence[str] = ()
+    """Names of all parts that are started here."""
+    is_secured: bool = False
+    """Whether each part shows a certificate, and a router lets it do what its role may."""
+    pki: Path | None = None
+    """The folder of `robrain pki` of a secured team; None makes one for this run alone."""
+    hosts: Sequence[str] = ()
+    """Addresses at which a secured team's router is reached, beside loopback."""
 
 
 class UpDisplay(Protocol):
     """Receives events while a team starts and runs."""
 
-    def hub(self, endpoint: str, taken: str) -> None:
-        """The hub listens at `endpoint`; `taken` is this machine's hub endpoint if another process has it, else ""."""
+    def hub(self, endpoint: str, taken: str, tls: Path | None) -> None:
+        """The hub listens at `endpoint`.
+
+        Args:
+            endpoint: where.
+            taken: this machine's hub endpoint if another process has it, else "".
+            tls: folder of the operator's certificate, if the team is secured.
+
+        """
 
     def dashboard(self, url: str) -> None:
         """The page is served."""
@@ -124,8 +144,10 @@ class Printed:
 
     def on_hub(self, line: str) -> None:
         """A line of the hub's."""
-        if line.startswith(f"{hub_process.READY_PREFIX}tcp/") and not self.endpoint:  # not a warning
-            self.endpoint = line.removeprefix(hub_process.READY_PREFIX).split(",")[0]
+        for prefix in (hub_process.READY_PREFIX, READY_PREFIX):
+            where = line.removeprefix(prefix).split(",")[0]
+            if line.startswith(prefix) and where.startswith(("tcp/", "tls/")) and not self.endpoint:  # not a warning
+                self.endpoint = where
 
     def on_dashboard(self, line: str) -> None:
         """A line of the dashboard's."""
@@ -172,15 +194,20 @@ def run_up(
     with ExitStack() as closing:
         folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="robrain-")))
         supervisor = closing.enter_context(Supervisor(display.part))
+        credentials = _prepared(options, folder)
+        if credentials is not None:
+            closing.enter_context(credentials.as_operator())
         endpoint = options.connect
         if endpoint is None:
-            listen, taken = choose_endpoint(options.listen)
+            listen, taken = (options.listen or ANY_SECURED_PORT, "") if credentials else choose_endpoint(options.listen)
             printed.endpoint = ""
-            supervisor.add([hub_part(lambda: printed.endpoint or listen, printed.on_hub)])
+            make_hub = router_part if credentials else hub_part
+            hub = make_hub(lambda: printed.endpoint or listen, printed.on_hub)
+            supervisor.add([hub if credentials is None else credentials.shown_by(hub)])
             if not _await_hub(supervisor, printed, should_stop):
                 return _result(name, "interrupted", None, supervisor, printed, options)
             endpoint = printed.endpoint
-            display.hub(endpoint, taken)
+            display.hub(endpoint, taken, credentials.operator if credentials else None)
         session = open_when_there("up", [endpoint], should_stop)
         if session is None:
             return _result(name, "interrupted", None, supervisor, printed, options)
@@ -189,14 +216,20 @@ def run_up(
         closing.callback(wire.close)
         watch = TeamWatch(wire, options.robots)
         parts = make_parts(Site(folder, endpoint, options.team, watch, is_loopback(endpoint)))
+        if credentials is not None:
+            parts = [credentials.shown_by(part) for part in parts]
         closing.callback(supervisor.stop)  # while the folder is there, and the wire open
         first = [part for part in parts if part.name == RECORDER]
         rest = [part for part in parts if part.name != RECORDER]
         supervisor.add(first or rest)
         waiting = rest if first else []
         ended, page = "", ""
+        renew_at_s = time.monotonic() + RENEW_PERIOD_S
         while not ended:
             supervisor.look()
+            if credentials is not None and time.monotonic() >= renew_at_s:
+                renew_at_s = time.monotonic() + RENEW_PERIOD_S
+                credentials.renew(options.parts, now_utc())
             if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
                 supervisor.add(waiting)
                 waiting = []
@@ -210,6 +243,17 @@ def run_up(
         robots_up = sum(robot.is_up for robot in watch.robots())
         supervisor.stop()
         return _result(name, ended, watch, supervisor, printed, options, robots_up)
+
+
+def _prepared(options: UpOptions, folder: Path) -> Credentials | None:
+    """The certificates of a secured team; None of a plain one."""
+    if not options.is_secured:
+        return None
+    if options.listen is not None and not is_secured(check_endpoint(options.listen)):
+        raise UsageError(f"--listen {options.listen}: expected tls/HOST:PORT for a secured team")
+    credentials = Credentials(options.pki or folder / "pki", options.team)
+    credentials.prepare(options.parts, now_utc(), options.hosts)
+    return credentials
 
 
 def choose_endpoint(listen: str | None) -> tuple[str, str]:

@@ -35,6 +35,9 @@ class ScenarioSite(NamedTuple):
     record: Path | None
     journal: Path | None
     stand_by: bool
+    secured: bool = False
+    pki: Path | None = None
+    """Folder of the certificates; None makes some for the run alone."""
 
 
 def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, options: UpWords) -> UpResult:
@@ -67,6 +70,9 @@ def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, 
         until_explored=options.until_explored,
         time_limit_s=options.time_limit_s,
         record=site.record,
+        parts=[HUB, *wanted],
+        is_secured=site.secured or site.pki is not None,
+        pki=site.pki,
     )
     return _run(scenario.name, make, up_options, printed, options)
 
@@ -117,6 +123,10 @@ def up_host(path: Path, host_name: str | None, options: UpWords) -> UpResult:
         until_explored=options.until_explored,
         time_limit_s=options.time_limit_s,
         record=record,
+        parts=host.parts,
+        is_secured=bool(team.pki),
+        pki=folder / team.pki if team.pki else None,
+        hosts=[team_file.hub_host.address],
     )
     return _run(host.name, make, up_options, printed, options)
 

@@ -1,7 +1,9 @@
 """Displays for `robrain up`: on a terminal, line by line, or as lines of JSON."""
 
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import msgspec
 from rich.live import Live
@@ -15,10 +17,12 @@ from robrain.deploy.supervision.up import TeamStatus, UpDisplay, UpResult
 from robrain.protocol.wire.hub import hub_endpoint
 
 
-class HubEvent(msgspec.Struct, frozen=True, tag_field="event", tag="hub"):
+class HubEvent(msgspec.Struct, frozen=True, tag_field="event", tag="hub", omit_defaults=True):
     """Where the team's hub listens."""
 
     endpoint: str
+    tls: str = ""
+    """Folder of an operator's certificate, for `robrain --tls`; empty if the team is plain."""
 
 
 class DashboardEvent(msgspec.Struct, frozen=True, tag_field="event", tag="dashboard"):
@@ -41,10 +45,10 @@ class JsonLines:
     def __init__(self) -> None:
         self._forwarders: dict[str, str] = {}
 
-    def hub(self, endpoint: str, taken: str) -> None:
+    def hub(self, endpoint: str, taken: str, tls: Path | None = None) -> None:
         """Print where the hub listens; warn on stderr if that is not this machine's hub endpoint."""
         _warn_of_taken(endpoint, taken)
-        _print(HubEvent(endpoint))
+        _print(HubEvent(endpoint, "" if tls is None else str(tls)))
 
     def dashboard(self, url: str) -> None:
         """Print where the page is."""
@@ -72,10 +76,10 @@ class PlainLines:
     def __init__(self) -> None:
         self._before: dict[str, str] = {}
 
-    def hub(self, endpoint: str, taken: str) -> None:
+    def hub(self, endpoint: str, taken: str, tls: Path | None = None) -> None:
         """Print where the hub listens, and how found by other commands."""
         _warn_of_taken(endpoint, taken)
-        found = f"other commands: --connect {endpoint}"
+        found = f"other commands: {_options(endpoint, tls)}"
         print_line(f"hub: {endpoint}  ({'found by other commands' if endpoint == hub_endpoint() else found})")
 
     def dashboard(self, url: str) -> None:
@@ -142,6 +146,11 @@ def up_display(*, as_json: bool) -> Iterator[UpDisplay]:
             yield DrawnTable(live)
     else:
         yield PlainLines()
+
+
+def _options(endpoint: str, tls: Path | None) -> str:
+    """How other commands find the team."""
+    return f"--connect {endpoint}" if tls is None else f"robrain --tls {shlex.quote(str(tls))} … --connect {endpoint}"
 
 
 def _warn_of_taken(endpoint: str, taken: str) -> None:

@@ -117,6 +117,8 @@ class Judge:
         self._said: set[tuple[str, int, str, int]] = set()
         """Ends that were noted: robot, start of its process, task and epoch; without a coordinator epochs are alike."""
         self._told: set[tuple[Invariant, str]] = set()
+        self._cut_ns = dict.fromkeys(run.bodies, 0)
+        """When a robot that goes on by itself was last cut off from the coordinator."""
         self._at: dict[str, str] = {}
         self._overlap_s: dict[str, float] = {}
         self._stray_s: dict[tuple[str, str], float] = {}
@@ -226,6 +228,8 @@ class Judge:
         run = self._run
         robots: dict[str, list[str]] = {}
         for name, body in run.bodies.items():
+            if run.script.consensus and not self._hears_coordinator(name):
+                self._cut_ns[name] = now_ns
             if body.work is None:
                 self._at.pop(name, None)
                 continue
@@ -234,7 +238,8 @@ class Judge:
             if self._at.get(name) != task_id:
                 self._at[name] = task_id
                 self._judge_begin(task_id, name)
-            if task_id in self._ends and now_ns - self._ends[task_id][2] > to_ns(STRAY_S + self._slack_s):
+            could_hear_ns = max(self._ends[task_id][2], self._cut_ns[name]) if task_id in self._ends else now_ns
+            if now_ns - could_hear_ns > to_ns(STRAY_S + self._slack_s):
                 what = f"{name} works on {task_id}, which ended {to_seconds(now_ns - self._ends[task_id][2]):.1f} s ago"
                 self._break(Invariant.DONE_TWICE, task_id, what)
         for task_id in [task for task in self._overlap_s if len(robots.get(task, ())) < 2]:
@@ -245,6 +250,11 @@ class Judge:
                 if self._overlap_s[task_id] > OVERLAP_S + self._slack_s:
                     what = f"{' and '.join(names)} are both at {task_id} for more than {OVERLAP_S + self._slack_s:g} s"
                     self._break(Invariant.TWO_AT_ONCE, task_id, what)
+
+    def _hears_coordinator(self, robot: str) -> bool:
+        processes = self._run.processes
+        is_awake = processes[robot].is_awake and processes[COORDINATOR].is_awake
+        return is_awake and self._run.exchange.faults.is_linked(robot, COORDINATOR)
 
     def _look_at_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
         """What a robot has done, as it stands at its desk or was told: in one tick several tasks may end."""

@@ -59,8 +59,10 @@ def draw_script(seed: int) -> FaultScript:
 
 
 def _absence(seed: int) -> FaultSpec | None:
-    """A time without the coordinator, long enough for robots to allocate tasks; None if they do not. From a generator
-    of its own, so that the rest of a seed's script does not depend on it."""
+    """A time without the coordinator, long enough for robots to allocate tasks; None if they do not.
+
+    From a generator of its own, so that the rest of a seed's script does not depend on it.
+    """
     rng = np.random.default_rng([seed, _RNG_OF_ABSENCES])
     if rng.random() >= CONSENSUS_SHARE:
         return None

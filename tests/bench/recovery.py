@@ -27,6 +27,7 @@ from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, ti
 from robrain.deploy.supervision.part import COORDINATOR, STAND_BY
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.access.identity import read_identity
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
@@ -83,15 +84,16 @@ class RecoveryTeam:
         self._failed_s: dict[str, float] = {}
         self._reader = threading.Thread(target=self._read, name="lines", daemon=True)
         self._reader.start()
-        hub = ""
+        hub: dict[str, str] = {}
 
         def found_hub() -> bool:
             nonlocal hub
-            hub = hub or next((event["endpoint"] for event in self._events() if event["event"] == "hub"), "")
+            hub = hub or next((event for event in self._events() if event["event"] == "hub"), {})
             return bool(hub)
 
         self._until(found_hub, "no hub")
-        self._session = open_session(connect=[hub], wait_s=PATIENCE_S)
+        identity = read_identity(Path(hub["tls"])) if "tls" in hub else None
+        self._session = open_session(connect=[hub["endpoint"]], wait_s=PATIENCE_S, identity=identity)
         self._wire = Endpoint(self._session, "default", WallClock(), Drive.LIVE)
         self._inbox = Inbox(every=True)
         for topic in (ARENA_TRUTH, COORDINATOR_STATE, RECORDER_STATE, ROBOT_STATE):
@@ -247,10 +249,11 @@ class RecoveryTeam:
 
 
 @contextmanager
-def recovery_team(folder: Path) -> Iterator[RecoveryTeam]:
-    """A team for the duration of the block."""
+def recovery_team(folder: Path, *, secured: bool = False) -> Iterator[RecoveryTeam]:
+    """A team for the duration of the block; a secured one has its router in place of the hub."""
     words = ("up", "arena_small", "--robots", "2", "--stand-by", "--record", str(folder / "recovery.mcap"))
-    words += ("--listen", "tcp/127.0.0.1:0", "--port", "0", "--journal", str(folder / "recovery.journal"), "--json")
+    words += ("--secured",) if secured else ("--listen", "tcp/127.0.0.1:0")
+    words += ("--port", "0", "--journal", str(folder / "recovery.journal"), "--json")
     variables = {name: value for name, value in os.environ.items() if not name.startswith("ROBRAIN_")}
     with subprocess.Popen(
         [sys.executable, "-m", "robrain.cli", *words],
@@ -264,14 +267,16 @@ def recovery_team(folder: Path) -> Iterator[RecoveryTeam]:
 
 
 def measure() -> Iterator[Figure]:
-    """Each part killed, then each stopped."""
-    with tempfile.TemporaryDirectory() as name, recovery_team(Path(name)) as team:
-        for what in SIGNALS:
-            for part in PARTS:
-                found = team.strike(part, what)
-                yield timing(f"{what} of {part}: noticed", found.noticed_s, "s", at_most(NOTICED_S[what]))
-                yield timing(f"{what} of {part}: well again", found.well_s, "s", at_most(WELL_S[what]))
-        yield timing("tasks acknowledged and lost", len(team.lost()), "", at_most(0), f"of {len(team.acknowledged)}")
+    """Each part killed, then each stopped: of a plain team, then of a secured one."""
+    for is_secured, prefix in ((False, ""), (True, "secured, ")):
+        with tempfile.TemporaryDirectory() as name, recovery_team(Path(name), secured=is_secured) as team:
+            for what in SIGNALS:
+                for part in PARTS:
+                    found = team.strike(part, what)
+                    yield timing(f"{prefix}{what} of {part}: noticed", found.noticed_s, "s", at_most(NOTICED_S[what]))
+                    yield timing(f"{prefix}{what} of {part}: well again", found.well_s, "s", at_most(WELL_S[what]))
+            lost, count = len(team.lost()), len(team.acknowledged)
+            yield timing(f"{prefix}tasks acknowledged and lost", lost, "", at_most(0), f"of {count}")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from robrain.protocol.wire.topics import (
     ARENA_TRUTH,
     COORDINATOR_OBJECTIVE,
     HALT,
+    MOTE_READING,
     REPLAY_CONTROL,
     ROBOT_CALL,
     ROBOT_CANCEL,
@@ -56,7 +57,12 @@ SPEAKERS: dict[Role, Roles] = {
     Role.ARENA: _ARENA,
 }
 """Who publishes, answers and announces rows, unless a row says otherwise."""
-PUTS: dict[str, Roles] = {HALT.name: _DESK, ARENA_CAN.name: _ARENA | _ROBOT, ARENA_RADIO_TX.name: _ARENA | _ROBOT}
+PUTS: dict[str, Roles] = {
+    HALT.name: _DESK,
+    ARENA_CAN.name: _ARENA | _ROBOT,
+    ARENA_RADIO_TX.name: _ARENA | _ROBOT,
+    MOTE_READING.name: _ARENA | _ROBOT,  # simulated gateways are parts of the arena
+}
 HEARS: dict[str, Roles] = {ARENA_TRUTH.name: ALL - _ROBOT, **{row.name: _COORDINATOR for row in STANDING_ROWS}}
 ASKS: dict[str, Roles] = {
     **{row.name: _OPERATOR for row in (HOST_VERB, *HOST_QUERIES)},

@@ -58,7 +58,7 @@ class OneRobot:
         self.consensus = ConsensusDesk(self.wire, "r1", self.board, self.desk, CHARGERS)
         self.says: dict[str, dict[str, Any]] = {}
         """What each mate says with each step."""
-        self.is_coordinated = True
+        self.is_coordinated, self.last_change = True, 0
         self._ballots = {name: self.wire.publisher(ROBOT_BALLOT, robot=name) for name in ("r2", "r3")}
         self._summaries, self._events = self.wire.publisher(COORDINATOR_STATE), self.wire.publisher(TASK_EVENT)
         self._inbox = Inbox(every=True)
@@ -74,7 +74,7 @@ class OneRobot:
             self.clock.advance_to(self.clock.now_ns() + to_ns(STEP_S))
             if self.is_coordinated:
                 robots = [RobotSummary(name=name, up=True, age_s=0.1) for name in team]
-                self._summaries.put(TeamState(robots=robots))
+                self._summaries.put(TeamState(robots=robots, last_change=self.last_change))
             for number, (name, words) in enumerate(self.says.items()):
                 said = Ballot(robot=name, number=self.clock.now_ns() // 1000 + number)
                 self._ballots[name].put(TeamBallot(robot=name, ballot=said, **words))
@@ -102,6 +102,10 @@ def alone(one: OneRobot, **words: Any) -> None:
     one.is_coordinated = False
     one.says = {"r2": dict(words), "r3": {}}
     one.run(2.0)
+
+
+def free(one: OneRobot) -> list[str]:
+    return [task.id for task in one.consensus._free(one.clock.now_ns())]
 
 
 def test_a_team_of_two_that_is_cut_in_half_allocates_nothing_on_either_side(one: OneRobot) -> None:
@@ -147,6 +151,19 @@ def test_for_a_second_after_it_returns_a_coordinator_is_told_and_not_obeyed(one:
     assert one.consensus.why_not_now("t1", begun_ns) == TELLING
     assert one.consensus.is_telling(begun_ns + to_ns(1.0) - 1)
     assert not one.consensus.is_telling(begun_ns + to_ns(1.0))
+
+
+@pytest.mark.parametrize("missed", [False, True])
+def test_a_task_that_may_have_ended_unheard_is_not_begun_before_others_would_give_it_up(one: OneRobot, missed) -> None:
+    one.tell(visit("t1"))
+    one.run(1.0)
+    one.last_change = int(missed)  # nobody answers what it asks then
+    one.run(0.1)
+    one.is_coordinated, one.says = False, {"r2": {}, "r3": {}}
+    one.run(2.0)
+    assert free(one) == ([] if missed else ["t1"])
+    one.run(GOES_ON_S + 2.0)
+    assert free(one) == ["t1"]
 
 
 def test_a_task_that_a_mate_does_or_has_done_is_refused_with_its_name(one: OneRobot) -> None:

@@ -214,6 +214,7 @@ EXAMPLES = [
         tasks_open=1,
         tasks_done=6,
         messages=1234,
+        last_change=41,
         halt=HALTED,
         stale=[TopicStale("robot_state", "r2", 0.42, 0.3)],
         stand_by=STAND_BY,

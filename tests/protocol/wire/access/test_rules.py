@@ -27,7 +27,7 @@ C, OP, V, REC, D, ROB, A = (
 EVERYBODY = {C, OP, V, REC, D, ROB, A}
 ORDERS: dict[str, set[MemberRole]] = {
     "halt": {OP, D},
-    "mote_reading": {ROB},
+    "mote_reading": {ROB, A},
     "robot_call": {OP, C},
     "robot_offer": {C},
     "robot_withdraw": {C},

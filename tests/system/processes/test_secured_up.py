@@ -1,0 +1,71 @@
+"""`robrain up --secured`: every part shows a certificate, and nobody without one gets in."""
+
+import json
+import socket
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robrain.protocol.wire.access.identity import TLS_VARIABLE
+from robrain.protocol.wire.hub import CONNECT_VARIABLE
+from tests.system.attacks.secured_team import open_raw
+from tests.system.conftest import Commands
+from tests.waiting import until
+
+pytestmark = pytest.mark.system
+
+SMALL = ("up", "arena_small", "--robots", "1", "--no-dashboard", "--json")
+
+
+def hub_of(commands: Commands, process: "subprocess.Popen[str]") -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(commands.line_with(process, '"event":"hub"'))
+    return found
+
+
+def operator(hub: dict[str, Any]) -> dict[str, str]:
+    return {TLS_VARIABLE: hub["tls"], CONNECT_VARIABLE: hub["endpoint"]}
+
+
+def test_operators_commands_reach_the_team_and_who_has_no_certificate_does_not(commands: Commands) -> None:
+    process = commands.start(*SMALL, "--secured", stderr=subprocess.DEVNULL)
+    hub = hub_of(commands, process)
+    assert hub["endpoint"].startswith("tls/127.0.0.1:")
+    commands.line_with(process, '"part":"r1","kind":"up"')
+    commands.run_until(lambda done: "r1" in done.stdout, "status", **operator(hub))
+    halted = commands.run_until(lambda done: done.returncode == 0, "halt", **operator(hub))
+    assert "1 of 1 robots" in halted.stdout
+    assert open_raw(hub["endpoint"]) is None
+    refused = commands.run("status", "--connect", hub["endpoint"])
+    assert refused.returncode == 2
+    assert "asks for a certificate" in refused.stderr
+    assert Path(hub["tls"]).is_dir()
+    process.terminate()
+    process.wait(60)
+    assert not Path(hub["tls"]).exists(), "certificates that were made for the run alone are left"
+
+
+def test_a_team_file_with_certificates_keeps_them(commands: Commands) -> None:
+    (commands.folder / "team.toml").write_text(
+        f'[team]\nname = "blue"\nscenario = "arena_small"\npki = "pki"\nport = {_port()}\n'
+        '[[hosts]]\nname = "one"\naddress = "127.0.0.1"\nparts = ["hub", "arena", "coordinator", "r1"]\n'
+    )
+    process = commands.start("up", "team.toml", "--json", stderr=subprocess.DEVNULL)
+    hub = hub_of(commands, process)
+    until(lambda: "r1" in commands.run("status", "--team", "blue", **operator(hub)).stdout)
+    process.terminate()
+    process.wait(60)
+    members = {path.name for path in (commands.folder / "pki" / "members").iterdir()}
+    assert members == {"router.site", "arena.sim", "coordinator.hq", "robot.r1", "operator.up"}
+
+
+def test_a_plain_endpoint_is_no_place_for_a_secured_team(commands: Commands) -> None:
+    done = commands.run(*SMALL[:-1], "--secured", "--listen", "tcp/127.0.0.1:0")
+    assert done.returncode == 2
+    assert done.stderr == "robrain: --listen tcp/127.0.0.1:0: expected tls/HOST:PORT for a secured team\n"
+
+
+def _port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
