@@ -1,9 +1,7 @@
 """One thing that was looked at, as a value."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
-from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
@@ -39,19 +37,6 @@ class Check(msgspec.Struct, frozen=True):
     sentence: str
     remedy: str = ""
     """What to do about it; empty if nothing is wrong."""
-
-
-class CertificatePaths(NamedTuple):
-    """Files of a process that speaks TLS."""
-
-    authority: Path
-    """Certificates of whom it trusts."""
-    certificate: Path
-    key: Path
-
-
-CertificateCheck = Callable[[CertificatePaths, Sequence[str]], list[Check]]
-"""Looks at a process's certificates, given their files and the endpoints that it connects to."""
 
 
 def is_good(checks: Sequence[Check]) -> bool:

@@ -1,11 +1,14 @@
 """What is looked at, in which order, for a robot's file, a machine of a team file, or a hub alone."""
 
+import os
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
-from robrain.deploy.doctor.check import CertificateCheck, CertificatePaths, Check, CheckName
+from robrain.agent.host.robot_file import TlsTable, folder_of
+from robrain.deploy.doctor.certificate_checks import OwnCertificate, check_certificates
+from robrain.deploy.doctor.check import Check, CheckName, is_good
 from robrain.deploy.doctor.network_checks import check_address, check_port, check_router
 from robrain.deploy.doctor.robot_checks import (
     check_can,
@@ -25,13 +28,17 @@ from robrain.deploy.doctor.team_checks import (
     members,
 )
 from robrain.deploy.errors import UsageError
+from robrain.deploy.pki.errors import PkiError
+from robrain.deploy.supervision.credentials import OPERATOR, Credentials
 from robrain.deploy.supervision.part import ARENA, HUB
 from robrain.deploy.supervision.team_file import Host, TeamFile, read_team_file
 from robrain.protocol.extras import missing_package
+from robrain.protocol.wire.access.identity import TLS_VARIABLE, tls_folder
+from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.protocol.wire.errors import RobrainError
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
 from robrain.protocol.wire.keys import DEFAULT_TEAM
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.session import is_secured, open_session
 
 PROBE = "doctor"
 """Name of a robot whose keys are tried where no robot is named."""
@@ -44,29 +51,23 @@ class Joining(NamedTuple):
     team: str
     robots: Sequence[str]
     """Names whose keys and claims are looked at."""
-    certificates: CertificatePaths | None = None
-
-
-def no_certificates(_paths: CertificatePaths, _endpoints: Sequence[str]) -> list[Check]:
-    """The plain topology has none."""
-    return []
+    certificates: Sequence[OwnCertificate] = ()
+    """What is to be shown at endpoints that ask for certificates."""
 
 
 def examine_hub(connect: str | None, team: str | None) -> list[Check]:
     """The hub of this machine, or the one given."""
-    return examine_team(Joining(team_endpoints(connect), team or DEFAULT_TEAM, []))
+    shown = [OwnCertificate(None, tls_folder())]
+    return examine_team(Joining(team_endpoints(connect), team or DEFAULT_TEAM, [], shown))
 
 
-def examine_robot(
-    path: Path, connect: str | None, team: str | None, certificates: CertificateCheck = no_certificates
-) -> list[Check]:
-    """A robot, by its file.
+def examine_robot(path: Path, connect: str | None, team: str | None) -> list[Check]:
+    """A robot, by its file; the certificate that it names is shown by this process too from then on.
 
     Args:
         path: its ROBOT.toml.
         connect: endpoint; None takes the file's, or else this machine's hub.
         team: None takes the file's.
-        certificates: looks at the robot's certificates, if it has some.
 
     """
     found, said = check_robot_file(path)
@@ -77,11 +78,14 @@ def examine_robot(
     where = given_endpoints(connect) or settings.connect
     if not where and settings.listen:  # the robot is its own router
         return here
-    joining = Joining(where or team_endpoints(None), team or table.team, [table.name])
-    return [*here, *examine_team(joining, certificates)]
+    if isinstance(settings.tls, TlsTable):
+        os.environ[TLS_VARIABLE] = str(folder_of(path.parent, settings.tls.folder).resolve())
+    name = team or table.team
+    shown = [OwnCertificate(Member(MemberRole.ROBOT, name, table.name), tls_folder())]
+    return [*here, *examine_team(Joining(where or team_endpoints(None), name, [table.name], shown))]
 
 
-def examine_host(path: Path, host_name: str | None, certificates: CertificateCheck = no_certificates) -> list[Check]:
+def examine_host(path: Path, host_name: str | None) -> list[Check]:
     """The parts of one machine, by the team file."""
     try:
         team_file = read_team_file(path)
@@ -98,25 +102,45 @@ def examine_host(path: Path, host_name: str | None, certificates: CertificateChe
             checks.append(said)
             if found is not None:
                 checks += [check_extras(found), *check_can(found), check_grid(found), *check_robot_ports(found)]
-    if HUB in host.parts:
-        port = check_port("the hub", team_file.endpoint)
-        checks.append(port)
-        if not check_router([team_file.endpoint]).ok:  # not started yet: there is no team to look at
-            return checks
-    return [*checks, *examine_team(Joining([team_file.endpoint], team_file.team.name, host.robots), certificates)]
+    shown, as_member = _certificates_of(path, team_file, host)
+    with as_member:
+        if HUB in host.parts:
+            checks.append(check_port("the hub", team_file.endpoint))
+            if not check_router([team_file.endpoint]).ok:  # not started yet: there is no team to look at
+                return [*checks, *check_certificates(shown, [team_file.endpoint])]
+        # As an operator one sees all of a secured team, and may not try its robots' keys.
+        robots = [] if shown else host.robots
+        return [*checks, *examine_team(Joining([team_file.endpoint], team_file.team.name, robots, shown))]
 
 
-def examine_team(joining: Joining, certificates: CertificateCheck = no_certificates) -> list[Check]:
+def _certificates_of(
+    path: Path, team_file: TeamFile, host: Host
+) -> tuple[list[OwnCertificate], AbstractContextManager[None]]:
+    """What the parts of a machine show, and the time for which this process shows the operator's certificate."""
+    team = team_file.team
+    if not team.pki:
+        return [], nullcontext()
+    try:
+        credentials = Credentials(path.parent / team.pki, team.name)
+        shown = [OwnCertificate(credentials.member(part), credentials.folder(part)) for part in host.parts]
+        shown.append(OwnCertificate(Member(MemberRole.OPERATOR, team.name, OPERATOR), credentials.operator))
+    except PkiError as error:
+        raise UsageError(str(error)) from error
+    return shown, credentials.as_operator()
+
+
+def examine_team(joining: Joining) -> list[Check]:
     """What can be looked at from a client of the team's router."""
-    checks = []
-    if joining.certificates is not None:
-        checks += certificates(joining.certificates, joining.endpoints)
+    checks = check_certificates(joining.certificates, joining.endpoints)
+    if not is_good(checks):
+        return checks
     router = check_router(joining.endpoints)
     checks.append(router)
     if not router.ok:
         return checks
+    names = joining.robots or ([] if any(map(is_secured, joining.endpoints)) else [PROBE])
     try:
-        checks += [check_key_space(joining.endpoints, joining.team, robot) for robot in joining.robots or [PROBE]]
+        checks += [check_key_space(joining.endpoints, joining.team, robot) for robot in names]
         with closing(open_session(connect=joining.endpoints)) as session:
             checks.append(check_clock(heard_skews_s(session, joining.team)))
             checks.append(check_versions(own_version(), members(session, joining.team)))

@@ -93,11 +93,11 @@ class RecoveryTeam:
 
         self._until(found_hub, "no hub")
         identity = read_identity(Path(hub["tls"])) if "tls" in hub else None
-        self._session = open_session(connect=[hub["endpoint"]], wait_s=PATIENCE_S, identity=identity)
-        self._wire = Endpoint(self._session, "default", WallClock(), Drive.LIVE)
+        self.session = open_session(connect=[hub["endpoint"]], wait_s=PATIENCE_S, identity=identity)
+        self.wire = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
         self._inbox = Inbox(every=True)
         for topic in (ARENA_TRUTH, COORDINATOR_STATE, RECORDER_STATE, ROBOT_STATE):
-            self._wire.subscribe(self._inbox, topic)
+            self.wire.subscribe(self._inbox, topic)
         self._until(lambda: self._note_events() or set(PARTS) <= self._up, "the team does not come up")
         for part in PARTS:
             self._until(self._is_well(part, time.time_ns()), f"{part} is not well")
@@ -130,7 +130,7 @@ class RecoveryTeam:
         def found() -> bool:
             nonlocal coordinates
             with suppress(CallError, NobodyThere):
-                coordinates = self._wire.ask(COORDINATOR_WHO, timeout_s=ASK_S).pid
+                coordinates = self.wire.ask(COORDINATOR_WHO, timeout_s=ASK_S).pid
             return bool(coordinates)
 
         self._until(found, "nobody coordinates")
@@ -144,7 +144,7 @@ class RecoveryTeam:
 
         def is_acknowledged() -> bool:
             try:
-                self._wire.ask(TASK_SUBMIT, asked, timeout_s=ASK_S)
+                self.wire.ask(TASK_SUBMIT, asked, timeout_s=ASK_S)
             except NobodyThere:
                 return False
             except CallError:  # no reply in time, or it was taken in by the first question
@@ -168,8 +168,8 @@ class RecoveryTeam:
 
     def close(self) -> None:
         """Stop the team, and read its result."""
-        self._wire.close()
-        self._session.close()  # type: ignore[no-untyped-call]
+        self.wire.close()
+        self.session.close()  # type: ignore[no-untyped-call]
         self.process.send_signal(signal.SIGTERM)
         self.process.wait(PATIENCE_S)
         self._reader.join(PATIENCE_S)
@@ -199,7 +199,7 @@ class RecoveryTeam:
 
     def _listed(self) -> set[str] | None:
         try:
-            return {record.task.id for record in self._wire.ask(TASK_LIST, TaskFilter(), timeout_s=ASK_S)}
+            return {record.task.id for record in self.wire.ask(TASK_LIST, TaskFilter(), timeout_s=ASK_S)}
         except (CallError, NobodyThere):
             return None
 

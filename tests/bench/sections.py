@@ -162,6 +162,12 @@ SECTIONS = {
         "base needs 0.17 s to brake.",
         "tests.bench.deadman:measure",
     ),
+    "secured_cost": Section(
+        "Secured against plain",
+        "Two teams of `arena_small` at the same time on one machine, one with certificates and a router's rules: "
+        "latency of a call and of a state, and CPU of router and agent, as ratios.",
+        "tests.bench.secured_cost:measure",
+    ),
     "responses": Section(
         "Response time",
         "`robrain bench responses`: from an event to the wheels, a live team of processes on loopback.",

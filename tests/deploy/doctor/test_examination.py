@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from robrain.deploy.doctor import examination
-from robrain.deploy.doctor.check import CertificatePaths, Check, CheckName
+from robrain.deploy.doctor.check import CheckName
 from robrain.deploy.doctor.doctor_command import doctor_command
 from robrain.deploy.doctor.examination import Joining, examine_host, examine_robot, examine_team
 from robrain.deploy.errors import UsageError
@@ -115,20 +115,6 @@ def test_wrong_team_file_is_one_check(tmp_path) -> None:
     path.write_text('[[hosts]]\nname = "a"\n')
     [wrong] = examine_host(path, None)
     assert (wrong.name, wrong.ok) == (CheckName.FILE, False)
-
-
-def test_certificates_are_looked_at_by_the_function_that_is_given(free) -> None:
-    asked = []
-
-    def look(paths: CertificatePaths, endpoints) -> list[Check]:
-        asked.append((paths, list(endpoints)))
-        return [Check(CheckName.CERTIFICATE, False, "it expired yesterday", "renew it")]
-
-    paths = CertificatePaths(Path("ca.pem"), Path("r1.pem"), Path("r1.key"))
-    endpoint = f"tls/127.0.0.1:{free}"
-    checks = examine_team(Joining([f"tcp/127.0.0.1:{free}"], "default", ["r1"], paths), look)
-    assert [check.name for check in checks] == [CheckName.CERTIFICATE, CheckName.ROUTER]
-    assert asked == [(paths, [endpoint.replace("tls", "tcp")])]
 
 
 def test_router_that_goes_while_it_is_looked_at_is_told(hub, monkeypatch) -> None:

@@ -54,6 +54,8 @@ def test_a_team_file_with_certificates_keeps_them(commands: Commands) -> None:
     process = commands.start("up", "team.toml", "--json", stderr=subprocess.DEVNULL)
     hub = hub_of(commands, process)
     until(lambda: "r1" in commands.run("status", "--team", "blue", **operator(hub)).stdout)
+    doctor = commands.run_until(lambda done: done.returncode == 0, "doctor", "team.toml")
+    assert doctor.stdout.count("ok      certificate: ") == 5
     process.terminate()
     process.wait(60)
     members = {path.name for path in (commands.folder / "pki" / "members").iterdir()}
