@@ -158,6 +158,8 @@ class Coordinator:
         self._requests = TaskRequests(
             wire, self.tasks, self.team_map, self.capabilities, self.lifecycle.reasons.explain
         )
+        if self.tasks.journal.copied_by:
+            self._begin_feed()  # the process that has a copy may be leading: offers are held back as before
         self.rules: RuleDesk | None = None
         if rules:
             self.rules = RuleDesk(wire, rules, self.tasks, self.roster, self._requests, self._new_id)
@@ -223,6 +225,8 @@ class Coordinator:
         self.planning.clock_set_back()
         self.left.clock_set_back()
         self.fence.clock_set_back(now_ns)
+        if self.feed is not None:
+            self.feed.clock_set_back(now_ns)
 
     def _lead(self, _request: Request[LeadRequest]) -> LeadReply:
         self._decide_due_ns = 0
@@ -281,9 +285,8 @@ class Coordinator:
                     self._decide_due_ns = now_ns
             return
         if received.topic is COORDINATOR_STAND_BY:
-            if self.feed is None:
-                self.feed = self._requests.feed = JournalFeed(self._wire, self.tasks.journal, self._term)
-            self.feed.hear(received.message, now_ns)
+            feed = self.feed if self.feed is not None else self._begin_feed()
+            feed.hear(received.message, now_ns)
             return
         state: RobotState = received.message
         if why := self.roster.why_unknown(state.robot, now_ns):
@@ -298,6 +301,10 @@ class Coordinator:
             if status is not None:
                 self._hear_task(state.robot, status, now_ns)
         self.planning.ends_soon(before, state, now_ns)
+
+    def _begin_feed(self) -> JournalFeed:
+        self.feed = self._requests.feed = JournalFeed(self._wire, self.tasks.journal, self._term)
+        return self.feed
 
     def _take_patch(self, received: Received) -> None:
         patch: MapPatch = received.message

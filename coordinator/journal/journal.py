@@ -193,6 +193,16 @@ class Journal:
         self._epoch = epoch
         return epoch
 
+    @property
+    def copied_by(self) -> str:
+        """The process that had a whole copy of this journal last; empty if none had."""
+        return str(self._db.execute("SELECT copied_by FROM standing").fetchone()[0])
+
+    def note_copied_by(self, process: str) -> None:
+        """A process has a whole copy (JournalUnwritable)."""
+        with self._transaction(durable=True):
+            self._db.execute("UPDATE standing SET copied_by = ?", (process,))
+
     def when_on_disk(self, tell: Callable[[JournalUnwritable | None], None]) -> None:
         """Call `tell` once all changes so far are on the disk, or with the reason why they may not be.
 
@@ -254,6 +264,7 @@ class Journal:
                 raise JournalUnwritable(self.path, f"cannot be put aside: {error}") from error
         with self._transaction(durable=True):
             self._db.execute("UPDATE copy SET state = 'partial'")
+            self._db.execute("UPDATE standing SET copied_by = '', pairing = ''")
             for table in ("task", "change", "alarm"):
                 self._db.execute(f"DELETE FROM {table}")
 

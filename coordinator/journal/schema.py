@@ -67,6 +67,15 @@ MIGRATIONS: tuple[str, ...] = (
     CREATE TABLE copy (only_row INTEGER PRIMARY KEY CHECK (only_row = 1), state TEXT NOT NULL);
     INSERT INTO copy VALUES (1, '');
     """,
+    # 6: the process that had a copy of this journal last, and the pairing with it that is not decided, as JSON.
+    """
+    CREATE TABLE standing (
+        only_row INTEGER PRIMARY KEY CHECK (only_row = 1),
+        copied_by TEXT NOT NULL DEFAULT '',
+        pairing TEXT NOT NULL DEFAULT ''
+    );
+    INSERT INTO standing (only_row) VALUES (1);
+    """,
 )
 
 VERSION = len(MIGRATIONS)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import msgspec
 
+from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
@@ -64,8 +65,9 @@ class JournalFeed:
         self._joins_at: int | None = None
         """The number with which the process is in step; answers wait for it already."""
         self._pause_ns = self._clock.now_ns()
-        self._had_copy, self._copy_heard_ns = "", self._clock.now_ns()
+        self._had_copy, self._copy_heard_ns = journal.copied_by, self._clock.now_ns()
         """The process that had a whole copy last, and when it was heard to follow this coordinator."""
+        self._noted_copy = self._had_copy
         self._waiting: deque[tuple[int, int, Tell]] = deque()
         """Number of the change, since when, and what to call."""
         journal.on_written = self._written
@@ -92,7 +94,7 @@ class JournalFeed:
         is_of_here = said.term == self._term and said.on_disk <= self._last
         self._on_disk = said.on_disk if is_of_here else 0
         if is_of_here:
-            self._had_copy, self._copy_heard_ns = said.process, now_ns
+            self._note_copy(said.process, now_ns)
         if said.trouble or not is_of_here:
             self._leave(said.trouble or "it has no whole copy")
         elif self._joins_at is None and now_ns >= self._pause_ns:
@@ -132,6 +134,13 @@ class JournalFeed:
                 JournalChanges(term=self._term, first=first, last=self._last, entries=entries, stand_by=self.stand_by)
             )
 
+    def clock_set_back(self, now_ns: int) -> None:
+        """Nothing was heard or sent later than now."""
+        self._heard_ns, self._put_ns = min(self._heard_ns, now_ns), min(self._put_ns, now_ns)
+        self._copy_heard_ns = min(self._copy_heard_ns, now_ns)
+        self._pause_ns = min(self._pause_ns, now_ns + PAUSE_NS)
+        self._waiting = deque((number, min(since_ns, now_ns), tell) for number, since_ns, tell in self._waiting)
+
     def close(self) -> None:
         """The coordinator ends; who waits still is told that nothing more is waited for."""
         self._journal.on_written = None
@@ -146,6 +155,15 @@ class JournalFeed:
         self._trouble = why
         while self._waiting:
             self._waiting.popleft()[2]()
+
+    def _note_copy(self, process: str, now_ns: int) -> None:
+        self._had_copy, self._copy_heard_ns = process, now_ns
+        if process != self._noted_copy:
+            try:
+                self._journal.note_copied_by(process)  # a coordinator that begins anew must know as well
+                self._noted_copy = process
+            except JournalUnwritable:
+                logger.debug("that %s has a copy is written down once the journal can be written", process)
 
     def _written(self, entry: JournalEntry) -> None:
         self._last += 1
