@@ -103,8 +103,7 @@ class Coordinator:
         self.team_map = TeamMap()
         policy = policy or PlanningPolicy()
         self.explorer = Explorer(self.team_map, strategy_of(policy.exploration, self._note_strategy))
-        # Milliseconds of the clock: a coordinator that takes over later starts with a greater epoch, and with
-        # numbers for its tasks that no earlier one has used.
+        # Milliseconds: one that takes over later has a greater epoch, and numbers for its tasks that are unused.
         first_epoch = wire.clock.now_ns() // NS_PER_MS
         task_events = wire.publisher(TASK_EVENT)
         self.tasks = TaskBook(wire.clock, first_epoch, task_events.put, journal)
