@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-R101 = Path(__file__).parents[3] / "coordinator" / "allocation" / "data" / "R101_25.txt"
+R101 = Path(__file__).parents[2] / "coordinator" / "allocation" / "data" / "R101_25.txt"
 pytestmark = pytest.mark.system
 
 

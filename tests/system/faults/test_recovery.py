@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from robrain.deploy.supervision.part import COORDINATOR, STAND_BY
 from tests.bench.recovery import NOTICED_S, PARTS, SIGNALS, WELL_S, Recovered, RecoveryTeam, recovery_team
 
 pytestmark = pytest.mark.system
@@ -13,12 +14,14 @@ SLACK = 4.0
 """Tests may run beside other work; `make bench` holds the bounds themselves, and stops parts of a secured team too."""
 
 
-def team_of(folder: Path, *, secured: bool) -> Iterator[RecoveryTeam]:
+def team_of(folder: Path, *, secured: bool, struck: int) -> Iterator[RecoveryTeam]:
     with recovery_team(folder, secured=secured) as found:
         yield found
     result = found.result
     assert result["given_up"] == []
-    assert set(result["restarts"]) == set(PARTS)
+    # Coordinator and stand-by change places, so that one of the two may have been struck both times.
+    assert set(PARTS) - {COORDINATOR, STAND_BY} <= set(result["restarts"]) <= set(PARTS)
+    assert sum(result["restarts"].values()) >= struck
     assert result["messages"] > 0
     # Each recorder that came up has a file of its own; on a busy machine one may be started again before it had one.
     assert 2 <= len(list(folder.glob("recovery*.mcap"))) <= 1 + result["restarts"]["recorder"]
@@ -26,12 +29,12 @@ def team_of(folder: Path, *, secured: bool) -> Iterator[RecoveryTeam]:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RecoveryTeam]:
-    yield from team_of(tmp_path_factory.mktemp("recovery"), secured=False)
+    yield from team_of(tmp_path_factory.mktemp("recovery"), secured=False, struck=len(PARTS) * len(SIGNALS))
 
 
 @pytest.fixture(scope="module")
 def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RecoveryTeam]:
-    yield from team_of(tmp_path_factory.mktemp("secured-recovery"), secured=True)
+    yield from team_of(tmp_path_factory.mktemp("secured-recovery"), secured=True, struck=len(PARTS))
 
 
 def strike(team: RecoveryTeam, part: str, name: str) -> None:
