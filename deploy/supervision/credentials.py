@@ -7,10 +7,10 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from robrain.deploy.pki.errors import PkiError
-from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER, folder_of, read_members
+from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER, IssuedCertificate, folder_of, read_members
 from robrain.deploy.pki.issuing import init, issue, renew
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY, Part
-from robrain.protocol.wire.access.identity import CERTIFICATE, TLS_VARIABLE, read_identity
+from robrain.protocol.wire.access.identity import CERTIFICATE, RENEW_BELOW, TLS_VARIABLE, read_identity
 from robrain.protocol.wire.access.member import Member, MemberRole, member
 
 NAMES = {
@@ -24,8 +24,6 @@ NAMES = {
 """Role and name of each stock part; a robot has its own name."""
 OPERATOR = "up"
 """Name of the operator whose certificate `robrain up` shows, and whose commands it prints."""
-RENEW = timedelta(days=1)
-"""A certificate that ends sooner is renewed."""
 
 
 class Credentials:
@@ -53,7 +51,8 @@ class Credentials:
             PkiError: a certificate cannot be made, or is not there.
 
         """
-        if not (self.pki / MEMBERS_FILE).exists() and not self.pki.joinpath(MEMBERS_FOLDER).is_dir():
+        has_none = not (self.pki / MEMBERS_FILE).exists() and not self.pki.joinpath(MEMBERS_FOLDER).is_dir()
+        if has_none and HUB in parts:  # elsewhere a CA would be another one than the router's
             init(self.pki, self.team, now)
         wanted = [self.member(part) for part in parts] + [member(MemberRole.OPERATOR, self.team, OPERATOR)]
         if not (self.pki / CA_KEY).is_file():
@@ -66,12 +65,12 @@ class Credentials:
             self._make(one, now, hosts if one.role is MemberRole.ROUTER else ())
 
     def renew(self, parts: Iterable[str], now: datetime) -> list[str]:
-        """Renew what soon ends, as far as the CA's key is here; returns the names."""
+        """Renew what soon ends, as far as the CA's key is here; returns the names. Who is revoked is left out."""
         if not (self.pki / CA_KEY).is_file():
             return []
         wanted = [self.member(part) for part in parts] + [member(MemberRole.OPERATOR, self.team, OPERATOR)]
         members = read_members(self.pki / MEMBERS_FILE)
-        due = [one for one in wanted if (known := members.find(one)) is not None and _ends_soon(known.not_after, now)]
+        due = [one for one in wanted if (known := members.find(one)) and not known.revoked and _ends_soon(known, now)]
         for one in due:
             renew(self.pki, one, now)
         return [str(one) for one in due]
@@ -117,7 +116,7 @@ class Credentials:
         known = read_members(self.pki / MEMBERS_FILE).find(wanted)
         if known is None:
             issue(self.pki, wanted, now, hosts=hosts)
-        elif known.revoked or _ends_soon(known.not_after, now):  # a revoked one is refused there, in words
+        elif known.revoked or _ends_soon(known, now):  # a revoked one is refused there, in words
             renew(self.pki, wanted, now)
         else:
             read_identity(self._folder_of(wanted), now)
@@ -132,8 +131,8 @@ class Credentials:
                 )
 
 
-def _ends_soon(ends: datetime, now: datetime) -> bool:
-    return ends - now < RENEW
+def _ends_soon(known: IssuedCertificate, now: datetime) -> bool:
+    return known.not_after - now < timedelta(days=known.days) * RENEW_BELOW
 
 
 def now_utc() -> datetime:

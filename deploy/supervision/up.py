@@ -14,7 +14,7 @@ from robrain.deploy.errors import ChildFailed, UsageError
 from robrain.deploy.pki.router import READY_PREFIX
 from robrain.deploy.processes import dashboard_process, hub_process
 from robrain.deploy.processes.forwarder_words import read_said
-from robrain.deploy.processes.live_process import ANY_PORT, open_when_there
+from robrain.deploy.processes.live_process import ANY_PORT, note, open_when_there
 from robrain.deploy.supervision.credentials import Credentials, now_utc
 from robrain.deploy.supervision.part import HUB, RECORDER, PartEvent, PartView
 from robrain.deploy.supervision.site import MakeParts, Site, hub_part, router_part
@@ -23,7 +23,7 @@ from robrain.deploy.supervision.team_watch import TeamWatch
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import PortTaken
+from robrain.protocol.wire.errors import PortTaken, RobrainError
 from robrain.protocol.wire.hub import hub_endpoint
 from robrain.protocol.wire.session import check_endpoint, check_port_free, is_loopback, is_secured
 
@@ -229,7 +229,10 @@ def run_up(
             supervisor.look()
             if credentials is not None and time.monotonic() >= renew_at_s:
                 renew_at_s = time.monotonic() + RENEW_PERIOD_S
-                credentials.renew(options.parts, now_utc())
+                try:
+                    credentials.renew(options.parts, now_utc())
+                except (RobrainError, OSError) as error:  # the team goes on with what it has
+                    note(f"up: certificates are not renewed: {error}")
             if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
                 supervisor.add(waiting)
                 waiting = []

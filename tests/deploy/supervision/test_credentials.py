@@ -10,14 +10,14 @@ import pytest
 
 from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, read_members
-from robrain.deploy.pki.issuing import DAYS, revoke
-from robrain.deploy.supervision.credentials import RENEW, Credentials
+from robrain.deploy.pki.issuing import DAYS, renew, revoke
+from robrain.deploy.supervision.credentials import Credentials
 from robrain.deploy.supervision.part import Part
 from robrain.protocol.wire.access.identity import KEY, TLS_VARIABLE, read_identity
 
 NOW = datetime.now(UTC)
 PARTS = ("hub", "arena", "coordinator", "stand-by", "recorder", "dashboard", "r1")
-SOON = NOW + timedelta(days=DAYS) - RENEW + timedelta(hours=1)
+SOON = NOW + timedelta(days=DAYS * 0.7)
 """When the certificates made at `NOW` soon end."""
 
 
@@ -97,7 +97,18 @@ def test_a_machine_without_the_key_of_the_ca_needs_the_folders_of_its_parts(made
 
 def test_a_revoked_part_is_not_started(made: Credentials) -> None:
     revoke(made.pki, made.member("r1"))
-    with pytest.raises(PkiError, match="robot:r1 is revoked"):
-        made.renew(["r1"], SOON)
+    assert made.renew(["r1", "dashboard"], SOON) == ["dashboard:page", "operator:up"], "the others go on"
     with pytest.raises(PkiError, match="robot:r1 is revoked"):
         made.prepare(["r1"], NOW)
+
+
+def test_short_certificates_are_not_renewed_all_the_time(made: Credentials) -> None:
+    renew(made.pki, made.member("hub"), NOW, days=1)
+    assert "router:site" not in made.renew(["hub"], NOW + timedelta(hours=15))
+    assert "router:site" in made.renew(["hub"], NOW + timedelta(hours=17))
+
+
+def test_a_machine_without_the_router_makes_no_ca_of_its_own(tmp_path: Path) -> None:
+    with pytest.raises(PkiError, match=r"no such file, and no ca\.key"):
+        Credentials(tmp_path / "pki", "blue").prepare(["r1"], NOW)
+    assert not (tmp_path / "pki").exists()
