@@ -137,6 +137,7 @@ class AgentHost:
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
         self._stepped_ns = self.clock.now_ns()
+        self._halts = 0
         self._log = self._wire.publisher(ROBOT_LOG, robot=self.name)
         self._faulted: dict[str, str] = {}
         self._telling = threading.Lock()
@@ -213,8 +214,10 @@ class AgentHost:
         for wire in self._wires:
             if wire.has_waiting:
                 wire.serve()
-        if self._registry.halted:
+        halts, self._halts = self._halts, self._registry.halts
+        if self._registry.halted or halts != self._halts:  # a halt that is over already has stopped the plugins as well
             self.desk.halted()
+        if self._registry.halted:
             self.board.behavior = HALTED
         elif self.board.behavior == HALTED:  # what it did before is over
             self.board.behavior = IDLE

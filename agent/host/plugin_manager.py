@@ -244,6 +244,7 @@ class PluginManager:
 
         """
         self.registry.halted = True
+        self.registry.halts += 1
         plugins = list(self.plugins.values())
         for plugin in plugins:
             plugin.refuse_calls()

@@ -50,6 +50,8 @@ class Registry:
         self.plugins: dict[str, ManagedPlugin] = {}
         """Requirements before those that require them."""
         self.halted = False
+        self.halts = 0
+        """How often it was halted."""
         self.has_one_thread = False
         self.foreign: ForeignPlugins | None = None
         """Plugins that are processes of their own, in live."""

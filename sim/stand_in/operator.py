@@ -85,7 +85,8 @@ class PointOperator:
         except NobodyThere:
             return False
         except CallError as error:
-            if error.code is not ErrorCode.REFUSED or not self._waits_for_cancelled(task.after):
+            is_late = now_ns > task.deadline_ns - to_ns(task.service_s) if task.deadline_ns else False
+            if error.code is not ErrorCode.REFUSED or not (is_late or self._waits_for_cancelled(task.after)):
                 return False
             self.refused[task.id] = error.message
             return True

@@ -40,6 +40,7 @@ class LoadedFunctions:
         self._root = root
         self._real: dict[str, str | None] = {}
         self._functions: dict[Function, list[FunctionType]] = {}
+        gc.unfreeze()  # what a run has told the collector to leave alone is not among its objects
         # By its type: isinstance would ask a weak proxy, whose object may be gone.
         kernels = [found for found in gc.get_objects() if issubclass(type(found), Dispatcher)]
         self._kernels = {id(kernel.py_func): kernel for kernel in kernels}

@@ -1,5 +1,6 @@
 """A mutant replaces loaded functions, compiled kernels and their callers, also in child processes."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -98,7 +99,10 @@ except IndexError:
     )
 
 
-def test_the_callers_of_a_compiled_kernel_are_known() -> None:
+@pytest.mark.parametrize("is_frozen", [False, True])
+def test_the_callers_of_a_compiled_kernel_are_known(*, is_frozen: bool) -> None:
+    if is_frozen:
+        gc.freeze()
     loaded = LoadedFunctions(ROOT)
     callers = set(loaded.callers_of_kernel(("protocol/model/navigation/clearance_kernels.py", "_clearance_m")))
     assert ("protocol/model/navigation/clearance_kernels.py", "clearance_m") in callers

@@ -20,6 +20,7 @@ from robrain.coordinator.recording.reader.reading import RecordedMessage, read_m
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.topic import JSON, Topic
 
 TOLD_OF_A_KIND = 5
@@ -162,6 +163,8 @@ class _Check:
             return
         decoded = self._decode(topic, message)
         self.judging.take(decoded, now_ns)
+        if isinstance(decoded, MapPatch) and decoded.parts:
+            return  # the answer to one who asked for a whole map: it is recorded in between, without a number
         sender = f"{key} {_sender_of(decoded)}" if several_senders(topic) else key
         before = self._last.get(sender)
         self._last[sender] = message

@@ -166,6 +166,18 @@ def test_a_halt_ends_the_task_and_afterwards_another_can_be_taken_on(errands):
     assert run.finish(Task(id="again", kind="visit", place=FAR)).state is TaskState.DONE
 
 
+def test_a_halt_that_ends_before_the_next_step_ends_the_task_too(errands):
+    run = errands("visit")
+    run.offer(Task(id="v", kind="visit", place=FAR))
+    run.run(2.0)
+    halt = run.wire.publisher(HALT)
+    halt.put(Halt(halted=True, by="test"))
+    halt.put(Halt(halted=False, by="test"))
+    run.run(1.0)
+    assert (run.status().state, run.status().why) == (TaskState.CANCELLED, "the robot is halted")
+    assert run.finish(Task(id="again", kind="visit", place=FAR)).state is TaskState.DONE
+
+
 def test_a_task_whose_deadline_passes_has_failed(errands):
     run = errands("visit")
     assert run.offer(Task(id="v", kind="visit", place=FAR, deadline_ns=run.clock.now_ns() + 12_000_000_000)).accepted
