@@ -274,13 +274,10 @@ class Coordinator:
             if why := self.roster.why_unknown(received.message.robot, now_ns):
                 self._wire.refusals.note(ROBOT_BALLOT.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
                 return
+            self.lifecycle.held_elsewhere.hear(received.message, now_ns)
+            is_secured, why_impossible = self._wire.member is not None, self._requests.why_impossible
             with self.lifecycle.as_far_as_written(now_ns):
-                if take_in(
-                    self.tasks,
-                    received.message,
-                    self._requests.why_impossible,
-                    is_secured=self._wire.member is not None,
-                ):
+                if take_in(self.tasks, received.message, why_impossible, is_secured=is_secured):
                     self._decide_due_ns = now_ns
             return
         if received.topic is COORDINATOR_STAND_BY:

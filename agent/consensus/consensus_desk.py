@@ -10,11 +10,14 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from robrain.agent.board import Board
+from robrain.agent.consensus.holders import GIVEN_UP_NS, GOES_ON_S, Holders
 from robrain.agent.consensus.known_tasks import KnownTasks
+from robrain.agent.consensus.task_claim import TaskClaim
 from robrain.agent.consensus.task_intake import Known, TaskIntake
 from robrain.agent.consensus.task_look import TaskLook
 from robrain.agent.consensus.task_scorer import task_scorer
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.model.consensus.ballot import Heard
 from robrain.protocol.model.consensus.negotiation import Negotiation
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
@@ -46,9 +49,6 @@ PERIOD_NS = to_ns(0.2)
 """How often a ballot is sent."""
 ROUNDS_PERIOD_NS = to_ns(0.1)
 """How often while tasks are negotiated: rounds are to end before the tasks are begun."""
-GOES_ON_S = 120.0
-"""How long a robot goes on with what a coordinator gave it while it hears neither that nor half of the team; its tasks
-are given to others 2 s later."""
 TOLD_NS = to_ns(1.0)
 """Once a coordinator is heard again it is told for so long what was done, and its offers are refused meanwhile."""
 TELL_DONE_NS, TELL_DONE_PERIOD_NS = to_ns(60.0), to_ns(1.0)
@@ -110,7 +110,10 @@ class ConsensusDesk:
         self._heard_ns = now_ns
         self._was_alone = False
         self._fenced_until_ns = self._tell_until_ns = self._due_ns = 0
+        self._up_ns: dict[str, int] = {}
+        """When each robot was last up, as coordinators said."""
         self._team: frozenset[str] = frozenset()
+        """The robots that were up lately when a coordinator was heard last: also one that was just out of its reach."""
         self._mates: dict[str, _Mate] = {}
         nothing = task_scorer((), Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, 0, desk.work_of)
         self._negotiation = Negotiation(robot, nothing, rounds=ROUNDS, number=now_ns // NS_PER_MS, while_working=True)
@@ -119,8 +122,8 @@ class ConsensusDesk:
         """The greatest that was heard of."""
         self._is_called = False
         """Whether a ballot calls for a new negotiation."""
-        self._holders: dict[str, tuple[str, int]] = {}
-        """Tasks that mates said to do or hold, by whom and when that was heard last: who is cut off goes on."""
+        self._holders = Holders(robot)
+        self._claim = TaskClaim(robot)
         self._not_mine: dict[str, int] = {}
         """Tasks that this robot could not do, and until when it does not bid for them."""
         self._charges = 0
@@ -147,16 +150,19 @@ class ConsensusDesk:
         self._note_own_ends(now_ns)
         if is_alone:
             self._stop_dropped()
+        wanted = ""
         if self.is_leaderless:
             self._desk.trusted_ns = now_ns
-            self._allocate(now_ns, may_begin=may_begin)
+            wanted = self._allocate(now_ns, may_begin=may_begin)
+        if self._claim.want(wanted):
+            self._due_ns = now_ns
         has_to_tell = is_alone or now_ns < self._tell_until_ns or bool(self.known.asked)
         is_rare = not has_to_tell and bool(self.known.done) and now_ns < self._fenced_until_ns + TELL_DONE_NS
         if (has_to_tell or is_rare) and now_ns >= self._due_ns:
             is_busy = self.is_leaderless and bool(self._opened.tasks) and not self._negotiation.is_over
             period_ns = ROUNDS_PERIOD_NS if is_busy else PERIOD_NS
             self._due_ns = now_ns + (TELL_DONE_PERIOD_NS if is_rare else period_ns)
-            self._send(is_alone=is_alone)
+            self._send(now_ns, is_alone=is_alone)
 
     def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
         """Accept a task without a coordinator (CallError if it is refused, in words)."""
@@ -186,15 +192,14 @@ class ConsensusDesk:
 
     def why_not_now(self, task_id: str, now_ns: int) -> Occupied | None:
         """Why a coordinator's offer of a task is refused; None if it need not be."""
-        if self.is_telling(now_ns):
-            return TELLING
         if self.known.is_done(task_id):
             return Occupied(NAME, f"{self.known.done[task_id].robot} has done it")
         if task_id in self.known.dropped:
             return Occupied(NAME, "the task was cancelled while no coordinator was heard")
-        others = (name for name, mate in self._mates.items() if any(one.id == task_id for one in mate.said.held))
-        holder = next(others, None)
-        return None if holder is None else Occupied(NAME, f"{holder} is at it")
+        holder = self._holders.of(task_id, now_ns)
+        if holder:
+            return Occupied(NAME, f"{holder} is at it")
+        return TELLING if self._was_alone or self.is_telling(now_ns) else None
 
     # -- hearing --------------------------------------------------------------------------------------------
 
@@ -204,7 +209,7 @@ class ConsensusDesk:
             match message:
                 case TeamState():
                     self._heard_ns = now_ns
-                    self._team = frozenset(robot.name for robot in message.robots if robot.up)
+                    self._note_team(message, now_ns)
                     self._look.hear_summary(message.last_change, now_ns)
                 case TaskEvent():
                     self.known.hear(message, now_ns)
@@ -215,11 +220,18 @@ class ConsensusDesk:
                     self._hear_mate(message, now_ns)
         self._mates = {name: mate for name, mate in self._mates.items() if now_ns - mate.heard_ns <= MATE_SILENT_NS}
 
+    def _note_team(self, said: TeamState, now_ns: int) -> None:
+        for robot in said.robots:
+            silent_ns = 0 if robot.up else to_ns(robot.age_s)
+            self._up_ns[robot.name] = max(self._up_ns.get(robot.name, 0), now_ns - silent_ns)
+        self._up_ns = {name: up_ns for name, up_ns in self._up_ns.items() if now_ns - up_ns <= GIVEN_UP_NS}
+        self._team = frozenset(self._up_ns)
+
     def _hear_mate(self, said: TeamBallot, now_ns: int) -> None:
         self._mates[said.robot] = _Mate(now_ns, said)
-        since_ns = now_ns - to_ns(GOES_ON_S + 2.0)
-        others = {task: one for task, one in self._holders.items() if one[0] != said.robot and one[1] > since_ns}
-        self._holders = others | {held.id: (said.robot, now_ns) for held in said.held}
+        self._claim.note_echo(said.robot, said.hears)
+        if self._holders.hear(said, self._mates, now_ns) and said.wants:
+            self._due_ns = now_ns  # it waits for an echo
         if now_ns - self._heard_ns > SILENT_NS:  # otherwise the coordinator decides about them
             for asked in said.asked:
                 self.known.ask(asked)
@@ -264,7 +276,8 @@ class ConsensusDesk:
 
     # -- deciding -------------------------------------------------------------------------------------------
 
-    def _allocate(self, now_ns: int, *, may_begin: bool) -> None:
+    def _allocate(self, now_ns: int, *, may_begin: bool) -> str:
+        """Negotiate, and begin what the others know of; the id of the task that the robot wants to begin."""
         tasks = {task.id: task for task in self._free(now_ns)}
         mates, negotiation = frozenset(self._mates), self._negotiation
         if negotiation.round != self._opened.round:
@@ -278,22 +291,27 @@ class ConsensusDesk:
         if is_due:
             self._open(tasks, mates, now_ns)
         elif is_idle and may_begin and negotiation.is_agreed and not self.known.is_full:
-            able = [name for name in mine if name not in self._not_mine and negotiation.may_begin(name)]
-            has_begun = any(self._begin(tasks[name], now_ns) for name in able)
-            if tasks and not mine and not has_begun and negotiation.is_over:
+            able = (name for name in mine if name not in self._not_mine and negotiation.may_begin(name))
+            wanted = next(able, "")
+            if wanted and (wanted != self._claim.task or not self._claim.is_heard(mates, len(self._everyone()))):
+                return wanted
+            if wanted:
+                self._begin(tasks[wanted], now_ns)
+            elif tasks and not mine and negotiation.is_over:
                 self._charge()
+        return ""
 
     def _free(self, now_ns: int) -> list[Task]:
         """Open tasks that nobody does; of those that may have ended unheard none before others would be given them."""
-        since_ns = now_ns - to_ns(GOES_ON_S + 2.0)
-        held = {task for task, (_, heard_ns) in self._holders.items() if heard_ns > since_ns}
-        held |= {one.id for one in self._held()}
+        held = {one.id for one in self._held()}
         there = {self._robot, *self._mates}
-        lost = now_ns - self._heard_ns > to_ns(GOES_ON_S + 2.0)
+        lost = now_ns - self._heard_ns > GIVEN_UP_NS
         free = [
             task
             for task in self.known.ready(now_ns)
-            if task.id not in held and (lost or not (robot := self.known.open[task.id].robot) or robot in there)
+            if task.id not in held
+            and not self._holders.of(task.id, now_ns)
+            and (lost or not (robot := self.known.open[task.id].robot) or robot in there)
         ]
         if self._look.behind_since_ns is None or lost:
             return free
@@ -359,7 +377,8 @@ class ConsensusDesk:
         wanted = {bid.task for one in said for bid in one.ballot.bids} | {held.id for one in said for held in one.held}
         return sorted(task for task in wanted if self.known.has_ended(task))[:ENDED_TOLD]
 
-    def _send(self, *, is_alone: bool) -> None:
+    def _send(self, now_ns: int, *, is_alone: bool) -> None:
+        mates = sorted(self._mates.items())
         said = TeamBallot(
             robot=self._robot,
             ballot=self._negotiation.ballot(),
@@ -370,7 +389,11 @@ class ConsensusDesk:
             asked=self._intake.to_tell(self._said_known(), everything=not is_alone),
             dropped=list(self.known.dropped.values()),
             ended=self._ended_to_tell(),
+            wants=self._claim.task,
+            hears=tuple(Heard(robot=name, number=mate.said.ballot.number) for name, mate in mates),
+            absent=self._holders.to_tell({self._robot, *self._mates}, now_ns),
         )
+        self._claim.note_sent(said.ballot.number)
         self._tell.put(said)
 
 

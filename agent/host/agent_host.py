@@ -16,7 +16,8 @@ import msgspec
 import zenoh
 
 from robrain.agent.board import HALTED, IDLE, Board
-from robrain.agent.consensus.consensus_desk import GOES_ON_S, TELLING, ConsensusDesk, chargers_in
+from robrain.agent.consensus.consensus_desk import TELLING, ConsensusDesk, chargers_in
+from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.host.command_door import TextCommandDoor

@@ -20,6 +20,7 @@ from robrain.protocol.wire.reasons.robots import AtTask, Halted, LacksPlugins, R
 from robrain.protocol.wire.reasons.tasks import (
     AfterOpen,
     AfterUnknown,
+    HolderOut,
     IsNext,
     IsOwn,
     IsState,
@@ -60,6 +61,8 @@ class TaskExplanation:
         """Verdicts on members that are no robots."""
         self.held_back: Callable[[], TaskReason | None] = lambda: None
         """Why no task is offered at all; None if tasks are."""
+        self.held_by: Callable[[str, int], str] = lambda _task_id, _now_ns: ""
+        """The robot that may be at a queued task, though no coordinator gave it; empty if there is none."""
 
     def note(self, task_id: str, verdicts: list[RobotVerdict], now_ns: int) -> None:
         """Keep the verdicts with which a task was assigned."""
@@ -173,6 +176,8 @@ class TaskExplanation:
             return IsOwn()
         if (held_back := self.held_back()) is not None:
             return held_back
+        if holder := self.held_by(task.id, now_ns):
+            return HolderOut(holder)
         if now_ns + to_ns(way_s) < task.earliest_ns:
             return NotBefore(to_seconds(task.earliest_ns - now_ns))
         for name in task.after:

@@ -14,6 +14,7 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
 from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
 from robrain.coordinator.tasks.backoff import Backoff
+from robrain.coordinator.tasks.held_elsewhere import HeldElsewhere
 from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
 from robrain.coordinator.tasks.reconcile import LEASE_S, reconcile, strays
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -70,6 +71,8 @@ class TaskLifecycle:
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
         self.backoff = self._backoff = Backoff()
         self.reasons = TaskExplanation(book, roster, capabilities, self._backoff)
+        self.held_elsewhere = HeldElsewhere(book, roster)
+        self.reasons.held_by = self.held_elsewhere.by
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
         self._written = _AsFarAsWritten()
         self._settled_version = -1

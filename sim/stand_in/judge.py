@@ -330,6 +330,7 @@ class _HaltWatch:
         self._halt: object = None
         self._knows_ns: dict[str, int] = {}
         self._linked_ns: dict[str, int] = {}
+        self._lives: dict[str, object] = {}
         self._is_lossy = any(fault.share is not None for fault in run.script.faults)
 
     def disobedient(self, now_ns: int) -> Iterator[str]:
@@ -356,9 +357,10 @@ class _HaltWatch:
 
     def _forget(self) -> None:
         for name, process in self._run.processes.items():
-            if process.component is None:
+            if process.component is None or process.component is not self._lives.get(name, process.component):
                 self._knows_ns.pop(name, None)
                 self._linked_ns.pop(name, None)
+            self._lives[name] = process.component  # one that was killed may be there again within a tick
 
     def _spread(self, now_ns: int) -> None:
         run = self._run

@@ -5,7 +5,8 @@ from collections import Counter
 import msgspec
 
 from robrain.agent.board import Board
-from robrain.agent.consensus.consensus_desk import GOES_ON_S, TELLING, ConsensusDesk
+from robrain.agent.consensus.consensus_desk import TELLING, ConsensusDesk
+from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task

@@ -2,23 +2,19 @@
 
 from collections.abc import Iterator
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from robrain.agent.board import Board
-from robrain.agent.consensus.consensus_desk import AGAIN_NS, GOES_ON_S, TELLING, ConsensusDesk, chargers_in
+from robrain.agent.consensus.consensus_desk import AGAIN_NS, TELLING, chargers_in
+from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.agent.consensus.known_tasks import ENDED_MAX, TASKS_MAX, KnownTasks
 from robrain.agent.consensus.task_scorer import task_scorer
-from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.consensus.ballot import Ballot, Bid
 from robrain.protocol.model.energy.energy_model import Work
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import VirtualClock, to_ns
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ASKED_MAX,
     ENDS_MAX,
@@ -28,65 +24,11 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import (
     TaskKnown,
     TeamBallot,
 )
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskEvent
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.wire.reasons.offers import Occupied
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
-
-STEP_S = 0.1
-CHARGERS = [Point2D(9.0, 9.0), Point2D(1.0, 1.0)]
-
-
-def visit(name: str, x_m: float = 2.0, **fields: Any) -> Task:
-    return Task(**{"id": name, "kind": "visit", "place": Point2D(x_m, 0.0), **fields})
-
-
-class OneRobot:
-    """Robot r1 with its desk; a coordinator and mates say what a test has them say."""
-
-    def __init__(self) -> None:
-        self.session = open_lockstep_session()
-        self.clock = VirtualClock()
-        self.wire = Endpoint(self.session, "test", self.clock, Drive.LOCKSTEP)
-        self.board, self.desk = Board(), TaskDesk()
-        self.board.pose = Pose2D(0.0, 0.0, 0.0)
-        self.begun: list[str] = []
-        for kind in ("visit", "recharge"):
-            self.desk.register(kind, self._accept, lambda _why: None)
-        self.consensus = ConsensusDesk(self.wire, "r1", self.board, self.desk, CHARGERS)
-        self.says: dict[str, dict[str, Any]] = {}
-        """What each mate says with each step."""
-        self.is_coordinated, self.last_change = True, 0
-        self._ballots = {name: self.wire.publisher(ROBOT_BALLOT, robot=name) for name in ("r2", "r3")}
-        self._summaries, self._events = self.wire.publisher(COORDINATOR_STATE), self.wire.publisher(TASK_EVENT)
-        self._inbox = Inbox(every=True)
-        self.wire.subscribe(self._inbox, ROBOT_BALLOT, robot="r1")
-
-    def _accept(self, task: Task) -> TaskAnswer:
-        self.begun.append(task.id)
-        return TaskAnswer(accepted=True)
-
-    def run(self, seconds: float, *, team: tuple[str, ...] = ("r1", "r2", "r3")) -> list[TeamBallot]:
-        """What the robot says meanwhile."""
-        for _ in range(round(seconds / STEP_S)):
-            self.clock.advance_to(self.clock.now_ns() + to_ns(STEP_S))
-            if self.is_coordinated:
-                robots = [RobotSummary(name=name, up=True, age_s=0.1) for name in team]
-                self._summaries.put(TeamState(robots=robots, last_change=self.last_change))
-            for number, (name, words) in enumerate(self.says.items()):
-                said = Ballot(robot=name, number=self.clock.now_ns() // 1000 + number)
-                self._ballots[name].put(TeamBallot(robot=name, ballot=said, **words))
-            self.consensus.step(self.clock.now_ns(), may_begin=True)
-        return [received.message for received in self._inbox.drain()]
-
-    def tell(self, task: Task, state: TaskState = TaskState.QUEUED, robot: str = "") -> None:
-        self._events.put(TaskEvent(task=task, state=state, robot=robot))
-
-    def close(self) -> None:
-        self.wire.close()
-        self.session.close()
+from robrain.protocol.wire.topics import ROBOT_BALLOT
+from tests.agent.consensus.one_robot import OneRobot, alone, free, visit
 
 
 @pytest.fixture
@@ -94,18 +36,6 @@ def one() -> Iterator[OneRobot]:
     robot = OneRobot()
     yield robot
     robot.close()
-
-
-def alone(one: OneRobot, **words: Any) -> None:
-    """No coordinator any more, and two mates."""
-    one.run(1.0)
-    one.is_coordinated = False
-    one.says = {"r2": dict(words), "r3": {}}
-    one.run(2.0)
-
-
-def free(one: OneRobot) -> list[str]:
-    return [task.id for task in one.consensus._free(one.clock.now_ns())]
 
 
 def test_a_team_of_two_that_is_cut_in_half_allocates_nothing_on_either_side(one: OneRobot) -> None:
@@ -173,7 +103,7 @@ def test_a_task_that_a_mate_does_or_has_done_is_refused_with_its_name(one: OneRo
     now_ns = one.clock.now_ns()
     assert one.consensus.why_not_now("t1", now_ns) == Occupied("consensus", "r2 is at it")
     assert one.consensus.why_not_now("t2", now_ns) == Occupied("consensus", "r3 has done it")
-    assert one.consensus.why_not_now("t3", now_ns) is None
+    assert one.consensus.why_not_now("t3", now_ns) == TELLING
 
 
 def test_the_task_of_a_robot_that_vanished_is_free_when_that_has_let_it_go(one: OneRobot) -> None:
@@ -394,7 +324,7 @@ def test_what_a_mate_that_vanished_had_begun_by_itself_is_free_when_that_has_let
     assert [task.id for task in one.consensus._free(one.clock.now_ns())] == ["t1"]
     one.says["r2"] = {}
     one.run(0.3)
-    assert one.consensus._holders == {}
+    assert one.consensus._holders.of("t1", one.clock.now_ns()) == ""
 
 
 def test_what_a_mate_says_to_hold_no_more_is_free_at_once(one: OneRobot) -> None:

@@ -54,7 +54,7 @@ def test_offers_wait_for_a_second_while_a_coordinator_that_returns_is_told(lost:
     lost.kill()
     lost.run(10.0)
     robot = lost.robots[0]
-    assert robot.consensus.why_not_now("new", lost.clock.now_ns()) is None
+    assert robot.consensus.why_not_now("new", lost.clock.now_ns()) == TELLING, "whose offer it is was not heard yet"
     lost.revive()
     lost.run(0.5)
     assert robot.consensus.why_not_now("new", lost.clock.now_ns()) == TELLING

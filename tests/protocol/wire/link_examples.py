@@ -59,6 +59,9 @@ EXAMPLES_OF_LINKS = [
             )
         ],
         ended=["t6"],
+        wants="t7",
+        hears=(Heard(robot="r2", number=6),),
+        absent=[consensus_messages.TaskHeldBy(id="t8", robot="r9", left_s=41.5)],
         dropped=[consensus_messages.TaskDropped(id="t5", by="ann", why="not needed")],
     ),
     arena_messages.ArenaLinks(

@@ -94,3 +94,9 @@ def test_a_robot_that_was_cut_off_when_a_task_ended_does_not_do_it_again(seed):
     """In these drawn scripts it was told of the end by nobody, and then the coordinator ended."""
     script = msgspec.structs.replace(draw_script(seed), consensus=True)
     assert run_trial(script).broken == ()
+
+
+@pytest.mark.parametrize("seed", [200938, 204081, 204498, 206011, 208333, 208486, 208503, 209548, 209825, 302912])
+def test_what_soaks_have_found_in_teams_without_a_coordinator_stays_mended(seed):
+    verdict = run_trial(draw_script(seed))
+    assert verdict.broken == ()

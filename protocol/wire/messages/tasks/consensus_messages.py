@@ -5,8 +5,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.consensus.ballot import Ballot
-from robrain.protocol.model.ranges import Epoch, Name, Names, Stamp
+from robrain.protocol.model.consensus.ballot import Ballot, HeardOf
+from robrain.protocol.model.ranges import Duration, Epoch, Name, Names, Stamp
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
@@ -25,6 +25,9 @@ ASKED_BYTES_MAX = 8192
 ENDED_TOLD = 64
 """Most tasks in one ballot of which a robot says that they have ended."""
 
+ABSENT_MAX = 64
+"""Most tasks in one ballot that robots which are not heard may be at."""
+
 CANCELLED_MAX = 64
 """Most cancellations that a robot remembers until a coordinator has noted them; it then accepts no other (chosen)."""
 CANCELLED_TEXT_MAX = 200
@@ -39,6 +42,17 @@ class TaskHeld(msgspec.Struct, frozen=True, kw_only=True):
     """Id of the task."""
     epoch: Epoch
     """With which the robot began or accepted it."""
+
+
+class TaskHeldBy(msgspec.Struct, frozen=True, kw_only=True):
+    """A task that a robot which is not heard now may be at."""
+
+    id: Name
+    """Id of the task."""
+    robot: Name
+    """Who said that it does or holds the task, or wants to begin it."""
+    left_s: Duration
+    """Time until that robot has let it go at the latest."""
 
 
 class TaskDone(msgspec.Struct, frozen=True, kw_only=True):
@@ -126,6 +140,13 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     """Tasks cancelled without a coordinator that none is known to have noted, also those cancelled at other robots."""
     ended: Annotated[list[Name], Meta(max_length=ENDED_TOLD)] = msgspec.field(default_factory=list)
     """Tasks that others bid for, or do, although a coordinator has told this robot that they have ended."""
+
+    wants: Name = ""
+    """Id of the task that the robot begins once more than half of the team has heard this; empty for none."""
+    hears: HeardOf = ()
+    """Of each robot that this one hears itself, the number of its last ballot."""
+    absent: Annotated[list[TaskHeldBy], Meta(max_length=ABSENT_MAX)] = msgspec.field(default_factory=list)
+    """Tasks that robots which this one does not hear any more may be at."""
 
     def __post_init__(self) -> None:
         if self.ballot.robot != self.robot:

@@ -1,0 +1,68 @@
+"""Tasks that other robots do, hold or are about to begin, as they said last: who is cut off goes on with them."""
+
+from collections.abc import Container
+
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.messages.tasks.consensus_messages import ABSENT_MAX, TaskHeldBy, TeamBallot
+
+GOES_ON_S = 120.0
+"""How long a robot goes on with what it has begun while it hears neither a coordinator nor half of the team; its tasks
+are given to others 2 s later."""
+GIVEN_UP_NS = to_ns(GOES_ON_S + 2.0)
+"""Silence after which a robot has let go of its tasks."""
+HOLDERS_MAX = 1024
+"""Tasks whose holders are remembered (chosen: four times the open tasks that a robot knows)."""
+
+
+class Holders:
+    """Who has which task, and until when.
+
+    Args:
+        robot: whose memory it is; it knows itself what it does.
+
+    """
+
+    def __init__(self, robot: str) -> None:
+        self._robot = robot
+        self._until: dict[str, tuple[str, int]] = {}
+        """By task: who has it, and when that robot has let it go if nothing is heard of it."""
+
+    def hear(self, said: TeamBallot, present: Container[str], now_ns: int) -> bool:
+        """Take in what a robot says of itself, and of robots that this one does not hear; whether a task is new.
+
+        Args:
+            said: the robot's ballot.
+            present: robots that speak for themselves.
+            now_ns: the time.
+
+        """
+        before = self._until
+        mine = {held.id for held in said.held} | ({said.wants} if said.wants else set())
+        self._until = {task: one for task, one in before.items() if one[0] != said.robot and one[1] > now_ns}
+        for task in mine:
+            self._note(task, said.robot, now_ns + GIVEN_UP_NS)
+        for other in said.absent:
+            if other.robot not in (self._robot, said.robot) and other.robot not in present:
+                self._note(other.id, other.robot, now_ns + min(to_ns(other.left_s), GIVEN_UP_NS))
+        return not self._until.keys() <= before.keys()
+
+    def of(self, task_id: str, now_ns: int) -> str:
+        """Who has a task; empty if nobody is known to."""
+        robot, until_ns = self._until.get(task_id, ("", now_ns))
+        return robot if until_ns > now_ns else ""
+
+    def to_tell(self, present: Container[str], now_ns: int) -> list[TaskHeldBy]:
+        """The tasks of robots that are not there to say so."""
+        told = [
+            TaskHeldBy(id=task, robot=robot, left_s=to_seconds(until_ns - now_ns))
+            for task, (robot, until_ns) in sorted(self._until.items())
+            if robot not in present and until_ns > now_ns
+        ]
+        return told[:ABSENT_MAX]
+
+    def _note(self, task: str, robot: str, until_ns: int) -> None:
+        known = self._until.get(task)
+        if known is None and len(self._until) >= HOLDERS_MAX:
+            return
+        if known is None or until_ns > known[1]:
+            self._until[task] = (robot, until_ns)
