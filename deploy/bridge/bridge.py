@@ -15,6 +15,7 @@ import msgspec
 import zenoh
 
 from robrain.deploy.bridge.bridge_rules import ROBOT, BridgeRules, PassRule, Side, passable_query, passable_topic
+from robrain.deploy.bridge.waiting import Message, Waiting
 from robrain.protocol.wire.answers.asked import BY, ZenohQuery, answer_of
 from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.border.codec import BadPayload
@@ -33,7 +34,7 @@ MARK = b"robrain-bridge "
 HOPS_MAX = 8
 MARK_MAX = 4096
 WAITING_MAX = 4096
-"""Messages that wait to be carried; the oldest go first. Queries are refused above `QUERIES_MAX`."""
+"""Messages that wait to be carried, in each direction of a rule. Queries are refused above `QUERIES_MAX`."""
 QUERIES_MAX = 256
 
 
@@ -54,13 +55,6 @@ class Counts(msgspec.Struct, kw_only=True):
     """Messages of a robot of whose name the other side has one too."""
     dropped: int = 0
     """Messages that came faster than they could be carried."""
-
-
-class _Message(NamedTuple):
-    topic: Topic[Any]
-    key: str
-    payload: bytes
-    mark: bytes
 
 
 class _Asked(NamedTuple):
@@ -145,7 +139,7 @@ class _Way:
         self._here, self._there = present[rule.source], present[rule.target]
         self._robots = frozenset(rule.robots)
         self._border = Border(WallClock(), Refusals(WallClock()))
-        self._messages: deque[_Message] = deque()
+        self._messages = Waiting(WAITING_MAX)
         self._queries: deque[tuple[zenoh.Query, Query[Any, Any], bytes]] = deque()
         self._lock = threading.Lock()
         self._asked: list[_Asked] = []
@@ -155,7 +149,7 @@ class _Way:
 
     def step(self) -> None:
         with self._lock:
-            messages, self._messages = self._messages, deque()
+            messages = self._messages.take()
             queries, self._queries = self._queries, deque()
         for message in messages:
             self._carry(message)
@@ -182,16 +176,14 @@ class _Way:
             mark = b"" if sample.attachment is None else sample.attachment.to_bytes()
             payload = sample.payload.to_bytes()
             with self._lock:
-                if len(self._messages) >= WAITING_MAX:
-                    self._messages.popleft()
-                    self.counts.dropped += 1
-                self._messages.append(_Message(topic, str(sample.key_expr), payload, mark))
+                dropped = self._messages.put(Message(topic, str(sample.key_expr), payload, mark))
+                self.counts.dropped += dropped
             self.wake()
 
         callback: Any = zenoh.handlers.Callback(heard, indirect=False)
         return self._from.declare_subscriber(topic.selector(self._source.team), callback)
 
-    def _carry(self, message: _Message) -> None:
+    def _carry(self, message: Message) -> None:
         topic = message.topic
         received = self._border.read(topic, message.key, message.payload)
         if received is None:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 FILES = Path(__file__).parent
-FOLDERS = ("systemd", "container", "zenohd", "udev", "network", "time", "logs")
+FOLDERS = ("systemd", "container", "zenohd", "nginx", "udev", "network", "time", "logs")
 UPDATER = "robrain_update.py"
 
 
@@ -29,7 +29,7 @@ def write_files(folder: Path) -> list[Path]:
 
 
 def machine_files(folder: Annotated[Path, typer.Argument(help="Folder to make.")]) -> None:
-    """Write service units, router configuration, container, device, time and log files, and robrain-update."""
+    """Write service units, files for router, web server, containers, devices, time and logs, and robrain-update."""
     from robrain.deploy.commands.terminal import print_line
     from robrain.deploy.errors import UsageError
 
