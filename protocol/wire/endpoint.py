@@ -24,6 +24,7 @@ from robrain.protocol.wire.answers.asked import BY, Answer, Asked, ZenohQuery
 from robrain.protocol.wire.answers.later import Later, read_answer
 from robrain.protocol.wire.answers.replying import reply_deferred
 from robrain.protocol.wire.answers.trace import Traces
+from robrain.protocol.wire.answers.waiting_queries import WaitingQueries
 from robrain.protocol.wire.border.border import Border, Heard
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
@@ -120,7 +121,7 @@ class Endpoint:
         self._owner = threading.get_ident()
         self._link = _link(session, drive, party)
         self._declared_keys = DeclaredKeys(session)
-        self._pending: deque[_Waiting] = deque()
+        self._pending: WaitingQueries[_Waiting] = WaitingQueries(PENDING_QUERIES)
         self._closing = False
         self._workers = workers
         self._answering: list[Answering[tuple[Any, ...]]] = []
@@ -261,10 +262,12 @@ class Endpoint:
         while self._from_others and self._on_outside is not None:
             self._on_outside(*self._from_others.popleft())
         for _ in range(len(self._pending)):
-            query, topic, own_key, handler = self._pending.popleft()
+            if (waiting := self._pending.take()) is None:
+                break
+            query, topic = waiting[:2]
             if self._on_outside is not None and self.drive is Drive.LOCKSTEP and not topic.reads_only:
                 self._on_outside(query.selector, query.payload)
-            self._reply(query, topic, own_key, handler)
+            self._reply(*waiting)
 
     def note_outside(self, key: str, payload: bytes) -> None:
         """Something from another process reached a lockstep run; passed on at the next `serve()`."""
@@ -272,13 +275,13 @@ class Endpoint:
         self.has_waiting = True
 
     def _queue(self, *waiting: *_Waiting) -> None:
-        if len(self._pending) >= PENDING_QUERIES:
-            self._refuse(waiting[0], f"{PENDING_QUERIES} queries wait already")
-            return
-        self._pending.append(waiting)
+        signed = read_signed(waiting[0].key) if self._signing.covers(waiting[1]) else None
+        refused = self._pending.put("" if signed is None else str(signed.asker), waiting)
         self.has_waiting = True
         if self.on_waiting is not None:
             self.on_waiting()
+        if refused is not None:
+            self._refuse(refused[0], f"{PENDING_QUERIES} queries wait already")
 
     def _refuse(self, query: Asked, why: str) -> None:
         self.refused_queries += 1
@@ -454,8 +457,8 @@ class Endpoint:
         self._closing = True
         self._link.close()
         self._declared_keys.undeclare()
-        while self._pending:
-            self._reply(*self._pending.popleft())
+        while (waiting := self._pending.take()) is not None:
+            self._reply(*waiting)
         if self._shared is not None:
             self._shared.end()
             self._shared = None

@@ -6,8 +6,10 @@ import msgspec
 import pytest
 import zenoh
 
-from robrain.protocol.wire import endpoint as endpoint_module
+from robrain.protocol.wire.access.member import Member, MemberRole
+from robrain.protocol.wire.access.signing import Signing
 from robrain.protocol.wire.answers.lockstep_query import LockstepReplies
+from robrain.protocol.wire.answers.waiting_queries import WaitingQueries
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
@@ -254,8 +256,8 @@ def test_queries_from_outside_are_answered_in_the_order_they_came(wire):
     assert answered == ["a", "b", "c"]
 
 
-def test_when_too_many_wait_the_next_is_told_so(wire, monkeypatch):
-    monkeypatch.setattr(endpoint_module, "PENDING_QUERIES", 1)
+def test_when_too_many_wait_the_next_is_told_so(wire):
+    wire.robot._pending = WaitingQueries(1)
     wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
     key = ROBOT_PLUGINS.key("t", robot="r1")
     first = Asker(wire, key)
@@ -264,6 +266,32 @@ def test_when_too_many_wait_the_next_is_told_so(wire, monkeypatch):
     assert wire.robot.refused_queries == 1
     wire.robot.serve()
     assert not first.reply().is_error
+
+
+def test_in_a_secured_team_a_flood_of_one_member_keeps_no_other_out(wire):
+    wire.robot._pending = WaitingQueries(2)
+    wire.robot._signing = Signing(Member(MemberRole.ROBOT, "t", "r1"))
+    answered = []
+
+    def answer(request):
+        answered.append(str(request.asker))
+        return b"1"
+
+    wire.robot.answer(ROBOT_CALL, answer, robot="r1")
+
+    def ask(member, count):
+        key = ROBOT_CALL.key("t", **FOO).replace("robrain/t/", f"robrain/t/as/{member.replace(':', '/')}/")
+        asker = Asker(wire, key)
+        wait_for_queries(wire.robot, count)
+        return asker
+
+    flood = [ask("coordinator:hq", 1), ask("coordinator:hq", 2)]
+    assert ask("coordinator:hq", 2).error().code is ErrorCode.BUSY
+    ann = ask("operator:ann", 2)
+    assert flood[1].error().code is ErrorCode.BUSY
+    wire.robot.serve()
+    assert not ann.reply().is_error
+    assert answered == ["coordinator:hq", "operator:ann"]
 
 
 @pytest.mark.parametrize(
