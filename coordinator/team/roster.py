@@ -18,8 +18,9 @@ ROBOTS_UNSEEN_MAX = 32
 """Maximum number of names without a token so far (chosen: tokens arrive with the first state)."""
 FORGET_UNSEEN_NS = to_ns(10.0)
 """Such a name is forgotten after this much silence (chosen)."""
-LOST_AFTER_S = 1.0
-"""A robot that has said nothing for this long is not counted on, whatever its token says."""
+LOST_AFTER_S = 0.8
+"""A robot that has said nothing for this long, eight states, is not counted on, whatever its token says (chosen: with
+the time that its last state was under way, everybody knows within a second)."""
 _LOST_AFTER_NS = to_ns(LOST_AFTER_S)
 
 

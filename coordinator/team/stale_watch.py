@@ -27,11 +27,13 @@ class StaleWatch:
         self.found: list[TopicStale] = []
         """Stale topics as of the last look, by sender."""
         self._roster = roster
+        self._gone: set[str] = set()
+        """Of their senders, those that are not counted on any more."""
         self._due_ns = 0
         self._logged_ns: int | None = None
 
     def look(self, now_ns: int) -> bool:
-        """Look again, at most ten times a second; whether others are stale now than were before."""
+        """Look again, at most ten times a second; whether others are stale or gone than before."""
         if 0 < self._due_ns - now_ns <= LOOK_NS:
             return False
         self._due_ns = now_ns + LOOK_NS
@@ -41,7 +43,9 @@ class StaleWatch:
         if fresh and (self._logged_ns is None or not 0 <= now_ns - self._logged_ns < LOGGED_NS):
             self._logged_ns = now_ns
             logger.warning("stale: %s", "; ".join(map(words, fresh)))
-        return bool(fresh) or len(self.found) < len(before)
+        gone, robots = self._gone, self._roster.robots
+        self._gone = {found.sender for found in self.found if not robots[found.sender].is_up(now_ns)}
+        return bool(fresh) or len(self.found) < len(before) or self._gone != gone
 
     def _find(self, now_ns: int) -> list[TopicStale]:
         deadline_s = ROBOT_STATE.deadline_s

@@ -89,7 +89,7 @@ def test_nothing_speaks_against_a_robot_that_is_there_idle_and_has_what_it_takes
 
 def test_a_robot_that_is_silent_or_gone_is_not_asked(office: Office) -> None:
     office.add("t")
-    assert office.why_not(now_ns=NOW_NS + to_ns(1.0)) is None
+    assert office.why_not(now_ns=NOW_NS + to_ns(0.8)) is None
     assert office.why_not(now_ns=NOW_NS + to_ns(1.5)) == LostContact(1.5)
     office.roster.robots["r1"].has_token = False
     assert office.why_not() == Gone()

@@ -42,6 +42,14 @@ def test_robot_whose_state_is_older_than_three_periods_is_named_until_it_speaks_
     assert watch.found == []
 
 
+def test_robot_that_is_not_counted_on_any_more_is_told_at_once_and_once(roster):
+    watch = StaleWatch(roster)
+    assert watch.look(to_ns(1.5))
+    assert not watch.look(to_ns(1.79))
+    assert watch.look(to_ns(1.91))
+    assert not watch.look(to_ns(2.1))
+
+
 def test_robot_that_has_left_or_has_not_spoken_yet_is_not_stale(roster):
     comes(roster, "r3")
     goes(roster, "r2")
