@@ -1,14 +1,13 @@
 """Checks a journal or a backup of one: whether SQLite finds it whole, and whether its rows agree with each other."""
 
-import shutil
 import sqlite3
-import tempfile
 from contextlib import closing
 from pathlib import Path
 
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalError, JournalLocked
+from robrain.coordinator.journal.journal_copy import journal_copy
 from robrain.coordinator.journal.mending import read_record
 from robrain.coordinator.journal.schema import APPLICATION_ID, ENDED, VERSION, migrate
 
@@ -40,7 +39,8 @@ def check_journal(path: Path) -> JournalContents:
 
     Raises:
         JournalLocked: a coordinator has it open.
-        JournalError: it is not there, cannot be read, is none of ours, or was written by a newer robrain.
+        JournalError: it is not there, cannot be read, is none of ours, was written by a newer robrain, or there is no
+            room for the copy.
 
     """
     if not path.is_file():
@@ -48,20 +48,11 @@ def check_journal(path: Path) -> JournalContents:
     size_bytes = path.stat().st_size
     problems: list[str] = []
     _refuse_locked(path)
-    with tempfile.TemporaryDirectory(prefix="robrain-journal-") as folder:
-        copy = Path(folder) / "journal"
+    with journal_copy(path) as copy, closing(sqlite3.connect(copy, isolation_level=None)) as database:
         try:
-            for ending in ("", "-wal"):
-                beside = path.with_name(path.name + ending)
-                if beside.exists():
-                    shutil.copyfile(beside, copy.with_name(copy.name + ending))
-        except OSError as error:
-            raise JournalError(path, f"cannot be read: {error}") from error
-        with closing(sqlite3.connect(copy, isolation_level=None)) as database:
-            try:
-                return _contents(database, path, size_bytes, problems)
-            except sqlite3.DatabaseError as error:
-                problems.append(f"it is damaged: {error}")
+            return _contents(database, path, size_bytes, problems)
+        except sqlite3.DatabaseError as error:
+            problems.append(f"it is damaged: {error}")
     return JournalContents(path=path, bytes=size_bytes, problems=problems)
 
 

@@ -1,15 +1,14 @@
 """A damaged journal: it is put aside under another name, and what can be read of it is read, row by row."""
 
 import logging
-import shutil
 import sqlite3
-import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
+from robrain.coordinator.journal.journal_copy import journal_copy
 from robrain.coordinator.journal.schema import migrate
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
@@ -101,13 +100,8 @@ def _move_companions(path: Path, aside: Path) -> None:
 
 
 def read_what_can_be_read(path: Path) -> Salvaged:
-    """Rows of a damaged journal. It is not written to: a copy is read, for SQLite may change what it opens."""
-    with tempfile.TemporaryDirectory(prefix="robrain-journal-") as folder:
-        copy = Path(folder) / "journal"
-        for ending in COMPANIONS[:2]:
-            companion = path.with_name(path.name + ending)
-            if companion.exists():
-                shutil.copyfile(companion, copy.with_name(copy.name + ending))
+    """Rows of a damaged journal. It is not written to: a copy is read (JournalError if there is no room for one)."""
+    with journal_copy(path) as copy:
         connection = sqlite3.connect(copy, isolation_level=None)
         try:
             try:

@@ -261,7 +261,7 @@ def test_a_kill_in_the_middle_of_the_salvage_loses_nothing(
     with monkeypatch.context() as patch:
         patch.setattr(Path, "rename", deadly(Path.rename))
         patch.setattr(Path, "unlink", deadly(Path.unlink))
-        patch.setattr(salvage.shutil, "copyfile", deadly(shutil.copyfile))
+        patch.setattr(shutil, "copyfile", deadly(shutil.copyfile))
         try:
             Journal(path).close()
         except Killed:
