@@ -1,7 +1,7 @@
 """What `robrain pki` does: make a CA; issue, renew and revoke certificates; keep the routers' files up to date."""
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import msgspec
@@ -17,12 +17,13 @@ from robrain.deploy.pki.folder import (
     changing,
     folder_of,
     make_folder,
+    read_members,
     write_private,
     write_public,
 )
 from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, listening_of, zenohd_text
 from robrain.protocol.extras import missing_package
-from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, check_private
+from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, RENEW_BELOW, check_private
 from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.protocol.wire.keys import check_name
 
@@ -85,6 +86,17 @@ def renew(pki: Path, wanted: Member, now: datetime, days: float | None = None) -
         if known.revoked:
             raise PkiError(f"{pki / MEMBERS_FILE}: {wanted} is revoked, and gets no other certificate")
         return _issue(pki, members, wanted, now, known.days if days is None else days, tuple(known.hosts))
+
+
+def ends_soon(known: IssuedCertificate, now: datetime) -> bool:
+    """Whether a certificate has ended, or has less than a third of its life left."""
+    return known.not_after - now < timedelta(days=known.days) * RENEW_BELOW
+
+
+def renew_due(pki: Path, now: datetime) -> list[IssuedCertificate]:
+    """Renew the certificates that end soon, but those of revoked members; as long as the last ones."""
+    due = [one for one in read_members(pki / MEMBERS_FILE).members if not one.revoked and ends_soon(one, now)]
+    return [renew(pki, one.member, now) for one in due]
 
 
 def revoke(pki: Path, wanted: Member) -> IssuedCertificate:

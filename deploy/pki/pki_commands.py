@@ -58,13 +58,28 @@ def issue(
 
 @pki_app.command()
 def renew(
-    role: RoleArgument, name: NameArgument, pki: PkiOption = DEFAULT_PKI, team: OtherTeamOption = None,
+    role: Annotated[str, typer.Argument(help="Role of one member; default: all whose certificates soon end.")] = "",
+    name: Annotated[str, typer.Argument(help="Name of that member.")] = "",
+    pki: PkiOption = DEFAULT_PKI,
+    team: OtherTeamOption = None,
     days: DaysOption = None,
-) -> None:  # fmt: skip
-    """Issue a new certificate in place of the last one; processes take it up without a restart."""
+) -> None:
+    """Issue a new certificate in place of the last one; processes take it up without a restart.
+
+    Without a member: for all that have less than a third of their life left, but those that are revoked.
+    """
+    from robrain.deploy.errors import UsageError
     from robrain.deploy.pki import issuing
     from robrain.deploy.pki.folder import folder_of
 
+    if not role:
+        if team is not None or days is not None:
+            raise UsageError("--team, --days: expected ROLE and NAME beside them")
+        for one in issuing.renew_due(pki, datetime.now(UTC)):
+            say(f"{folder_of(pki, one.member)}: {one.member.common_name} until {one.not_after:%Y-%m-%d %H:%M} UTC")
+        return
+    if not name:
+        raise UsageError(f"expected ROLE and NAME, such as `robrain pki renew {role} NAME`, or neither")
     wanted = _member(pki, role, team, name)
     issued = issuing.renew(pki, wanted, datetime.now(UTC), days)
     say(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")

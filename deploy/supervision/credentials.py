@@ -3,14 +3,14 @@
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 
 from robrain.deploy.pki.errors import PkiError
-from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER, IssuedCertificate, folder_of, read_members
-from robrain.deploy.pki.issuing import init, issue, renew
+from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER, folder_of, read_members
+from robrain.deploy.pki.issuing import ends_soon, init, issue, renew
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY, Part
-from robrain.protocol.wire.access.identity import CERTIFICATE, RENEW_BELOW, TLS_VARIABLE, read_identity
+from robrain.protocol.wire.access.identity import CERTIFICATE, TLS_VARIABLE, read_identity
 from robrain.protocol.wire.access.member import Member, MemberRole, member
 
 NAMES = {
@@ -70,7 +70,7 @@ class Credentials:
             return []
         wanted = [self.member(part) for part in parts] + [member(MemberRole.OPERATOR, self.team, OPERATOR)]
         members = read_members(self.pki / MEMBERS_FILE)
-        due = [one for one in wanted if (known := members.find(one)) and not known.revoked and _ends_soon(known, now)]
+        due = [one for one in wanted if (known := members.find(one)) and not known.revoked and ends_soon(known, now)]
         for one in due:
             renew(self.pki, one, now)
         return [str(one) for one in due]
@@ -116,7 +116,7 @@ class Credentials:
         known = read_members(self.pki / MEMBERS_FILE).find(wanted)
         if known is None:
             issue(self.pki, wanted, now, hosts=hosts)
-        elif known.revoked or _ends_soon(known, now):  # a revoked one is refused there, in words
+        elif known.revoked or ends_soon(known, now):  # a revoked one is refused there, in words
             renew(self.pki, wanted, now)
         else:
             read_identity(self._folder_of(wanted), now)
@@ -129,10 +129,6 @@ class Credentials:
                     f"{folder / CERTIFICATE}: no such file, and no {CA_KEY} in {self.pki} to make it: "
                     f"`robrain pki issue {one.role} {one.name}` on the machine of the CA, then copy the folder here"
                 )
-
-
-def _ends_soon(known: IssuedCertificate, now: datetime) -> bool:
-    return known.not_after - now < timedelta(days=known.days) * RENEW_BELOW
 
 
 def now_utc() -> datetime:

@@ -9,9 +9,11 @@ import pytest
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
+from robrain.cli import app
+from robrain.deploy.errors import UsageError
 from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import MEMBERS_FILE, changing, folder_of, read_members
-from robrain.deploy.pki.issuing import init, issue, renew, revoke
+from robrain.deploy.pki.issuing import init, issue, renew, renew_due, revoke
 from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, listening_of
 from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, Identity, read_identity
 from robrain.protocol.wire.access.member import Member, MemberRole, member
@@ -65,6 +67,32 @@ def test_renewed_certificate_takes_the_place_of_the_last_and_lives_as_long(pki: 
     assert (folder_of(pki, ROUTER) / KEY).read_bytes() != old_key
     assert read_identity(folder_of(pki, ROUTER), later).not_after == second.not_after
     assert len(read_members(pki / MEMBERS_FILE).members) == 1
+
+
+def test_all_certificates_that_soon_end_are_renewed_and_those_of_the_revoked_are_not(pki: Path) -> None:
+    other, gone = member("robot", "blue", "r2"), member("operator", "blue", "eve")
+    for one, days in ((ROUTER, 30.0), (ROBOT, 6.0), (other, 3.0), (gone, 3.0)):
+        issue(pki, one, NOW, days=days)
+    revoke(pki, gone)
+    assert renew_due(pki, NOW + timedelta(days=1.9)) == []
+    later = NOW + timedelta(days=2.1)
+    assert [(one.member, one.not_after) for one in renew_due(pki, later)] == [(other, later + timedelta(days=3))]
+    assert renew_due(pki, later) == []
+    assert {one.member for one in renew_due(pki, NOW + timedelta(days=40))} == {ROUTER, ROBOT, other}
+
+
+@pytest.mark.parametrize("words", [["robot"], ["--days", "3"], ["--team", "blue"]])
+def test_renewal_says_what_is_missing(pki: Path, words: list[str]) -> None:
+    with pytest.raises(UsageError, match="ROLE and NAME"):
+        app(["pki", "renew", "--pki", str(pki), *words], standalone_mode=False)
+
+
+def test_renewal_without_a_member_names_whom_it_has_renewed(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    issue(pki, ROBOT, NOW - timedelta(days=4000))
+    issue(pki, ROUTER, datetime.now(UTC))
+    app(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith(f"{folder_of(pki, ROBOT)}: robot:blue:r1 until 20")
 
 
 def test_revoked_member_is_in_no_rules_and_gets_no_other_certificate(pki: Path) -> None:
