@@ -140,11 +140,11 @@ def test_a_robot_that_comes_back_with_an_old_epoch_is_told_to_stop(team, kept, r
     team.submit(visit())
     team.run(0.5)
     robot.speaks = False
-    team.run(0.9)
+    team.run(0.7)
     assert team.history("t1")[-1] is TaskState.RUNNING
     team.run(0.2)
     assert team.history("t1")[-1] is TaskState.LOST_CONTACT
-    team.run(1.0)  # 2.1 s of silence in all
+    team.run(1.2)  # 2.1 s of silence in all
     assert other.task.state is TaskState.RUNNING
     robot.speaks = True
     team.run(0.3)

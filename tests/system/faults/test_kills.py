@@ -57,7 +57,7 @@ def test_a_robot_whose_process_is_stopped_loses_its_task_and_is_told_to_stop_whe
         # After a stall of the coordinator's own the token may have gone by the time that it looks.
         silence = re.fullmatch(r"lost contact ([\d.]+) s ago|gone", lost.why)
         assert silence, lost
-        assert float(silence[1] or 1.0) >= 1.0, lost
+        assert float(silence[1] or 0.8) >= 0.8, lost
         assert freed.why == f"{stopped} is silent, and the lease ran out"
         assert freed.stamp_ns > lost.stamp_ns
         assert client.wait("t1", timeout_s=PATIENCE_S).state is TaskState.DONE
