@@ -191,7 +191,8 @@ def test_recording_says_what_is_missing_and_that_no_task_was_lost(hosts: TwoHost
     hosts.recorder.communicate(timeout=PATIENCE_S)
     verdict = json.loads(hosts.commands.run("check", RECORDING, "--json").stdout)
     gaps = {found["key"]: found for found in verdict["findings"] if found["kind"] == "gap"}
-    assert [found for found in verdict["findings"] if found["kind"] != "gap"] == []
+    # A restart is a note, not a problem: on a busy machine a robot's parts fall silent and are started anew.
+    assert [found for found in verdict["findings"] if found["kind"] not in ("gap", "restart")] == []
     for robot in ROBOTS:
         missing = re.match(r"\d+", gaps[f"robrain/default/robot/{robot}/state"]["text"])
         assert missing is not None
