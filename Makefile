@@ -7,6 +7,10 @@ WORKERS := $(shell $(PYTHON) -c "import os; print(min(os.cpu_count() or 1, 4) + 
 # Tests start hundreds of processes: without byte code each of them compiles 400 modules.
 unexport PYTHONDONTWRITEBYTECODE
 export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
+# Zenoh's own router, of the version of eclipse-zenoh here, is built once on a machine, not once in a clone.
+ZENOHD_VERSION := 1.10.2
+ZENOHD_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/robrain/zenohd-$(ZENOHD_VERSION)
+ZENOHD := $(ZENOHD_ROOT)/bin/zenohd
 
 .PHONY: demo test browser kernels test-rust check docs reference bench figures soak endurance mutants format install clean
 
@@ -33,15 +37,23 @@ browser: ## Chromium for the dashboard's tests, from the distribution's packages
 kernels: install ## compiled once, before many tests at a time need them
 	@$(BIN)/python -c "from robrain.deploy.run.kernels import prepare_kernels; prepare_kernels()"
 
-test-rust: install ## the plugin in Rust, built (for minutes, once) and run
+test-rust: install ## the plugin in Rust, and secured teams on zenohd; both are built, for minutes, once
 	@if command -v cargo >/dev/null; then \
 		cargo build --release --manifest-path examples/rust_plugin/Cargo.toml && \
-		$(BIN)/python -m pytest examples/rust_plugin/test_gauge.py $(ARGS); \
+		$(BIN)/python -m pytest examples/rust_plugin/test_gauge.py $(ARGS) && \
+		$(MAKE) --no-print-directory $(ZENOHD) && \
+		ROBRAIN_ZENOHD=$(ZENOHD) $(BIN)/python -m pytest $(ON_ZENOHD) $(ARGS); \
 	elif [ -n "$$CI" ]; then \
 		echo "test-rust: there is no cargo here; CI must have one (https://rustup.rs)" >&2; exit 1; \
 	else \
 		echo "test-rust: skipped, there is no cargo here (https://rustup.rs)"; \
 	fi
+
+ON_ZENOHD := tests/system/attacks/test_attacks.py tests/system/attacks/test_payloads.py tests/system/faults/test_router_chain.py
+
+$(ZENOHD):
+	cargo install --quiet --locked zenohd --version $(ZENOHD_VERSION) --root $(ZENOHD_ROOT) \
+		--no-default-features --features zenoh/transport_tcp,zenoh/transport_tls
 
 check: install
 	$(BIN)/ruff check .

@@ -21,7 +21,7 @@ from robrain.deploy.pki.folder import (
     write_private,
     write_public,
 )
-from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, listening_of, zenohd_text
+from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, endpoints_of, zenohd_text
 from robrain.protocol.extras import missing_package
 from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, RENEW_BELOW, check_private
 from robrain.protocol.wire.access.member import Member, MemberRole
@@ -166,8 +166,8 @@ def _write_members(pki: Path, members: MembersFile) -> None:
         folder = folder_of(pki, one.member)
         if one.member.role is MemberRole.ROUTER and not one.revoked and folder.is_dir():
             write_private(folder / MEMBERS_FILE, text)
-            endpoints = listening_of(folder / ZENOHD_FILE)
-            write_private(folder / ZENOHD_FILE, zenohd_text(members.allowed, endpoints).encode())
+            text_of_zenohd = zenohd_text(members.allowed, one.member, endpoints_of(folder / ZENOHD_FILE))
+            write_private(folder / ZENOHD_FILE, text_of_zenohd.encode())
 
 
 def _need_cryptography(where: Path) -> None:

@@ -119,11 +119,15 @@ def router(
     listen: Annotated[
         str | None, typer.Option(help="Endpoint, tls/HOST:PORT; default: tls/127.0.0.1:7447, this machine alone.")
     ] = None,
+    connect: Annotated[
+        str | None, typer.Option(help="Endpoints of other routers of the same CA, tls/HOST:PORT, separated by commas.")
+    ] = None,
 ) -> None:
     """Run a router that lets each certificate do what its role may: `robrain --tls FOLDER router`."""
     from robrain.deploy.pki.router import router_command
+    from robrain.protocol.wire.hub import given_endpoints
 
-    router_command(None, listen)
+    router_command(None, listen, given_endpoints(connect or ""))
 
 
 def _member(pki: Path, role: str, team: str | None, name: str) -> "Member":

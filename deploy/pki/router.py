@@ -1,7 +1,7 @@
 """`robrain router`: a Zenoh router that lets each certificate do what its role may, and nothing else."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,6 +18,8 @@ from robrain.protocol.wire.session import check_endpoint, is_loopback, is_secure
 
 DEFAULT_LISTEN = "tls/127.0.0.1:7447"
 READY_PREFIX = "router: at "
+RETRY = {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
+"""Another router may come later than this one, or go and come back."""
 LOOK_S = 0.2
 WATCHED = (MEMBERS_FILE, CERTIFICATE)
 """Files of its folder with whose change the router opens its session anew."""
@@ -29,18 +31,21 @@ class SecuredRouter:
     Args:
         folder: the router's, made by `robrain pki issue router NAME`.
         listen: endpoint, `tls/HOST:PORT`.
+        connect: endpoints of other routers of the same CA; what is not there is tried again and again.
 
     Raises:
-        PkiError: the folder is not a router's.
+        PkiError: the folder is not a router's, or an endpoint is a plain one.
         WireError: the certificate cannot be used, or the endpoint not be listened on.
 
     """
 
-    def __init__(self, folder: Path, listen: str = DEFAULT_LISTEN) -> None:
-        if not is_secured(check_endpoint(listen)):
-            raise PkiError(f"--listen {listen}: expected tls/HOST:PORT")
+    def __init__(self, folder: Path, listen: str = DEFAULT_LISTEN, connect: Sequence[str] = ()) -> None:
+        for option, endpoint in (("--listen", listen), *(("--connect", one) for one in connect)):
+            if not is_secured(check_endpoint(endpoint)):
+                raise PkiError(f"{option} {endpoint}: expected tls/HOST:PORT")
         self.folder = folder
         self.listen = listen
+        self.connect = tuple(connect)
         self._stamps = self._files()  # before they are read: what changes meanwhile is read again
         identity, self._rules = self._settings()
         self._is_open = False
@@ -85,8 +90,9 @@ class SecuredRouter:
             self.session.close()
 
     def _open(self, identity: Identity) -> zenoh.Session:
-        more = {"access_control": self._rules}
-        session = open_session(mode="router", listen=[self.listen], identity=identity, more=more)
+        more = {"access_control": self._rules, **RETRY}
+        connect = self.connect
+        session = open_session(mode="router", connect=connect, listen=[self.listen], identity=identity, more=more)
         self._is_open = True
         return session
 
@@ -99,7 +105,7 @@ class SecuredRouter:
         check_private(self.folder / MEMBERS_FILE)  # whoever can change it decides who may do what
         allowed = read_members(self.folder / MEMBERS_FILE).allowed
         self.members = sum(one.role is not MemberRole.ROUTER for one in allowed)
-        return identity, access_control(allowed)
+        return identity, access_control(allowed, identity.member)
 
     def _files(self) -> dict[str, tuple[int, int]]:
         found = {}
@@ -110,12 +116,13 @@ class SecuredRouter:
         return found
 
 
-def router_command(folder: Path | None, listen: str | None) -> None:
+def router_command(folder: Path | None, listen: str | None, connect: Sequence[str] = ()) -> None:
     """Run a router until Ctrl-C.
 
     Args:
         folder: the router's; None uses that of `--tls` or ROBRAIN_TLS.
         listen: endpoint; None listens on loopback alone.
+        connect: endpoints of other routers.
 
     Raises:
         RobrainError: in one sentence.
@@ -125,12 +132,13 @@ def router_command(folder: Path | None, listen: str | None) -> None:
     if folder is None:
         raise PkiError("give the router's folder: `robrain --tls pki/members/router.NAME router`")
     should_stop = LiveStop()
-    router = SecuredRouter(folder, listen or DEFAULT_LISTEN)
+    router = SecuredRouter(folder, listen or DEFAULT_LISTEN, connect)
     said = ""
     try:
         if listen and not is_loopback(listen):
             note(f"router: other machines can reach {listen}; they need a certificate of this CA")
-        tell(f"{READY_PREFIX}{router.endpoint}, {router.members} members may connect; Ctrl-C ends it")
+        others = f"joined to {', '.join(connect)}, " if connect else ""
+        tell(f"{READY_PREFIX}{router.endpoint}, {others}{router.members} members may connect; Ctrl-C ends it")
         should_stop.ready()
         while not should_stop():
             time.sleep(LOOK_S)

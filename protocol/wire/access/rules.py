@@ -5,7 +5,7 @@ member is allowed for its whole team where the router sends it only to those who
 *from* a member is allowed row by row. `**` does not cover `@adv`, under which lossless topics keep their samples.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from robrain.protocol.wire.access.member import Member, MemberRole
@@ -21,20 +21,29 @@ ROWS: tuple[WireKey, ...] = (*TOPICS, HOST_VERB)
 ADVANCED = "@adv/**"
 """Where publishers of lossless topics keep samples, announce themselves and number what they have sent."""
 SAID = ("put", "delete")
+MESSAGES = (
+    *SAID, "query", "reply", "declare_subscriber", "declare_queryable",
+    "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
+)  # fmt: skip
+"""All that Zenoh has rules for."""
 
 
-def access_control(members: Iterable[Member]) -> dict[str, Any]:
+def access_control(members: Iterable[Member], router: Member | None = None) -> dict[str, Any]:
     """The `access_control` part of a Zenoh router's configuration: default deny, and the rules of each member.
 
-    Members that are not named, as those whose certificates are revoked, may connect and do nothing.
+    Members that are not named, as those whose certificates are revoked, may connect and do nothing. Other routers pass
+    on what their members say: each router judges those that connect to it.
+
+    Args:
+        members: those that may take part, routers included.
+        router: the one that the rules are for; None is any.
+
     """
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     subjects: list[dict[str, Any]] = []
-    for one in sorted(set(members)):
-        if one.role is MemberRole.ROUTER:
-            continue
-        own = rules_of(one)
+    for one in sorted(set(members) - {router}):
+        own = rules_of(one) if one.role is not MemberRole.ROUTER else _rules_of_router(one)
         rules += own
         subjects.append({"id": one.common_name, "cert_common_names": [one.common_name]})
         policies.append({"rules": [rule["id"] for rule in own], "subjects": [one.common_name]})
@@ -62,17 +71,22 @@ def rules_of(member: Member) -> list[dict[str, Any]]:
         ("egress", ("declare_subscriber", "declare_queryable", "query", "liveliness_token"), team),
         ("egress", ("liveliness_query", "declare_liveliness_subscriber"), team),
     )
-    return [
-        {
-            "id": f"{member.common_name} {flow} {' '.join(messages)}",
-            "permission": "allow",
-            "flows": [flow],
-            "messages": list(messages),
-            "key_exprs": sorted(set(keys)),
-        }
-        for flow, messages, keys in parts
-        if keys
-    ]
+    return [_rule(member, flow, messages, keys) for flow, messages, keys in parts if keys]
+
+
+def _rules_of_router(router: Member) -> list[dict[str, Any]]:
+    """It carries everything of all teams of its CA, both ways."""
+    return [_rule(router, flow, MESSAGES, (f"{ROOT}/**", f"{ROOT}/**/{ADVANCED}")) for flow in ("ingress", "egress")]
+
+
+def _rule(member: Member, flow: str, messages: Sequence[str], keys: Iterable[str]) -> dict[str, Any]:
+    return {
+        "id": f"{member.common_name} {flow} {' '.join(messages)}",
+        "permission": "allow",
+        "flows": [flow],
+        "messages": list(messages),
+        "key_exprs": sorted(set(keys)),
+    }
 
 
 def key_of(member: Member, action: Action, row: WireKey) -> str | None:

@@ -14,7 +14,7 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import MEMBERS_FILE, changing, folder_of, read_members
 from robrain.deploy.pki.issuing import init, issue, renew, renew_due, revoke
-from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, listening_of
+from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, Endpoints, endpoints_of
 from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, Identity, read_identity
 from robrain.protocol.wire.access.member import Member, MemberRole, member
 from robrain.protocol.wire.errors import BadName, WireError
@@ -125,12 +125,13 @@ def test_renewal_that_overlaps_a_revocation_does_not_undo_it(pki: Path) -> None:
 def test_endpoints_that_were_changed_in_the_configuration_of_zenohd_stay(pki: Path) -> None:
     issue(pki, ROUTER, NOW)
     file = folder_of(pki, ROUTER) / ZENOHD_FILE
-    file.write_text(file.read_text().replace("tls/127.0.0.1:7447", "tls/0.0.0.0:7447"))
+    text = file.read_text().replace("tls/127.0.0.1:7447", "tls/0.0.0.0:7447")
+    file.write_text(text.replace('"connect": {\n  "endpoints": []', '"connect": {"endpoints": ["tls/10.0.0.6:7447"]'))
     issue(pki, ROBOT, NOW)
-    assert listening_of(file) == ("tls/0.0.0.0:7447",)
+    assert endpoints_of(file) == Endpoints(("tls/0.0.0.0:7447",), ("tls/10.0.0.6:7447",))
     assert ROBOT.common_name in file.read_text()
     file.write_text("{")
-    assert listening_of(file) == ("tls/127.0.0.1:7447",)
+    assert endpoints_of(file) == Endpoints()
 
 
 def test_configuration_of_zenohd_denies_by_default_and_asks_for_certificates(pki: Path) -> None:

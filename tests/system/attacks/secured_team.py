@@ -21,6 +21,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.session import open_session
 from tests.system.conftest import Commands
+from tests.system.routers import start_router
 
 TEAM, OTHER_TEAM = "blue", "green"
 MEMBERS = (
@@ -54,8 +55,7 @@ class SecuredTeam:
         manifest.write_text(manifest.read_text().replace("[tag]", EXCLUSIVE))
         self._sessions: dict[Member, zenoh.Session] = {}
         self._wires: list[Endpoint] = []
-        router = self._start("router site", "router", "--listen", "tls/127.0.0.1:0")
-        self.endpoint = Commands.line_with(router, "members may connect").split()[2].rstrip(",")
+        self.endpoint = start_router(self.commands, self.pki, member_named("router site")).endpoint
         self.coordinator = self._start("coordinator hq", "coordinator", "--team", TEAM)
         self.agent = self._start("robot r1", "agent", "r1.toml")
         Commands.line_with(self.coordinator, "of team")

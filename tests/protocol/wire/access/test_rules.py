@@ -179,5 +179,15 @@ def test_who_is_not_named_may_do_nothing() -> None:
         assert _allowed(Member(ROB, TEAM, "revoked"), action, _key(row, OWN, None)) == {False}
 
 
-def test_router_has_no_rules_of_its_own() -> None:
-    assert access_control([Member(MemberRole.ROUTER, TEAM, "site")])["subjects"] == []
+def test_router_has_no_rules_of_its_own_and_carries_everything_of_other_routers() -> None:
+    site, hall = (Member(MemberRole.ROUTER, TEAM, name) for name in ("site", "hall"))
+    assert access_control([site], site)["subjects"] == []
+    rules = access_control([site, hall], site)
+    assert {subject["id"] for subject in rules["subjects"]} == {hall.common_name}
+    messages = itertools.chain.from_iterable(MESSAGES.values())
+    for row, message, flow in itertools.product(ROWS, messages, ("ingress", "egress")):
+        key = _key(row, OWN, MEMBERS_OF_TEAM[OP])
+        assert allows(rules, hall.common_name, flow, message, key)
+        assert allows(rules, hall.common_name, flow, message, f"{key}/@adv/pub/1/1/_")
+        assert not allows(rules, hall.common_name, flow, message, "other/key")
+        assert not allows(rules, hall.common_name, flow, message, "@/1/router")

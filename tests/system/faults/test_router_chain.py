@@ -1,0 +1,141 @@
+"""Two routers of one secured team, joined: members of either are one team, and go to the other when theirs dies."""
+
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+
+import psutil
+import pytest
+import zenoh
+
+from robrain.deploy.pki.folder import folder_of
+from robrain.deploy.pki.issuing import init, issue
+from robrain.protocol.wire.access.identity import read_identity
+from robrain.protocol.wire.access.member import Member, member
+from robrain.protocol.wire.session import open_session
+from tests.system.conftest import Commands
+from tests.system.routers import Router, start_router
+from tests.waiting import until
+
+pytestmark = pytest.mark.system
+TEAM = "blue"
+SITE, HALL = member("router", TEAM, "site"), member("router", TEAM, "hall")
+HQ, ROBOT = member("coordinator", TEAM, "hq"), member("robot", TEAM, "r1")
+ANN, VIC = member("operator", TEAM, "ann"), member("viewer", TEAM, "vic")
+WITNESS = member("coordinator", TEAM, "witness")
+SOON_S = 0.5
+"""For what is sent through both routers to arrive, where it must not."""
+BACK_S = 10.0
+
+
+class Chain:
+    """Coordinator at router `site`; robot r1 at router `hall`, with `site` as its second."""
+
+    def __init__(self, commands: Commands) -> None:
+        self.commands, self.pki = commands, commands.folder / "pki"
+        init(self.pki, TEAM, datetime.now(UTC))
+        for who in (SITE, HALL, HQ, ROBOT, ANN, VIC, WITNESS):
+            issue(self.pki, who, datetime.now(UTC))
+        self.site = start_router(commands, self.pki, SITE)
+        self.hall = start_router(commands, self.pki, HALL, connect=[self.site.endpoint])
+        tls = ("--tls", str(folder_of(self.pki, HQ)))
+        coordinator = commands.start(*tls, "coordinator", "--team", TEAM, "--connect", self.site.endpoint)
+        commands.line_with(coordinator, "of team")
+        (commands.folder / "r1.toml").write_text(
+            '[robot]\nname = "r1"\nteam = "blue"\nload = ["counter", "command"]\n'
+            f'[zenoh]\nconnect = ["{self.hall.endpoint}", "{self.site.endpoint}"]\n'
+            f'[zenoh.tls]\nfolder = "{folder_of(self.pki, ROBOT)}"\n'
+        )
+        self.agent = commands.start("agent", "r1.toml")
+        commands.line_with(self.agent, "r1 is up")
+
+    def say(self, who: Member, router: Router, *words: str) -> str:
+        """What a command of somebody at a router says."""
+        tls = ("--tls", str(folder_of(self.pki, who)))
+        ended = self.commands.run(*tls, *words, "--team", TEAM, "--connect", router.endpoint)
+        return ended.stdout + ended.stderr
+
+    def connected_to(self, router: Router) -> bool:
+        """Whether the robot is this router's client."""
+        port = int(router.endpoint.rpartition(":")[2])
+        links = psutil.Process(self.agent.pid).net_connections("tcp")
+        return any(link.raddr and link.raddr.port == port and link.status == psutil.CONN_ESTABLISHED for link in links)
+
+    def session(self, who: Member, router: Router) -> "closing[zenoh.Session]":
+        return _session(self.pki, who, router)
+
+
+def _session(pki: Path, who: Member, router: Router) -> "closing[zenoh.Session]":
+    return closing(open_session(connect=[router.endpoint], identity=read_identity(folder_of(pki, who))))
+
+
+@pytest.fixture
+def chain(commands: Commands) -> Iterator[Chain]:
+    return Chain(commands)
+
+
+def test_members_of_two_routers_are_one_team(chain: Chain) -> None:
+    for router in (chain.site, chain.hall):
+        until(lambda router=router: "r1 up" in chain.say(VIC, router, "status"), "r1 is not seen", pause_s=0.2)
+        assert "1 of 1 robots halted" in chain.say(ANN, router, "halt")
+        assert "1 of 1 robots resumed" in chain.say(ANN, router, "resume")
+
+
+@pytest.mark.parametrize(("who", "key"), [(VIC, "as/operator/ann/halt"), (VIC, "robot/r1/state"), (ANN, "task/event")])
+def test_what_one_router_forbids_does_not_come_to_the_other(chain: Chain, who: Member, key: str) -> None:
+    heard: list[bytes] = []
+    heard_by = f"robrain/{TEAM}/{key}".replace("operator/ann", "*/*")
+    with chain.session(WITNESS, chain.site) as witness, chain.session(who, chain.hall) as attacker:
+        subscriber = witness.declare_subscriber(heard_by, lambda sample: heard.append(sample.payload.to_bytes()))
+        time.sleep(SOON_S)
+        attacker.put(f"robrain/{TEAM}/{key}", b"planted")
+        time.sleep(SOON_S)
+        subscriber.undeclare()
+    assert b"planted" not in heard
+
+
+def test_robot_goes_to_the_other_router_when_its_own_dies(chain: Chain) -> None:
+    heard_s: list[float] = []
+    with chain.session(WITNESS, chain.site) as witness:
+        witness.declare_subscriber(f"robrain/{TEAM}/robot/r1/state", lambda _: heard_s.append(time.monotonic()))
+        until(lambda: heard_s, "no state is heard")
+        assert chain.connected_to(chain.hall)
+        chain.hall.process.kill()
+        chain.hall.process.wait()
+        killed_s = time.monotonic()
+        until(lambda: chain.connected_to(chain.site), "it does not go to the other")
+        until(lambda: heard_s[-1] > time.monotonic() - 0.05, "no state is heard any more")
+    assert time.monotonic() - killed_s < BACK_S
+    hall = start_router(chain.commands, chain.pki, HALL, [chain.site.endpoint], chain.hall.endpoint)
+    until(lambda: "1 of 1 robots halted" in chain.say(ANN, hall, "halt"), "r1 is not reached", pause_s=0.2)
+    assert "1 of 1 robots resumed" in chain.say(ANN, hall, "resume")
+    assert chain.agent.poll() is None
+
+
+def test_router_comes_before_the_one_that_it_connects_to(commands: Commands) -> None:
+    pki = commands.folder / "pki"
+    init(pki, TEAM, datetime.now(UTC))
+    for who in (SITE, HALL, ANN):
+        issue(pki, who, datetime.now(UTC))
+    site = start_router(commands, pki, SITE)
+    site.process.terminate()
+    site.process.wait()
+    hall = start_router(commands, pki, HALL, connect=[site.endpoint])
+    site = start_router(commands, pki, SITE, at=site.endpoint)
+    heard: list[zenoh.Sample] = []
+    key = f"robrain/{TEAM}/as/operator/ann/halt"
+    with _session(pki, ANN, site) as one, _session(pki, ANN, hall) as other:
+        one.declare_subscriber(key, heard.append)
+        until(lambda: heard, "the routers never met", step=lambda: other.put(key, b"x"))
+
+
+def test_plain_endpoint_of_another_router_is_refused(commands: Commands) -> None:
+    pki = commands.folder / "pki"
+    init(pki, TEAM, datetime.now(UTC))
+    issue(pki, SITE, datetime.now(UTC))
+    tls = ("--tls", str(folder_of(pki, SITE)))
+    ended = commands.run(*tls, "router", "--listen", "tls/127.0.0.1:0", "--connect", "tcp/127.0.0.1:1")
+    assert ended.returncode == 2
+    assert "--connect tcp/127.0.0.1:1: expected tls/HOST:PORT" in ended.stderr
