@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, say
+from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, print_json, say
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
@@ -91,6 +91,7 @@ def _words(found: "JournalContents") -> str:
 
 
 def _print(value: object, text: str, *, as_json: bool) -> None:
-    import msgspec
-
-    say(msgspec.json.encode(value, enc_hook=str).decode() if as_json else text)
+    if as_json:
+        print_json(value)
+    else:
+        say(text)

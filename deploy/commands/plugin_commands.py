@@ -137,10 +137,9 @@ def _name_or_path(text: str) -> str:
 
 def _show(infos: "list[PluginInfo]") -> None:
     from rich.console import JustifyMethod
-    from rich.markup import escape
     from rich.table import Table
 
-    from robrain.deploy.commands.terminal import results
+    from robrain.deploy.commands.terminal import cell, results
 
     headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")
     rows = [
@@ -162,7 +161,7 @@ def _show(infos: "list[PluginInfo]") -> None:
         justify: JustifyMethod = "right" if headings[index] == "functions" else "left"
         table.add_column(headings[index], justify=justify, overflow="fold")
     for row in rows:
-        table.add_row(*(escape(row[index]) for index in said))
+        table.add_row(*(cell(row[index]) for index in said))
     results().print(table)
     for info in infos:
         if info.detail:

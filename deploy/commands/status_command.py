@@ -7,7 +7,6 @@ import msgspec
 from robrain.client.members import team_found
 from robrain.deploy.processes.live_process import client_session, live_endpoint, tell
 from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
@@ -64,14 +63,14 @@ def show_status(found: TeamStatus) -> None:
     """Print which members of a team are present."""
     tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
     if found.stand_by is not None:
-        tell(f"  {safe_text(found.stand_by.words)}")
+        tell(f"  {found.stand_by.words}")
     for name in found.robots:
         tell(f"  {name} up")
     if found.mote_field is not None:
         tell(f"  {found.mote_field.words}")
     for name, refused in found.refused.items():
         for one in refused:
-            tell(f"  {name} refused {safe_text(one.words)}")
+            tell(f"  {name} refused {one.words}")
 
 
 def _told(inbox: Inbox, members: int) -> tuple[dict[str, list[Refusal]], MoteFieldState | None, StandByStatus | None]:

@@ -37,10 +37,15 @@ def print_json(value: object) -> None:
     """Anything that has a place on the wire, as one line of JSON."""
     import msgspec
 
-    say(msgspec.json.encode(value).decode())
+    from robrain.protocol.wire.border.safe_text import safe_json
+
+    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
+    sys.stdout.flush()
 
 
 def say(text: str) -> None:
-    """One line on stdout, at once."""
-    sys.stdout.write(text + "\n")
+    """Lines on stdout, at once; control characters are made harmless."""
+    from robrain.protocol.wire.border.safe_text import safe_lines
+
+    sys.stdout.write(safe_lines(text) + "\n")
     sys.stdout.flush()

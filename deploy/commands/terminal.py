@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from robrain.deploy.processes.live_process import tell
-from robrain.protocol.wire.border.safe_text import safe_text
+from robrain.protocol.wire.border.safe_text import safe_lines, safe_text
 
 PLAIN_WIDTH = 200
 """Width of a table written to a file or pipe, in columns."""
@@ -22,12 +22,17 @@ NAME = "robrain"
 
 def say(text: str) -> None:
     """Print a line on stderr; foreign text is shown without markup, and its control characters are made harmless."""
-    console.print(escape("\n".join(map(safe_text, text.split("\n")))), soft_wrap=True)
+    console.print(escape(safe_lines(text)), soft_wrap=True)
+
+
+def cell(text: str) -> str:
+    """Foreign text for a cell of a table: without markup, and safe as by `say`."""
+    return escape(safe_text(text))
 
 
 def print_line(text: str) -> None:
     """Print a line of the result on stdout, unbuffered; made safe as by `say`."""
-    tell("\n".join(map(safe_text, text.split("\n"))))
+    tell(text)
 
 
 def results() -> Console:

@@ -13,6 +13,7 @@ from typing import NoReturn
 import msgspec
 
 from robrain.deploy.errors import UsageError
+from robrain.protocol.wire.border.safe_text import safe_json, safe_lines, safe_text
 
 FORMAT_VARIABLE = "ROBRAIN_LOG_FORMAT"
 OPTION = "--log-format"
@@ -65,7 +66,19 @@ class JsonLines(logging.Formatter):
         }
         if record.exc_info:
             fields["traceback"] = self.formatException(record.exc_info)
-        return msgspec.json.encode({name: value for name, value in fields.items() if value != ""}).decode()
+        return safe_json(msgspec.json.encode({name: value for name, value in fields.items() if value != ""}))
+
+
+class SafeLines(logging.Formatter):
+    """Formats each record as one line, and its traceback below it, in which nothing steers a terminal."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 (logging calls it so)
+        """The line: a message from the wire cannot pass for two."""
+        return safe_text(super().formatMessage(record))
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line and the traceback."""
+        return safe_lines(super().format(record))
 
 
 def plugin_of(thread: str) -> str:
@@ -101,7 +114,7 @@ def set_up_logs(words: list[str]) -> list[str]:
         _complain(chosen)
     os.environ[FORMAT_VARIABLE] = chosen  # processes that this one starts do the same
     handler = logging.StreamHandler()
-    handler.setFormatter(JsonLines(CONTEXT) if chosen == "json" else logging.Formatter(TEXT))
+    handler.setFormatter(JsonLines(CONTEXT) if chosen == "json" else SafeLines(TEXT))
     logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)
     return rest
 

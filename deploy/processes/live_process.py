@@ -8,12 +8,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from typing import NamedTuple
 
+import msgspec
 import zenoh
 
 from robrain.client.transport import open_client_session
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.lifeline import Lifeline
 from robrain.deploy.processes.secured_start import warn_of_listening
+from robrain.protocol.wire.border.safe_text import safe_json, safe_lines
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, PortTaken
@@ -135,14 +137,20 @@ def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
 
 
 def tell(text: str) -> None:
-    """Print a line of the command's result on stdout, unbuffered."""
-    sys.stdout.write(text + "\n")
+    """Print a line of the command's result on stdout, unbuffered; control characters are made harmless."""
+    sys.stdout.write(safe_lines(text) + "\n")
+    sys.stdout.flush()
+
+
+def tell_json(value: object) -> None:
+    """Print a value as a line of JSON on stdout, unbuffered; control characters are escaped."""
+    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
     sys.stdout.flush()
 
 
 def note(text: str) -> None:
-    """Print a line about progress on stderr."""
-    sys.stderr.write(text + "\n")
+    """Print a line about progress on stderr; control characters are made harmless."""
+    sys.stderr.write(safe_lines(text) + "\n")
     sys.stderr.flush()
 
 

@@ -13,7 +13,7 @@ import msgspec
 from rich.live import Live
 
 from robrain.deploy.commands.terminal import console, print_line
-from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, tell
+from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, tell_json
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER, PartView
 from robrain.deploy.supervision.part_table import drawn, lines_of
 from robrain.deploy.supervision.process_figures import ProcessFigures
@@ -182,7 +182,7 @@ def _showing(*, prints_once: bool) -> Iterator[Callable[[str, list[Member]], Non
 
 def _print(members: list[Member], *, as_json: bool) -> None:
     if as_json:
-        tell(msgspec.json.encode(members).decode())
+        tell_json(members)
         return
     for line in lines_of([_view(member) for member in members]):
         print_line(line)

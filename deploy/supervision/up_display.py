@@ -10,7 +10,7 @@ from rich.live import Live
 
 from robrain.deploy.commands.terminal import both_at_a_terminal, clock_of, console, print_line, say
 from robrain.deploy.processes.forwarder_words import said
-from robrain.deploy.processes.live_process import tell
+from robrain.deploy.processes.live_process import tell_json
 from robrain.deploy.supervision.part import PartEvent
 from robrain.deploy.supervision.part_table import drawn
 from robrain.deploy.supervision.up import TeamStatus, UpDisplay, UpResult
@@ -159,4 +159,4 @@ def _warn_of_taken(endpoint: str, taken: str) -> None:
 
 
 def _print(event: HubEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult) -> None:
-    tell(msgspec.json.encode(event).decode())
+    tell_json(event)

@@ -21,10 +21,9 @@ def words_of(change: Any) -> str:
 
 def show_table(records: list[Any]) -> None:
     """Tasks as a table."""
-    from rich.markup import escape
     from rich.table import Table
 
-    from robrain.deploy.commands.terminal import results
+    from robrain.deploy.commands.terminal import cell, results
 
     table = Table(box=None, pad_edge=False)
     for heading in ("task", "kind", "state", "robot", "priority", "by", "why"):
@@ -32,5 +31,5 @@ def show_table(records: list[Any]) -> None:
     for record in records:
         task = record.task
         row = (task.id, task.kind, record.state, record.robot, f"{task.priority:g}", record.by, record.why)
-        table.add_row(*map(escape, row))
+        table.add_row(*map(cell, row))
     results().print(table)

@@ -28,6 +28,15 @@ def safe_text(text: str, limit: int | None = None) -> str:
     return shown if limit is None or len(shown) <= limit else shown[: limit - 1] + CUT
 
 
+def safe_lines(text: str) -> str:
+    r"""The same for a text of our own with several lines.
+
+    >>> safe_lines("r1:\n  \x1b]0;title\x07")
+    'r1:\n  \\x1b]0;title\\x07'
+    """
+    return "\n".join(map(safe_text, text.split("\n")))
+
+
 def safe_html(text: str, limit: int | None = None) -> str:
     r"""The same for a page: a text node or the value of a quoted attribute, and nothing else.
 
