@@ -93,5 +93,6 @@ def _words(found: "JournalContents") -> str:
 def _print(value: object, text: str, *, as_json: bool) -> None:
     if as_json:
         print_json(value)
-    else:
-        say(text)
+        return
+    for line in text.split("\n"):
+        say(line)

@@ -15,6 +15,7 @@ from prompt_toolkit.history import FileHistory, History, InMemoryHistory
 from robrain.agent.host.command_door import answer_question, usage, visible_to_command
 from robrain.agent.host.text_command import Question, parse_command
 from robrain.client.team import Team
+from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.processes.live_process import tell
 from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
@@ -177,7 +178,7 @@ def _execute(commands: RemoteCommands, line: str) -> bool:
         tell(f"error: {error}")
         return False
     if answer:
-        tell(answer)
+        print_line(answer)
     return True
 
 

@@ -44,8 +44,8 @@ def print_json(value: object) -> None:
 
 
 def say(text: str) -> None:
-    """Lines on stdout, at once; control characters are made harmless."""
-    from robrain.protocol.wire.border.safe_text import safe_lines
+    """One line on stdout, at once; line breaks and control characters in it are shown."""
+    from robrain.protocol.wire.border.safe_text import safe_text
 
-    sys.stdout.write(safe_lines(text) + "\n")
+    sys.stdout.write(safe_text(text) + "\n")
     sys.stdout.flush()

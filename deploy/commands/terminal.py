@@ -32,7 +32,8 @@ def cell(text: str) -> str:
 
 def print_line(text: str) -> None:
     """Print a line of the result on stdout, unbuffered; made safe as by `say`."""
-    tell(text)
+    for line in text.split("\n"):
+        tell(line)
 
 
 def results() -> Console:

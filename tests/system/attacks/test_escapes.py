@@ -98,7 +98,7 @@ class EvilRobot:
 
     @staticmethod
     def _fail(_: object) -> None:
-        raise CallError(ErrorCode.FAILED, "r1", EVIL)
+        raise CallError(ErrorCode.FAILED, EVIL, EVIL)
 
 
 @pytest.fixture
