@@ -1,6 +1,7 @@
 """TCP socket: the text form over TCP, a command a line and an answer a line, with a thread for each client."""
 
 import logging
+import math
 import select
 import selectors
 import socket
@@ -8,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import partial
 
 import msgspec
 
@@ -16,6 +18,7 @@ from robrain.agent.plugin import Unit, external, unlocked
 from robrain.plugins.device.command.conversation import Conversation, as_line
 from robrain.plugins.device.command.interface import CommandInterface
 from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import ErrorCode
 
@@ -24,6 +27,10 @@ logger = logging.getLogger(__name__)
 MAX_PORT = 65535
 
 RECEIVED_BYTES = 4096
+FIRST_COMMAND_S = 1.0
+"""A client that has given no command for so long makes room for another when all places are taken."""
+TELL_S = 10.0
+"""Between two warnings that all places are taken."""
 SEND_TIMEOUT_S = 5.0
 """A client that takes no answer for so long is cut off."""
 ACCEPT_PAUSE_S = 0.1
@@ -31,8 +38,20 @@ CLOSE_TIMEOUT_S = 2.0
 """A command that takes longer when the server closes is left behind."""
 
 
+class _Client:
+    """One that is connected."""
+
+    def __init__(self, thread: threading.Thread) -> None:
+        self.thread = thread
+        self.since_s = time.monotonic()
+        self.has_spoken = False
+        """Whether it has ever given a whole command."""
+
+
 class LineServer:
     """Listens from the moment it is made until `close`.
+
+    When all places are taken, one that has never given a command makes room for the next; nobody else does.
 
     Args:
         host: address to listen on.
@@ -50,7 +69,10 @@ class LineServer:
         self._execute = execute
         self._max_clients = max_clients
         self._idle_s = idle_s
-        self._clients: dict[socket.socket, threading.Thread] = {}
+        self._clients: dict[socket.socket, _Client] = {}
+        self.refused = 0
+        """How many were cut off because all places were taken."""
+        self._told_s = -math.inf
         self._guard = threading.Lock()
         self._closing = False
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -76,9 +98,9 @@ class LineServer:
             clients = dict(self._clients)
             for client in clients:
                 _cut_off(client)
-        for thread in clients.values():
-            if thread is not threading.current_thread():  # a client may have asked for the end
-                thread.join(max(deadline_s - time.monotonic(), 0.0))
+        for one in clients.values():
+            if one.thread is not threading.current_thread():  # a client may have asked for the end
+                one.thread.join(max(deadline_s - time.monotonic(), 0.0))
 
     def _accept(self) -> None:
         with self._listener, self._woken, selectors.DefaultSelector() as selector:
@@ -86,21 +108,23 @@ class LineServer:
             selector.register(self._woken, selectors.EVENT_READ)
             while self._woken not in [key.fileobj for key, _ in selector.select()]:
                 try:
-                    client, _ = self._listener.accept()
+                    client, address = self._listener.accept()
                 except OSError as error:  # that client has gone, or there are too many open files
                     logger.warning("no connection on port %d: %s", self.port, error)
                     if select.select([self._woken], [], [], ACCEPT_PAUSE_S)[0]:
                         return
                     continue
-                self._welcome(client)
+                self._welcome(client, str(address[0]))
 
-    def _welcome(self, client: socket.socket) -> None:
+    def _welcome(self, client: socket.socket, host: str) -> None:
         with self._guard:
+            if len(self._clients) >= self._max_clients:
+                self._refuse(host)
             if not self._closing and len(self._clients) < self._max_clients:
                 thread = threading.Thread(
                     target=self._serve, args=(client,), name=f"tcp-{self.port}-client", daemon=True
                 )
-                self._clients[client] = thread
+                self._clients[client] = _Client(thread)
                 thread.start()
                 return
         with client:
@@ -110,8 +134,31 @@ class LineServer:
             except OSError:
                 logger.info("a client that was too many has gone")
 
+    def _refuse(self, host: str) -> None:
+        """Count and tell that all places are taken; the oldest client that has never given a command loses its own."""
+        self.refused += 1
+        now_s = time.monotonic()
+        if now_s - self._told_s >= TELL_S:
+            self._told_s = now_s
+            logger.warning(
+                "port %d: %d clients are connected, which are all that may be; another came from %s (%d so far)",
+                self.port,
+                len(self._clients),
+                safe_text(host),
+                self.refused,
+            )
+        silent = (
+            client
+            for client, one in self._clients.items()
+            if not one.has_spoken and now_s - one.since_s >= FIRST_COMMAND_S
+        )
+        oldest = next(silent, None)  # a dict keeps the order in which they came
+        if oldest is not None:
+            del self._clients[oldest]
+            _cut_off(oldest)
+
     def _serve(self, client: socket.socket) -> None:
-        conversation = Conversation(self._execute)
+        conversation = Conversation(partial(self._spoken, client))
         try:
             with client:
                 while received := self._receive(client):
@@ -122,6 +169,13 @@ class LineServer:
         finally:
             with self._guard:
                 self._clients.pop(client, None)
+
+    def _spoken(self, client: socket.socket, text: str) -> str:
+        with self._guard:
+            one = self._clients.get(client)
+            if one is not None:
+                one.has_spoken = True
+        return self._execute(text)
 
     def _receive(self, client: socket.socket) -> bytes:
         client.settimeout(self._idle_s)
@@ -203,3 +257,10 @@ class TcpSocket(Unit):
         """Number of connected clients."""
         server = self._server
         return server.clients if server is not None else 0
+
+    @external
+    @unlocked
+    def refused(self) -> int:
+        """Number of clients that came when all places were taken."""
+        server = self._server
+        return server.refused if server is not None else 0

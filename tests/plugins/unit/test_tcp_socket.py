@@ -179,11 +179,11 @@ def test_a_command_that_hangs_does_not_hold_up_the_end(monkeypatch):
     with Client(plugin) as client:
         client.send(b"wait\n")
         assert command.begun.wait(PATIENCE_S)
-        (thread,) = plugin._server._clients.values()
+        (one,) = plugin._server._clients.values()
         plugin.deactivate()
         command.may_end.set()
-        thread.join(PATIENCE_S)
-        assert not thread.is_alive()
+        one.thread.join(PATIENCE_S)
+        assert not one.thread.is_alive()
 
 
 def test_reactivation_listens_again_on_the_same_port():

@@ -99,14 +99,36 @@ def text_port() -> Iterator[TcpSocket]:
     plugin.deactivate()
 
 
-def test_500_sockets_on_a_robots_text_port_are_bounded_and_leave_nothing_behind(text_port: TcpSocket) -> None:
+def asks(client: socket.socket, text: bytes = b"hello") -> bytes:
+    """The answer; empty if the other side has ended."""
+    try:
+        client.sendall(text + b"\n")
+        with client.makefile("rb") as answers:
+            return answers.readline()
+    except OSError:
+        return b""
+
+
+def test_500_sockets_on_a_robots_text_port_are_bounded_and_leave_nothing_behind(
+    text_port: TcpSocket, caplog: pytest.LogCaptureFixture
+) -> None:
     port = text_port.port()
     before = descriptors()
-    with many(port, b"", b"half a li") as clients:
-        until(lambda: sum(map(is_closed, clients)) >= SOCKETS - 32, "more are connected than may be")
-        assert text_port.clients() <= 32
-    until(lambda: text_port.clients() == 0)
     with socket.create_connection(("127.0.0.1", port), timeout=SOON_S) as client:
-        client.sendall(b"hello\n")
-        assert client.makefile("rb").readline() == b"ok hello\n"
+        assert asks(client) == b"ok hello\n"
+        with many(port, b"", b"half a li") as clients:
+            until(lambda: sum(map(is_closed, clients)) >= SOCKETS - 32, "more are connected than may be")
+            assert text_port.clients() <= 32
+            assert asks(client) == b"ok hello\n"  # who has given a command keeps its place
+            until(lambda: _is_let_in(port), "those that say nothing keep everybody out")
+        assert text_port.refused() >= SOCKETS - 32
+        until(lambda: text_port.clients() == 1)
+    told = [record.getMessage() for record in caplog.records if "another came from" in record.getMessage()]
+    assert 1 <= len(told) < 5
+    assert "32 clients are connected, which are all that may be; another came from 127.0.0.1" in told[0]
     until(lambda: descriptors() <= before + 5)
+
+
+def _is_let_in(port: int) -> bool:
+    with socket.create_connection(("127.0.0.1", port), timeout=SOON_S) as client:
+        return asks(client) == b"ok hello\n"
