@@ -490,6 +490,7 @@ class Coordinator:
                 rules=UNSET if self.rules is None else self.rules.status(),
                 mote_field=self.mote_field.state or UNSET,
                 stand_by=UNSET if self.feed is None else self.feed.status(self.fence.reason),
+                unwritable=self.tasks.journal.failing or UNSET,
                 last_change=self.tasks.last_change,
             )
         )

@@ -22,10 +22,9 @@ import msgspec
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.disk_sync import DiskSync, Sync
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
-from robrain.coordinator.journal.mending import read_reason, read_record
+from robrain.coordinator.journal.journal_reading import JournalReading
 from robrain.coordinator.journal.replica import NUMBERED, alarm_rows, put_alarms, put_aside, put_entry, put_task
 from robrain.coordinator.journal.salvage import (
-    CHANGE_COLUMNS,
     Malformed,
     anew_path,
     is_damage,
@@ -34,10 +33,8 @@ from robrain.coordinator.journal.salvage import (
     take_its_place,
     write_anew,
 )
-from robrain.coordinator.journal.schema import ENDED, migrate
-from robrain.protocol.model.tasks.old_form import upgraded_json
-from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskChange, TaskFilter, TaskRecord
+from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, migrate
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask
 
 logger = logging.getLogger(__name__)
@@ -52,7 +49,7 @@ KEPT_ASKED = 100_000
 PRUNE_EVERY = 500
 
 
-class Journal:
+class Journal(JournalReading):
     """Where a coordinator writes down what must not be lost.
 
     Args:
@@ -75,9 +72,9 @@ class Journal:
         sync: Sync = os.fdatasync,
         lock_timeout_s: float | None = None,
     ) -> None:
-        self.path = path
-        self.wrong: dict[str, str] = {}
-        """Open tasks that could be read only in part, by id, with the reason; they cannot be done as requested."""
+        super().__init__(path)
+        self.failing = ""
+        """Why the last change could not be written, in words; empty once one could."""
         self.told: list[str] = []
         """What there is to tell of the opening: a damaged file, and what of it was read."""
         self.on_written: Callable[[JournalEntry], None] | None = None
@@ -299,93 +296,6 @@ class Journal:
         """The open connection, for backups, which read it on a thread of their own."""
         return self._db
 
-    # -- reading --------------------------------------------------------------------------------------------
-
-    def open_records(self) -> list[TaskRecord]:
-        """The tasks that have not ended, in the order in which they were accepted."""
-        return self._records(f"SELECT record FROM task WHERE state NOT IN {ENDED} ORDER BY number")
-
-    def find(self, task_id: str) -> TaskRecord | None:
-        """A task as it stands; None if there is none of that id."""
-        return next(iter(self._records("SELECT record FROM task WHERE id = ?", task_id)), None)
-
-    def asked(self, task_id: str) -> bytes:
-        """What was asked for when the task was accepted, word by word but for its form, which is today's."""
-        row = self._db.execute("SELECT asked FROM task WHERE id = ?", (task_id,)).fetchone()
-        return b"" if row is None else upgraded_json(str(row[0]).encode())
-
-    def select(self, wanted: TaskFilter) -> list[TaskRecord]:
-        """The last tasks that match, in the order in which they were accepted."""
-        where, values = ["1"], list[str]()
-        for column, given in (("state", wanted.states), ("kind", wanted.kinds), ("robot", [wanted.robot])):
-            texts = [str(text) for text in given if text]
-            if texts:
-                where.append(f"{column} IN ({', '.join('?' * len(texts))})")
-                values += texts
-        if wanted.by:
-            where.append("json_extract(record, '$.by') = ?")
-            values.append(wanted.by)
-        if not wanted.own:
-            where.append("own = 0")
-        text = f"SELECT record FROM task WHERE {' AND '.join(where)} ORDER BY number DESC LIMIT {max(0, wanted.limit)}"
-        return self._records(text, *values)[::-1]
-
-    def history(self, task_id: str, limit: int = 100) -> list[TaskChange]:
-        """The last changes of a task, oldest first."""
-        rows = self._db.execute(
-            f"SELECT number, {CHANGE_COLUMNS} FROM change WHERE task = ? ORDER BY number DESC LIMIT ?", (task_id, limit)
-        ).fetchall()
-        return [
-            TaskChange(number=number, stamp_ns=stamp_ns, state=TaskState(state), robot=robot, epoch=epoch, why=why,
-                       reason=read_reason(reason))
-            for number, _, stamp_ns, state, robot, epoch, why, reason in reversed(rows)
-        ]  # fmt: skip
-
-    def was_offered(self, task_id: str, robot: str, epoch: int) -> bool:
-        """Whether this task was ever offered to that robot with that epoch."""
-        found = self._db.execute(
-            "SELECT 1 FROM change WHERE task = ? AND robot = ? AND epoch = ? AND state = ?",
-            (task_id, robot, epoch, TaskState.OFFERED),
-        ).fetchone()
-        return found is not None
-
-    def last_changed(self, count: int) -> list[TaskRecord]:
-        """The tasks that changed last, each as it stands, the latest change at the end."""
-        rows = self._db.execute(
-            "SELECT task FROM change GROUP BY task ORDER BY max(number) DESC LIMIT ?", (count,)
-        ).fetchall()
-        return [record for (task_id,) in reversed(rows) if (record := self.find(task_id)) is not None]
-
-    def last_change(self) -> int:
-        """The number of the last change; 0 if there was none."""
-        return int(self._db.execute("SELECT coalesce(max(number), 0) FROM change").fetchone()[0])
-
-    def count(self, state: TaskState) -> int:
-        """How many tasks are in a state."""
-        (found,) = self._db.execute("SELECT count(*) FROM task WHERE state = ?", (state,)).fetchone()
-        return int(found)
-
-    def alarms(self) -> list[Alarm]:
-        """What rules have made tasks for."""
-        rows = self._db.execute("SELECT rule, source, taken_ns, fired_ns, is_armed FROM alarm ORDER BY rule, source")
-        return [
-            Alarm(rule, source, taken_ns, fired_ns, bool(armed)) for rule, source, taken_ns, fired_ns, armed in rows
-        ]
-
-    def _records(self, statement: str, *values: str) -> list[TaskRecord]:
-        records = []
-        for (text,) in self._db.execute(statement, values):
-            try:
-                record, wrong = read_record(text)
-            except (msgspec.DecodeError, UnicodeDecodeError) as error:
-                logger.warning("%s: a task in it cannot be read and is left as it is: %s: %.200s",
-                               self.path, error, text)  # fmt: skip
-                continue
-            if wrong and not record.state.ended:
-                self.wrong[record.task.id] = wrong
-            records.append(record)
-        return records
-
     # -- within ---------------------------------------------------------------------------------------------
 
     def _put_alarm(self, alarm: Alarm) -> None:
@@ -411,9 +321,12 @@ class Journal:
             self._db.execute("BEGIN IMMEDIATE")
             yield
             self._db.execute("COMMIT")
+            self.failing = ""
         except sqlite3.OperationalError as error:
             self._roll_back()
-            raise JournalUnwritable(self.path, f"cannot be written: {error}") from error
+            unwritable = JournalUnwritable(self.path, f"cannot be written: {error}")
+            self.failing = str(unwritable)
+            raise unwritable from error
         except BaseException:  # the block's own error, or Ctrl-C: no transaction may stay open
             self._roll_back()
             raise

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from robrain.coordinator.journal.alarm import Alarm
-from robrain.coordinator.journal.salvage import CHANGE_COLUMNS
+from robrain.coordinator.journal.schema import CHANGE_COLUMNS
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.messages.team.standing_messages import JournalAlarm, JournalEntry, JournalTask
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.journal.journal_copy import journal_copy
-from robrain.coordinator.journal.schema import migrate
+from robrain.coordinator.journal.schema import CHANGE_COLUMNS, migrate
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
@@ -20,7 +20,6 @@ MISSES_MAX = 5000
 """So many numbers in a row without a row that can be read: there is nothing more (chosen). Only where the highest
 number itself cannot be read."""
 TASK_COLUMNS = "id, state, robot, record, kind, own, asked"
-CHANGE_COLUMNS = "task, stamp_ns, state, robot, epoch, why, reason"
 
 
 class Salvaged(NamedTuple):

@@ -12,6 +12,7 @@ from robrain.coordinator.journal.errors import JournalError
 APPLICATION_ID = 0x726F6272
 """`robr` in ASCII: by this a file is known to be a journal (https://sqlite.org/fileformat.html#application_id)."""
 
+CHANGE_COLUMNS = "task, stamp_ns, state, robot, epoch, why, reason"
 ENDED = "('done', 'failed', 'cancelled')"
 
 MIGRATIONS: tuple[str, ...] = (

@@ -9,11 +9,16 @@ from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import HaltStatus
 from robrain.protocol.wire.topics import COORDINATOR_HALT, HALT
+
+TELL_AGAIN_NS = to_ns(0.1)
+"""Between two summaries for a robot that has not heard of a halt. With two of three messages lost, nine of ten such
+robots have heard after 0.6 s (by calculation), and after 3 s at the summaries' own period."""
 
 
 class HaltWatch:
@@ -33,6 +38,7 @@ class HaltWatch:
         self._arrivals = Inbox()
         self._guard = RecordGuard(wire.refusals)
         self._told: list[str] = []
+        self._told_ns = 0
         wire.subscribe(self._arrivals, HALT)
         wire.answer(COORDINATOR_HALT, self._answer)
 
@@ -42,13 +48,23 @@ class HaltWatch:
         return self._latch.is_held
 
     def hear(self) -> bool:
-        """Follow what has come; True if there is news for the team."""
+        """Follow what has come; True if the team is to be told: there is news, or a robot has not heard of the halt."""
         heard = self._arrivals.drain() if self._arrivals.has_some else []
         if not heard and not self.is_halted:
             return False
         self._guard.messages(heard, self._take)
-        stopped, self._told = self._told, self._stopped(self._clock.now_ns())
-        return bool(heard) or (self.is_halted and stopped != self._told)
+        now_ns = self._clock.now_ns()
+        stopped, self._told = self._told, self._stopped(now_ns)
+        is_told = bool(heard) or (self.is_halted and (stopped != self._told or self._is_to_be_told_again(now_ns)))
+        if is_told:
+            self._told_ns = now_ns
+        return is_told
+
+    def _is_to_be_told_again(self, now_ns: int) -> bool:
+        """Whether a robot that is there does not say that it is halted: summaries may be lost on their way to it."""
+        if 0 <= now_ns - self._told_ns < TELL_AGAIN_NS:
+            return False
+        return any(robot.state is not None and not robot.state.halted for robot in self._roster.up(now_ns))
 
     def _take(self, received: Received) -> None:
         halt = received.message

@@ -10,7 +10,7 @@ from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.team.team_messages import StandByStatus
+from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 STATE_S = 1.0
@@ -32,6 +32,8 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     stand_by: StandByStatus | None = None
     """The coordinator that stands by with a journal of its own; absent if there is none."""
+    unwritable: str = ""
+    """Why the coordinator takes no tasks: its journal cannot be written; absent if it can."""
 
 
 def status_of(connect: str | None, team: str) -> TeamStatus:
@@ -48,20 +50,23 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         found = team_found(wire)
         if not found.robots and not found.coordinator:
             raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
-        refused, field, stand_by = _told(inbox, len(found.robots) + found.coordinator)
+        refused, summary = _told(inbox, len(found.robots) + found.coordinator)
     return TeamStatus(
         team=team,
         coordinator=found.coordinator,
         robots=found.robots,
         refused=refused,
-        mote_field=field,
-        stand_by=stand_by,
+        mote_field=None if summary is None else summary.mote_field or None,
+        stand_by=None if summary is None else summary.stand_by or None,
+        unwritable="" if summary is None else summary.unwritable or "",
     )
 
 
 def show_status(found: TeamStatus) -> None:
     """Print which members of a team are present."""
     tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
+    if found.unwritable:
+        tell(f"  the coordinator takes no tasks: {found.unwritable}")
     if found.stand_by is not None:
         tell(f"  {found.stand_by.words}")
     for name in found.robots:
@@ -73,19 +78,15 @@ def show_status(found: TeamStatus) -> None:
             tell(f"  {name} refused {one.words}")
 
 
-def _told(inbox: Inbox, members: int) -> tuple[dict[str, list[Refusal]], MoteFieldState | None, StandByStatus | None]:
-    """What members have refused, the motes' state, and who stands by, as far as they publish it within `STATE_S`."""
+def _told(inbox: Inbox, members: int) -> tuple[dict[str, list[Refusal]], TeamState | None]:
+    """What members have refused, and the coordinator's summary, as far as they publish it within `STATE_S`."""
     told: dict[str, list[Refusal]] = {}
-    field: MoteFieldState | None = None
-    stand_by: StandByStatus | None = None
+    summary: TeamState | None = None
     until_s = time.monotonic() + STATE_S
     while len(told) < members and time.monotonic() < until_s:
         for received in inbox.drain():
             refused = received.message.refused
             told[received.names.get("robot", COORDINATOR)] = refused if isinstance(refused, list) else []
-            of_motes = getattr(received.message, "mote_field", None)
-            standing = getattr(received.message, "stand_by", None)
-            stand_by = standing if isinstance(standing, StandByStatus) else stand_by
-            field = of_motes if isinstance(of_motes, MoteFieldState) else field
+            summary = received.message if isinstance(received.message, TeamState) else summary
         time.sleep(POLL_S)
-    return {name: refused for name, refused in sorted(told.items()) if refused}, field, stand_by
+    return {name: refused for name, refused in sorted(told.items()) if refused}, summary

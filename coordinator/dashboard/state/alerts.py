@@ -48,6 +48,8 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
     if view.rejected:
         found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
     if view.team is not None:
+        if view.team.unwritable and view.coordinator_up and not view.is_replay:
+            found.append(Alert(Level.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}"))
         found += _of_stale(view, view.team, now_s)
         found += _of_refusals("Coordinator", view.team.refused)
     found += _of_refusals("Dashboard", view.refused)

@@ -60,7 +60,8 @@ class Halts(InvariantJudge):
         super().__init__(surroundings, start_ns)
         self._robots: dict[str, _Robot] = {}
         self._latch = HaltLatch()
-        self._has_truth = self._has_summaries = False
+        self._has_truth = False
+        self._summary_ns: int | None = None
 
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
@@ -84,12 +85,15 @@ class Halts(InvariantJudge):
         if self._latch.is_held != was_held:
             self.cases += self._latch.is_held
             self._begin_anew()
-        if not self._has_summaries and self._latch.is_held:
+        if self._summary_ns is None and self._latch.is_held:
             for robot in self._robots.values():
                 robot.in_contact_ns = robot.in_contact_ns or time_ns
 
     def _take_summary(self, summary: TeamState, time_ns: int) -> None:
-        self._has_summaries = True
+        was_away = self._summary_ns is not None and time_ns - self._summary_ns > SILENT_NS
+        self._summary_ns = time_ns
+        if was_away:  # it could tell nobody
+            self._begin_anew()
         status = summary.halt
         if status is None or not status.halted:
             self._begin_anew()
@@ -120,6 +124,8 @@ class Halts(InvariantJudge):
 
     def _take_state(self, state: RobotState, time_ns: int) -> None:
         robot = self._robots.setdefault(state.robot, _Robot())
+        if self._summary_ns is None and time_ns - robot.heard_ns > SILENT_NS:
+            robot.in_contact_ns = None  # it was away, and nobody is there to tell it what it has missed
         robot.heard_ns = time_ns
         if state.halted:
             robot.obeys = True
@@ -135,7 +141,7 @@ class Halts(InvariantJudge):
             if not self._has_truth:
                 self._judge_own(robot, state, time_ns)
             robot.halted_ns = robot.resumed_ns = robot.own = None
-        if not self._has_summaries and self._latch.is_held:
+        if self._summary_ns is None and self._latch.is_held:
             self._judge_heeding(state.robot, robot, ", ".join(self._latch.holders), time_ns)
 
     def _halted(self, robot: _Robot, state: RobotState, time_ns: int) -> None:

@@ -99,6 +99,8 @@ class TaskKept(InvariantJudge):
         if self._changes.has_gap or self._may_lack:  # what is open, and at whom, is not known
             self._since_ns.clear()
             return
+        if summary.unwritable:  # it may change nothing that it cannot write
+            self._since_ns.clear()
         if self._is_complete:
             self._compare_counts(summary, time_ns)
         self._look_for_abandoned(summary, time_ns)

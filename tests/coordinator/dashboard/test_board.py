@@ -154,6 +154,16 @@ def test_alerts_name_what_is_wrong_the_worst_first() -> None:
     assert alert.text == "rejected 3 × robot_state from robot/r9/state (malformed): no pose"
 
 
+def test_journal_that_cannot_be_written_is_the_worst_alert_while_the_coordinator_is_there() -> None:
+    view = TeamView()
+    view.coordinator_up = True
+    view.team = TeamState(robots=[], unwritable="team.journal: cannot be written: database or disk is full")
+    (alert,) = alerts_of(view, 0.0)
+    assert alert == (Level.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}")
+    view.coordinator_up = False
+    assert alerts_of(view, 0.0) == []
+
+
 def test_stale_topics_and_lost_samples_are_alerts() -> None:
     view = TeamView()
     view.robots["r1"] = RobotView("r1", 0, present=True, heard_s=9.0)

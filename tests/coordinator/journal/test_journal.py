@@ -273,13 +273,16 @@ def fill_up(journal: Journal) -> int:
 def test_on_a_full_disk_nothing_is_half_written_and_what_is_there_stays(path: Path) -> None:
     journal = Journal(path)
     record = journal.accept(queued("t1"), ASKED)
+    assert journal.failing == ""
     room = fill_up(journal)
     with pytest.raises(JournalUnwritable, match=r"team\.journal: cannot be written: database or disk is full"):
         journal.accept(queued("big", by="x" * 5000))
+    assert "disk is full" in journal.failing
     assert journal.find("big") is None
     assert len(journal.open_records()) == 1 + room
     journal._db.execute("PRAGMA max_page_count = 100000")
     assert journal.accept(queued("later")).change > record.change
+    assert journal.failing == ""
     change(journal, record, TaskState.DONE)
     journal.close()
     again = Journal(path)

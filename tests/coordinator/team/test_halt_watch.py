@@ -62,6 +62,27 @@ def test_each_halt_and_each_stop_of_a_robot_is_news_once(team: Team) -> None:
     assert [team.watch.hear() for _ in range(2)] == [True, False]
 
 
+def test_robot_that_has_not_heard_of_a_halt_is_told_again_ten_times_a_second(team: Team) -> None:
+    team.say(halted=False)
+    team.halt("ann")
+    told = []
+    for _ in range(100):
+        team.clock.advance_to(team.clock.now_ns() + to_ns(0.02))
+        team.say(halted=False)
+        told.append(team.watch.hear())
+    assert sum(told) == 20
+    team.say(halted=True)
+    assert team.watch.hear() is True
+    for _ in range(10):
+        team.clock.advance_to(team.clock.now_ns() + to_ns(0.02))
+        assert team.watch.hear() is False
+    team.say(halted=False)
+    assert team.watch.hear() is True
+    team.clock.advance_to(team.clock.now_ns() + to_ns(5.0))  # it is not there any more: nobody is to be told
+    team.watch.hear()
+    assert team.watch.hear() is False
+
+
 def test_end_of_a_halt_is_news_and_what_robots_do_after_it_is_none(team: Team) -> None:
     team.say(halted=True)
     team.halt("ann")

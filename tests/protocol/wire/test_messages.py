@@ -218,6 +218,7 @@ EXAMPLES = [
         halt=HALTED,
         stale=[TopicStale("robot_state", "r2", 0.42, 0.3)],
         stand_by=STAND_BY,
+        unwritable="the disk is full",
         refused=REFUSED,
         rules=[
             rule_messages.RuleStatus(

@@ -126,6 +126,8 @@ class TeamState(Message, frozen=True, kw_only=True):
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     stand_by: StandByStatus | msgspec.UnsetType = msgspec.UNSET
     """The coordinator that stands by with a journal of its own; absent if there was none."""
+    unwritable: Text | msgspec.UnsetType = msgspec.UNSET
+    """Why its journal could not be written the last time; absent if it could. No task is accepted meanwhile."""
     last_change: Count = 0
     """Number of the last change of a task; who has not heard of all up to it may ask for the tasks."""
 

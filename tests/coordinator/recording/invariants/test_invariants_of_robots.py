@@ -244,6 +244,33 @@ def test_without_a_coordinator_the_halt_itself_counts() -> None:
     assert [type(found) for found in told.found(Invariant.HALTS)] == [HaltIgnored]
 
 
+def test_a_robot_is_not_in_contact_while_its_coordinator_is_away() -> None:
+    told = with_robot()
+    told.pass_time(1.0)
+    told.halt_team()
+    told.pass_time(1.0)
+    told.has_coordinator = False
+    told.pass_time(5.0)
+    told.has_coordinator = True
+    told.pass_time(1.9)
+    assert told.found(Invariant.HALTS) == []
+    told.pass_time(2.0)
+    assert [type(found) for found in told.found(Invariant.HALTS)] == [HaltIgnored]
+
+
+@pytest.mark.parametrize(("away_s", "is_broken"), [(0.5, True), (3.0, False)])
+def test_without_a_coordinator_nobody_tells_a_robot_that_was_away(away_s: float, *, is_broken: bool) -> None:
+    told = with_robot()
+    told.has_coordinator = False
+    told.pass_time(1.0)
+    state = told.states.pop("r1")
+    told.halt_team()
+    told.pass_time(away_s)
+    told.states["r1"] = state
+    told.pass_time(5.0)
+    assert bool(told.found(Invariant.HALTS)) == is_broken
+
+
 @pytest.mark.parametrize(("moved_m", "is_broken"), [(0.2, False), (1.5, True)])
 def test_without_ground_truth_the_poses_before_and_after_a_halt_count(moved_m: float, *, is_broken: bool) -> None:
     told = Told()

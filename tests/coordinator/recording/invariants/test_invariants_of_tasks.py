@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import UNSET
 
 from robrain.coordinator.recording.invariants.findings import (
     DoneAgain,
@@ -156,6 +157,19 @@ def test_a_task_whose_robot_does_not_report_it_is_abandoned() -> None:
     [found] = told.found(Invariant.TASK_KEPT)
     assert isinstance(found, TaskAbandoned)
     assert (found.task, found.robot, found.state) == ("door", "r1", RUNNING)
+
+
+def test_a_task_that_the_journal_has_no_room_to_give_back_is_abandoned_only_once_there_is_room() -> None:
+    told = given_to("r1", epoch=7)
+    told.pass_time(3.0)
+    told.states["r1"] = {}
+    told.unwritable = "the disk is full"
+    told.pass_time(20.0)
+    told.unwritable = UNSET
+    told.pass_time(9.0)
+    assert told.found(Invariant.TASK_KEPT) == []
+    told.pass_time(4.0)
+    assert [type(found) for found in told.found(Invariant.TASK_KEPT)] == [TaskAbandoned]
 
 
 def test_a_task_that_ended_at_its_robot_and_not_in_the_book_is_abandoned() -> None:

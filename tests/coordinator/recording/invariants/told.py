@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from msgspec import UNSET, UnsetType
+
 from robrain.coordinator.recording.invariants.findings import Finding, Invariant, Ruling
 from robrain.coordinator.recording.invariants.invariant_judge import NOWHERE, Surroundings
 from robrain.coordinator.recording.invariants.judging import judge
@@ -31,6 +33,8 @@ class Told:
         self.halt: HaltStatus | None = None
         self.up: dict[str, bool] = {}
         self.has_coordinator = True
+        self.unwritable: str | UnsetType = UNSET
+        """Why the coordinator cannot write its journal."""
 
     def say(self, message: Any) -> None:
         """A message, now."""
@@ -57,7 +61,9 @@ class Told:
             if step % 5 == 0 and self.has_coordinator:
                 names = sorted(self.up or dict.fromkeys(self.states, True))
                 robots = [RobotSummary(name=name, up=self.up.get(name, True), age_s=0.1) for name in names]
-                self.say(TeamState(robots=robots, tasks_open=self.tasks_open, halt=self.halt))
+                self.say(
+                    TeamState(robots=robots, tasks_open=self.tasks_open, halt=self.halt, unwritable=self.unwritable)
+                )
 
     def halt_team(self, by: str = "ann") -> None:
         """Somebody halts the team, and the coordinator hears it."""
