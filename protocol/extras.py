@@ -22,6 +22,7 @@ EXTRAS = {
     "pandas": "report",
     "pyarrow": "parquet",
     "prometheus_client": "metrics",
+    "opentelemetry": "otel",
     "dask": "sweep",
     "distributed": "sweep",
     "foxglove": "foxglove",

@@ -379,6 +379,18 @@ def metrics(
 
 
 @app.command()
+def traces(
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    otlp: Annotated[str, typer.Option(help="OpenTelemetry collector, http://HOST:PORT.")] = "http://127.0.0.1:4318",
+) -> None:
+    """Send a team's tasks as traces to an OpenTelemetry collector."""
+    from robrain.deploy.observability.traces_process import traces_command
+
+    traces_command(connect, check_name("team", team), otlp)
+
+
+@app.command()
 def wire(
     wire_format: Annotated[
         WireFormat, typer.Option("--format", help="jsonschema and asyncapi are for programs, markdown for people.")

@@ -76,7 +76,8 @@ class _Trial:
     def __init__(self, run: LockstepRun, script: FaultScript) -> None:
         self._run = run
         with run.acting(OPERATOR):
-            self._operator = PointOperator(Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP), script)
+            wire = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
+            self._operator = PointOperator(wire, script, repeats=True)
         self._script = script
         self._promises = Promises({order.task.id: order.task for order in script.tasks}, self._operator)
         self._ticks = 0

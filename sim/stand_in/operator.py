@@ -12,6 +12,8 @@ from robrain.sim.stand_in.fault_script import FaultScript, HaltOrder
 
 OPERATOR = "operator"
 AGAIN_NS = to_ns(1.0)
+REPEATED_NS = to_ns(2.0)
+"""`robrain halt` says a halt again for so long while a robot has not confirmed it."""
 NOT_NOW_S = 0.001
 """Of the wall: within this process an answer is there at once, or with a later step and hence when asked again."""
 NS_PER_S = 1_000_000_000
@@ -23,10 +25,12 @@ class PointOperator:
     Args:
         wire: the operator's place on the wire.
         script: what it is to ask.
+        repeats: whether a halt is said again to robots that have not confirmed it, as `robrain halt` does; without that
+            only the coordinator tells them.
 
     """
 
-    def __init__(self, wire: Endpoint, script: FaultScript) -> None:
+    def __init__(self, wire: Endpoint, script: FaultScript, *, repeats: bool = False) -> None:
         self.acknowledged: dict[str, int] = {}
         """When the coordinator has acknowledged each task, ns."""
         self.refused: dict[str, str] = {}
@@ -47,6 +51,8 @@ class PointOperator:
         self._halted: dict[str, bool] = {}
         self._is_resuming = False
         self._again_ns = 0
+        self._repeats = repeats
+        self._said_ns = 0
         self._robots = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, COORDINATOR_STATE)
@@ -119,11 +125,14 @@ class PointOperator:
         if self.halt is None and self._halts and self._halts[0].at_s <= due_s:
             self.halt = self._halts.pop(0)
             self._is_resuming = False
+            self._said_ns = now_ns
             self._say_halt.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
         elif self.halt is not None and self.halt.until_s <= due_s:
             self.halt = None
             self._is_resuming = True
             self._again_ns = now_ns
+        elif self.halt is not None and self._repeats and now_ns - self._said_ns <= REPEATED_NS and self._is_unheard:
+            self._say_halt.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
 
     def _resume(self) -> None:
         self._say_halt.put(Halt(halted=False, by=OPERATOR))
@@ -132,7 +141,16 @@ class PointOperator:
     @property
     def _is_team_halted(self) -> bool:
         """Whether somebody who is there says to be halted; nobody waits for those who have died."""
+        there = {"", *self._there()}
+        return any(halted and name in there for name, halted in self._halted.items())
+
+    @property
+    def _is_unheard(self) -> bool:
+        """Whether somebody who is there does not say to be halted."""
+        return not all(self._halted.get(name, False) for name in self._there())
+
+    def _there(self) -> set[str]:
+        """Names of the robots that are there."""
         if self._robots.arrived:
             self._robots.changes()
-        there = {"", *(names["robot"] for names in self._robots.present.values())}
-        return any(halted and name in there for name, halted in self._halted.items())
+        return {names["robot"] for names in self._robots.present.values()}

@@ -78,6 +78,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("machine-files", ["machine"], WORKS),
     ("journal backup", [], WORKS),
     ("metrics", [], "metrics"),
+    ("traces", [], "otel"),
 ]
 """Each command, arguments for it, and the extra that it needs."""
 LACKING = [
