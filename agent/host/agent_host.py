@@ -241,9 +241,10 @@ class AgentHost:
             self._publish_state()
 
     def task_and_trace(self) -> tuple[str, str]:
-        """Id and trace of the task that the robot is at; both empty if there is none."""
-        held = self.desk.held
-        return ("", "") if held is None else (held.offer.task.id, self._wire.traces.of(held.offer.task.id))
+        """Id and trace of the task that the robot is at, else of the one that it begins next; empty if none."""
+        status, held = self.desk.status, self.desk.held
+        task = status.id if status is not None and not status.state.ended else held.offer.task.id if held else ""
+        return (task, self._wire.traces.of(task)) if task else ("", "")
 
     def close(self) -> None:
         """Stop the plugins and leave the wire."""

@@ -65,13 +65,19 @@ class Authority:
 
         Args:
             member: whose.
-            days: for how long.
+            days: for how long, but no longer than the CA's own.
             now: the time; it begins a little earlier.
             hosts: names and addresses at which a router is reached. Only routers may be connected to: a robot's
                 certificate does not pass for a router's.
 
+        Raises:
+            PkiError: the CA's own certificate has ended.
+
         """
         key = ec.generate_private_key(ec.SECP256R1())
+        days = min(days, (self._certificate.not_valid_after_utc - now) / timedelta(days=1))
+        if days <= 0:
+            raise PkiError("the CA's own certificate has ended: make a new CA, in a new folder")
         builder = _builder(_name(member.common_name), self._certificate.subject, key, now, days)
         builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), True)
         builder = builder.add_extension(_usage(signs_certificates=False), True)

@@ -1,7 +1,9 @@
 """What `robrain pki` does: make a CA; issue, renew and revoke certificates; keep the routers' files up to date."""
 
+import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from ipaddress import ip_address
 from pathlib import Path
 
 import msgspec
@@ -30,6 +32,8 @@ from robrain.protocol.wire.keys import check_name
 DAYS = 7.0
 """Life of a certificate unless more is asked for."""
 ROUTER_HOSTS = ("localhost", "127.0.0.1")
+_LABEL = "[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?"
+_NAME = re.compile(rf"{_LABEL}(\.{_LABEL})*")
 
 
 def init(pki: Path, team: str, now: datetime) -> None:
@@ -63,6 +67,9 @@ def issue(pki: Path, wanted: Member, now: datetime, days: float = DAYS, hosts: S
     """
     if hosts and wanted.role is not MemberRole.ROUTER:
         raise PkiError(f"--host {hosts[0]}: only routers are connected to, and {wanted} is none")
+    for host in hosts:
+        if not _is_host(host):
+            raise PkiError(f"--host {host}: expected the name or address of one machine, such as 10.0.0.5 or hall.lan")
     if wanted.role is MemberRole.ROUTER:
         hosts = list(dict.fromkeys((*ROUTER_HOSTS, *hosts)))
     with changing(pki) as members:
@@ -72,6 +79,15 @@ def issue(pki: Path, wanted: Member, now: datetime, days: float = DAYS, hosts: S
         if known is not None:
             raise PkiError(f"{pki / MEMBERS_FILE}: {wanted} has a certificate; `robrain pki renew` makes a new one")
         return _issue(pki, members, wanted, now, days, tuple(hosts))
+
+
+def _is_host(text: str) -> bool:
+    """Whether it is one machine's name or address: with a wildcard a router's certificate would pass for others'."""
+    try:
+        ip_address(text)
+    except ValueError:
+        return len(text) <= 253 and _NAME.fullmatch(text) is not None
+    return True
 
 
 def renew(pki: Path, wanted: Member, now: datetime, days: float | None = None) -> IssuedCertificate:

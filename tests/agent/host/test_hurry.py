@@ -9,6 +9,7 @@ from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.answers.trace import trace_of
 from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -158,7 +159,11 @@ def test_end_of_a_task_wakes_the_hosts_loop(robot):
                 TaskOffer(task=Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)), epoch=1, lease_s=60.0), 0
             )
             assert not woken.is_set()
+            task = Task(id="t2", kind="visit", place=Point2D(1.0, 1.0))
+            host.desk.offer(TaskOffer(task=task, epoch=2, lease_s=60.0, after="t1"), 0)
+            assert host.task_and_trace() == ("t1", trace_of("default", "t1"))  # not that of the one which is next
             host.manager.get("slow").plugin.end()
             assert woken.is_set()
+            assert host.task_and_trace() == ("t2", trace_of("default", "t2"))
         finally:
             host.close()

@@ -122,6 +122,14 @@ def test_renewal_that_overlaps_a_revocation_does_not_undo_it(pki: Path) -> None:
     assert read_members(pki / MEMBERS_FILE).find(other).revoked
 
 
+def test_certificate_ends_with_its_ca(pki: Path) -> None:
+    late = NOW + timedelta(days=3649)
+    issued = issue(pki, ROBOT, late, days=7)
+    assert issued.not_after == NOW + timedelta(days=3650)
+    certificate = x509.load_pem_x509_certificate((folder_of(pki, ROBOT) / CERTIFICATE).read_bytes())
+    assert certificate.not_valid_after_utc == issued.not_after
+
+
 def test_endpoints_that_were_changed_in_the_configuration_of_zenohd_stay(pki: Path) -> None:
     issue(pki, ROUTER, NOW)
     file = folder_of(pki, ROUTER) / ZENOHD_FILE
@@ -150,6 +158,10 @@ def test_configuration_of_zenohd_denies_by_default_and_asks_for_certificates(pki
         (lambda pki: init(pki, "blue", NOW), "there is a CA in this folder"),
         (lambda pki: issue(pki, ROBOT, NOW, days=0), r"--days: expected 0 < days ≤ 3650, got 0"),
         (lambda pki: issue(pki, ROBOT, NOW, hosts=["h"]), "--host h: only routers are connected to"),
+        (lambda pki: issue(pki, ROUTER, NOW, hosts=["*.site"]), r"--host \*\.site: expected the name or addr"),
+        (lambda pki: issue(pki, ROUTER, NOW, hosts=["a b"]), "--host a b: expected the name or address"),
+        (lambda pki: issue(pki, ROUTER, NOW, hosts=[""]), r"--host : expected the name or address of one machine"),
+        (lambda pki: issue(pki, ROBOT, NOW + timedelta(days=3651)), "the CA's own certificate has ended"),
         (lambda pki: renew(pki, ROBOT, NOW), "robot:r1 has no certificate; there are none"),
         (lambda pki: revoke(pki, ROBOT), "robot:r1 has no certificate"),
         (lambda pki: issue(pki / "other", ROBOT, NOW), "other/members.json: no such file; `robrain pki init"),
