@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from robrain.protocol.model.energy.energy_model import EnergyModel
-from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.localization.rssi_ranging import RssiSample
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
@@ -70,5 +70,7 @@ class Board:
         self.radius_m = 0.0
         self.battery: BatteryState | None = None
         self.energy: EnergyModel | None = None
+        self.chargers: tuple[Point2D, ...] = ()
+        """Places of the chargers that the robot knows, arena frame; home writes it."""
         self.behavior = ""
         """What the robot does; the behavior that drives writes it."""

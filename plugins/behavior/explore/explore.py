@@ -19,7 +19,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.clearance import mapped_gap_cells
 from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
-from robrain.protocol.model.ranges import Name
+from robrain.protocol.model.ranges import Name, Share
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.refusals import RefusalCode
@@ -64,6 +64,9 @@ class ExploreBehavior(Behavior):
         """Name of the exploration strategy by which it does so, as in `[planning]`; the same for all robots. Not
         `auto`: `tours` would be compiled on the way, which stops a live robot for seconds."""
 
+        reserve_share: Share = 0.1
+        """Share of the battery that stays in it on the way to a frontier of its own choice and on to a charger."""
+
         def __post_init__(self) -> None:
             super().__post_init__()
             STRATEGIES.check(self.exploration)
@@ -86,7 +89,7 @@ class ExploreBehavior(Behavior):
         self._spent: deque[Point2D] = deque(maxlen=SPENT_MAX)
         """Frontiers of its own choice, in a frame of its own, that stayed although it had been there."""
         strategy = strategy_of(self.parameters.exploration, self._note_strategy)
-        self._team = TeamChoice(self.env.robot, self.env.board, strategy)
+        self._team = TeamChoice(self.env.robot, self.env.board, strategy, self.parameters.reserve_share)
         self._decide_due_ns = 0
 
     def activate(self) -> None:

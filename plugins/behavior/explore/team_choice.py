@@ -6,16 +6,20 @@ conclude nearly the same. If two are bound for the same frontier, both see that,
 to give way.
 """
 
+import math
 from collections.abc import Sequence
 
 from robrain.agent.board import IDLE, Board
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.exploration.explorer import Explorer, Scout
+from robrain.protocol.exploration.reach import reach_m
 from robrain.protocol.exploration.situation import Busy
 from robrain.protocol.exploration.strategies import Strategy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 
+CONFIDENCE = 0.95
+"""One-sided, of the energy that a path takes: that of plans."""
 ALONE = "explore alone"
 """What the board says of a robot that explores by its own choice."""
 
@@ -49,12 +53,14 @@ class TeamChoice:
         robot: its name.
         board: the robot's.
         strategy: which robot is sent to which frontier; the same for all robots of the team.
+        reserve_share: share of the battery that the robot keeps on its way to a frontier and on to a charger.
 
     """
 
-    def __init__(self, robot: str, board: Board, strategy: Strategy) -> None:
+    def __init__(self, robot: str, board: Board, strategy: Strategy, reserve_share: float) -> None:
         self._robot = robot
         self._board = board
+        self._reserve_share = reserve_share
         self._explorer = Explorer(OwnFloor(board), strategy)
 
     def choose(
@@ -70,7 +76,7 @@ class TeamChoice:
             now_ns: the time.
 
         """
-        scouts = [Scout(self._robot, place, radius_m, goal), *(_scout(mate) for mate in mates if _explores(mate))]
+        scouts = [self._own(place, radius_m, goal), *(_scout(mate) for mate in mates if _explores(mate))]
         busy = [
             Busy(Point2D(mate.pose.x_m, mate.pose.y_m), mate.bound)
             for mate in mates
@@ -78,6 +84,14 @@ class TeamChoice:
         ]
         chosen = self._explorer.choose(sorted(scouts), busy, now_ns)
         return next((choice.place for choice in chosen if choice.robot == self._robot), None)
+
+    def _own(self, place: Point2D, radius_m: float, goal: Point2D | None) -> Scout:
+        """The robot itself, which knows how far its energy lasts; how far that of others does, they know."""
+        board, homes = self._board, self._board.chargers
+        far_m = math.inf
+        if homes:
+            far_m = reach_m(board.energy, board.battery, reserve_share=self._reserve_share, confidence=CONFIDENCE)
+        return Scout(self._robot, place, radius_m, goal, far_m, homes)
 
     def note_visit(self, goal: Point2D) -> None:
         """The robot has been at a frontier: what it has not seen of the unknown there, it will not see later."""

@@ -33,6 +33,7 @@ class Home(Skill):
 
     def init(self) -> None:
         self._chargers = list(self.parameters.chargers)
+        self._tell()
 
     @external
     def chargers(self) -> list[ChargerPlace]:
@@ -45,6 +46,7 @@ class Home(Skill):
         is_new = all(math.hypot(charger.x_m - known.x_m, charger.y_m - known.y_m) >= SAME_M for known in self._chargers)
         if is_new and len(self._chargers) < MAX_CHARGERS:
             self._chargers.append(charger)
+            self._tell()
 
     @external
     def start(self) -> Point2D | None:
@@ -56,3 +58,6 @@ class Home(Skill):
     def ask(self, why: str) -> None:
         """Ask the robot to go home, with a reason."""
         self.asked.notify(why)
+
+    def _tell(self) -> None:
+        self.env.board.chargers = tuple(charger.place for charger in self._chargers)

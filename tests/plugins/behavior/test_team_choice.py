@@ -4,15 +4,18 @@ import numpy as np
 import pytest
 
 from robrain.agent.board import Board
-from robrain.plugins.behavior.explore.team_choice import ALONE, IDLE, TeamChoice
+from robrain.plugins.behavior.explore.team_choice import ALONE, CONFIDENCE, IDLE, TeamChoice
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.exploration.joint import joint
+from robrain.protocol.exploration.reach import reach_m
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.model.navigation.right_of_way import Track
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
+from tests.coordinator.planning.worlds import CAPACITY_J, model
 
 WEST, EAST = Point2D(2.05, 2.75), Point2D(7.95, 2.75)
 RADIUS_M = 0.2
@@ -31,7 +34,7 @@ def corridor_board() -> Board:
 
 
 def chooser(name: str) -> TeamChoice:
-    return TeamChoice(name, corridor_board(), joint)
+    return TeamChoice(name, corridor_board(), joint, 0.1)
 
 
 def mate(
@@ -93,4 +96,37 @@ def test_what_stayed_unknown_although_the_robot_was_there_is_looked_at_once_more
 
 
 def test_without_a_map_there_is_nothing_to_choose() -> None:
-    assert TeamChoice("r1", Board(), joint).choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
+    assert TeamChoice("r1", Board(), joint, 0.1).choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
+
+
+RESERVE = 0.1
+
+
+def robot_that_reaches(far_m: float, charger: Point2D | None, dearer: float = 200.0) -> TeamChoice:
+    """A robot whose energy lasts for a path of this length, with its reserve kept."""
+    board = corridor_board()
+    board.chargers = () if charger is None else (charger,)
+    for usable_j in np.arange(0.1, 1.0, 0.001) * CAPACITY_J:
+        board.energy = model(float(usable_j), dearer=dearer)
+        board.battery = BatteryState(
+            voltage_v=16.0, current_a=1.0, temperature_c=20.0, soc=usable_j / CAPACITY_J, remaining_j=float(usable_j)
+        )
+        if reach_m(board.energy, board.battery, reserve_share=RESERVE, confidence=CONFIDENCE) == far_m:
+            return TeamChoice("r1", board, joint, RESERVE)
+    raise AssertionError(f"no charge lasts for {far_m} m")
+
+
+@pytest.mark.parametrize(
+    ("far_m", "charger", "end"),
+    [
+        (12.0, Point2D(2.1, 2.7), EAST),  # the nearer end, and 6 m from there to the charger
+        (8.0, Point2D(2.1, 2.7), WEST),
+        (0.0, Point2D(2.1, 2.7), None),
+        (0.0, None, EAST),  # a robot without a charger goes as far as there is a way
+    ],
+)
+def test_robot_goes_to_no_frontier_from_which_its_energy_does_not_last_to_a_charger(
+    far_m: float, charger: Point2D | None, end: Point2D | None
+) -> None:
+    chosen = robot_that_reaches(far_m, charger).choose(Point2D(5.5, 2.7), RADIUS_M, None, (), 0)
+    assert chosen is None if end is None else is_at(chosen, end)

@@ -12,6 +12,7 @@ def test_chargers_of_the_manifest_are_known_and_more_are_learned():
         bench.call("home", "learn", B)
         bench.call("home", "learn", {"x_m": 1.1, "y_m": 2.1})  # the first one again
         assert bench.call("home", "chargers") == [A, B]
+        assert bench.host.board.chargers == (Point2D(1.0, 2.0), Point2D(4.0, 2.0))
 
 
 def test_no_more_chargers_are_learned_than_fit():
