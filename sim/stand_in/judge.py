@@ -252,8 +252,11 @@ class Judge:
                     self._break(Invariant.TWO_AT_ONCE, task_id, what)
 
     def _hears_coordinator(self, robot: str) -> bool:
-        processes = self._run.processes
-        is_awake = processes[robot].is_awake and processes[COORDINATOR].is_awake
+        """Whether both hear each other: what comes from a clock too far ahead is refused."""
+        one, other = self._run.processes[robot], self._run.processes[COORDINATOR]
+        is_awake = one.is_awake and other.is_awake
+        if abs(one.clock.now_ns() - other.clock.now_ns()) > AHEAD_NS:
+            return False
         return is_awake and self._run.exchange.faults.is_linked(robot, COORDINATOR)
 
     def _look_at_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:

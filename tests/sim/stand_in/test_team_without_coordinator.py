@@ -96,7 +96,10 @@ def test_a_robot_that_was_cut_off_when_a_task_ended_does_not_do_it_again(seed):
     assert run_trial(script).broken == ()
 
 
-@pytest.mark.parametrize("seed", [200938, 204081, 204498, 206011, 208333, 208486, 208503, 209548, 209825, 302912])
+FOUND = (200938, 204081, 204498, 206011, 208333, 208486, 208503, 209548, 209825, 302912, 707447, 709417)
+
+
+@pytest.mark.parametrize("seed", FOUND)
 def test_what_soaks_have_found_in_teams_without_a_coordinator_stays_mended(seed):
     verdict = run_trial(draw_script(seed))
     assert verdict.broken == ()
