@@ -12,6 +12,7 @@ import msgspec
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
+from robrain.agent.silence import Silence
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
 from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
@@ -97,8 +98,8 @@ class RangeSensorsDevice(Device):
 
     def activate(self) -> None:
         wanted = self.parameters
-        self._silent_ns = to_ns(wanted.silent_s)
-        self._heard_ns: int | None = None
+        self._silence = Silence(to_ns(wanted.silent_s))
+        self._has_spoken = False
         filters: can.typechecking.CanFilters = [{"can_id": FRAMES_ID, "can_mask": FRAMES_MASK, "extended": False}]
         self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
         self._port = frame_port(self._bus)
@@ -151,10 +152,10 @@ class RangeSensorsDevice(Device):
                 self._read_bumps(frame.data)
 
     def _check(self) -> None:
-        if self._heard_ns is None:
+        if not self._has_spoken:
             return
-        silent_ns = self.env.clock.now_ns() - self._heard_ns
-        if silent_ns > self._silent_ns:
+        silent_ns = self._silence.look(self.env.clock.now_ns())
+        if silent_ns > self._silence.limit_ns:
             raise RangeSensorFault(
                 self.env.plugin,
                 f"the range sensors have been silent for {silent_ns / NS_PER_S:.1f} s: "
@@ -195,6 +196,7 @@ class RangeSensorsDevice(Device):
             self._rejected += 1
             return None
         self._believed += 1
-        self._heard_ns = self.env.clock.now_ns()
+        self._has_spoken = True
+        self._silence.heard(self.env.clock.now_ns())
         self._sequences[identifier].note(int(values[-1]))
         return values

@@ -12,6 +12,7 @@ import msgspec
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
+from robrain.agent.silence import Silence
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
@@ -54,7 +55,8 @@ class ScanDevice(Device):
         self._fan: tuple[int, float, float] | None = None
 
     def activate(self) -> None:
-        self._heard_ns = self.env.clock.now_ns()
+        self._silence = Silence(to_ns(self.parameters.silent_s))
+        self._silence.heard(self.env.clock.now_ns())
         self.env.wire.subscribe(self._inbox, ARENA_SCAN, robot=self.env.robot)
         self.env.wake_on(self._inbox)
 
@@ -66,15 +68,16 @@ class ScanDevice(Device):
                 continue
             board.doubted_scan = None
             board.has_scanned = True
-            self._heard_ns = now_ns
+            self._silence.heard(now_ns)
             self._ranges_mm = scan.ranges_mm
             self._latest = self._convert(scan)
             self.scanned.notify(self._latest)
         if self._doubt:
             board.doubted_scan = self._ranges_mm
             self._fail(self._doubt)
-        if board.has_scanned and now_ns - self._heard_ns >= to_ns(self.parameters.silent_s):
-            silent_s = (now_ns - self._heard_ns) / NS_PER_S
+        silent_ns = self._silence.look(now_ns)
+        if board.has_scanned and silent_ns >= self._silence.limit_ns:
+            silent_s = silent_ns / NS_PER_S
             what = "no turn" if board.doubted_scan is None else "nothing but the turn that it froze in"
             self._fail(f"the lidar has sent {what} for {silent_s:.1f} s")
 

@@ -158,7 +158,8 @@ def test_controller_that_has_never_spoken_may_take_its_time(device):
 def test_controller_that_falls_silent_is_fresh_for_just_so_long_and_then_a_fault(device):
     encoders(device)
     device.step()
-    device.step(0.4)
+    device.step(0.2)
+    device.step(0.2)
     assert device.it.is_fresh()
     assert device.it.pose_if_fresh()[1] is True
     device.wait(1e-9)
@@ -169,9 +170,24 @@ def test_controller_that_falls_silent_is_fresh_for_just_so_long_and_then_a_fault
 
 
 def test_controller_that_does_not_speak_after_a_restart_is_a_fault_after_the_same_time(again):
-    again.step(0.4)
+    again.step(0.2)
+    again.step(0.2)
     with pytest.raises(BusFault, match="no encoder frame"):
         again.step(0.001)
+
+
+def test_process_that_stood_still_takes_its_pause_for_no_silence_but_is_not_fresh(device):
+    encoders(device)
+    device.step()
+    device.step(30.0)
+    assert not device.it.is_fresh()
+    encoders(device, 2)
+    device.step(0.01)
+    assert device.it.is_fresh()
+    for _ in range(2):
+        device.step(30.0)
+    with pytest.raises(BusFault, match="no encoder frame"):
+        device.step(30.0)
 
 
 def test_after_a_restart_nothing_is_driven_before_the_controller_speaks_but_a_stop_is_sent(again):

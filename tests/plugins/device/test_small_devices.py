@@ -156,7 +156,8 @@ def test_node_that_has_spoken_may_be_silent_for_just_so_long(ring):
     ring.step(60.0)
     ring.hear("Bumps", 1, contacts=0)
     ring.step()
-    ring.step(1.0)
+    ring.step(0.5)
+    ring.step(0.5)
     with pytest.raises(RangeSensorFault, match=r"silent for 1\.0 s"):
         ring.step(0.001)
     assert ["silent for 1.0 s" in each for each in silent] == [True]
@@ -166,8 +167,19 @@ def test_corrupt_frame_is_no_sign_of_life(ring):
     ring.hear("Bumps", 1, contacts=0)
     ring.step()
     ring.hear("Bumps", 2, contacts=0).data[-1] ^= 1
+    ring.step(0.5)
+    ring.step(0.5)
     with pytest.raises(RangeSensorFault):
-        ring.step(1.1)
+        ring.step(0.1)
+
+
+def test_node_is_not_silent_because_the_process_stood_still(ring):
+    ring.hear("Bumps", 1, contacts=0)
+    ring.step()
+    ring.step(20.0)
+    ring.hear("Bumps", 2, contacts=0)
+    ring.step(0.01)
+    ring.step(0.5)
 
 
 @pytest.mark.parametrize("error", [can.CanOperationError("broken"), OSError("gone")])
