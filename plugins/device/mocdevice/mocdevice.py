@@ -104,8 +104,8 @@ class MocDevice(Device):
         self._broken: MotionFault | None = None
         self._acknowledged_ns: int | None = None
         self._heard_ns: int | None = None
+        self._since_ns = self.env.clock.now_ns()
         self._silence = Silence(silent_ns)
-        self._silence.heard(self.env.clock.now_ns())
         self._bus = self._open()
         self._port = frame_port(self._bus)
         self._pending = self._port.pending
@@ -258,9 +258,15 @@ class MocDevice(Device):
     def _check(self) -> None:
         if self._broken is not None:
             raise self._broken
-        if self._heard_ns is None and not self._is_again:
-            return  # it has never spoken: it may still be starting, and the driver stands until it does
-        silent_ns = self._silence.look(self.env.clock.now_ns())
+        since_ns = self._heard_ns
+        if since_ns is None:
+            if not self._is_again:
+                return  # it has never spoken: it may still be starting, and the driver stands until it does
+            since_ns = self._since_ns
+        now_ns = self.env.clock.now_ns()
+        if now_ns - since_ns <= self._silence.begins_ns:
+            return
+        silent_ns = self._silence.since(since_ns, now_ns)
         if silent_ns > self._silent_ns:
             where = f"{self.parameters.interface}:{self.parameters.channel}"
             raise BusFault(
@@ -310,6 +316,5 @@ class MocDevice(Device):
         if self._heard_ns is None and self._is_again:
             self.condition.notify(Condition(True, "the motor controller speaks again"))
         self._heard_ns = now_ns
-        self._silence.heard(now_ns)
         board = self.env.board
         board.T_odom_robot, board.wheel_ticks = self._odometry.pose, ticks

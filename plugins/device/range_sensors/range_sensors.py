@@ -99,7 +99,7 @@ class RangeSensorsDevice(Device):
     def activate(self) -> None:
         wanted = self.parameters
         self._silence = Silence(to_ns(wanted.silent_s))
-        self._has_spoken = False
+        self._heard_ns: int | None = None
         filters: can.typechecking.CanFilters = [{"can_id": FRAMES_ID, "can_mask": FRAMES_MASK, "extended": False}]
         self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
         self._port = frame_port(self._bus)
@@ -152,9 +152,12 @@ class RangeSensorsDevice(Device):
                 self._read_bumps(frame.data)
 
     def _check(self) -> None:
-        if not self._has_spoken:
+        if self._heard_ns is None:
             return
-        silent_ns = self._silence.look(self.env.clock.now_ns())
+        now_ns = self.env.clock.now_ns()
+        if now_ns - self._heard_ns <= self._silence.begins_ns:
+            return
+        silent_ns = self._silence.since(self._heard_ns, now_ns)
         if silent_ns > self._silence.limit_ns:
             raise RangeSensorFault(
                 self.env.plugin,
@@ -196,7 +199,6 @@ class RangeSensorsDevice(Device):
             self._rejected += 1
             return None
         self._believed += 1
-        self._has_spoken = True
-        self._silence.heard(self.env.clock.now_ns())
+        self._heard_ns = self.env.clock.now_ns()
         self._sequences[identifier].note(int(values[-1]))
         return values

@@ -56,7 +56,7 @@ class ScanDevice(Device):
 
     def activate(self) -> None:
         self._silence = Silence(to_ns(self.parameters.silent_s))
-        self._silence.heard(self.env.clock.now_ns())
+        self._heard_ns = self.env.clock.now_ns()
         self.env.wire.subscribe(self._inbox, ARENA_SCAN, robot=self.env.robot)
         self.env.wake_on(self._inbox)
 
@@ -68,15 +68,17 @@ class ScanDevice(Device):
                 continue
             board.doubted_scan = None
             board.has_scanned = True
-            self._silence.heard(now_ns)
+            self._heard_ns = now_ns
             self._ranges_mm = scan.ranges_mm
             self._latest = self._convert(scan)
             self.scanned.notify(self._latest)
         if self._doubt:
             board.doubted_scan = self._ranges_mm
             self._fail(self._doubt)
-        silent_ns = self._silence.look(now_ns)
-        if board.has_scanned and silent_ns >= self._silence.limit_ns:
+        if not board.has_scanned or now_ns - self._heard_ns <= self._silence.begins_ns:
+            return
+        silent_ns = self._silence.since(self._heard_ns, now_ns)
+        if silent_ns >= self._silence.limit_ns:
             silent_s = silent_ns / NS_PER_S
             what = "no turn" if board.doubted_scan is None else "nothing but the turn that it froze in"
             self._fail(f"the lidar has sent {what} for {silent_s:.1f} s")
