@@ -53,7 +53,7 @@ ON_ZENOHD := tests/system/attacks/test_attacks.py tests/system/attacks/test_payl
 
 $(ZENOHD):
 	cargo install --quiet --locked zenohd --version $(ZENOHD_VERSION) --root $(ZENOHD_ROOT) \
-		--no-default-features --features zenoh/transport_tcp,zenoh/transport_tls
+		--no-default-features --features zenoh/transport_tcp,zenoh/transport_tls,zenoh/auth_usrpwd
 
 check: install
 	$(BIN)/ruff check .
