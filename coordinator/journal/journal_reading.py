@@ -17,7 +17,7 @@ logger = logging.getLogger(__name__)
 
 
 class JournalReading:
-    """Reads the database of a journal, which whoever writes it has opened."""
+    """Reads a journal from its open database."""
 
     _db: sqlite3.Connection
 

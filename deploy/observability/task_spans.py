@@ -17,7 +17,7 @@ class TaskSpan(NamedTuple):
     trace: str
     """32 hexadecimal digits."""
     span: str
-    """16 hexadecimal digits; the same again after a restart of whoever makes the spans."""
+    """16 hexadecimal digits; equal after a restart of `robrain traces`."""
     parent: str
     """That of the whole task; empty for itself."""
     start_ns: int

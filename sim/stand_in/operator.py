@@ -146,7 +146,7 @@ class PointOperator:
 
     @property
     def _is_unheard(self) -> bool:
-        """Whether somebody who is there does not say to be halted."""
+        """Whether a robot that is present has not reported the halt."""
         return not all(self._halted.get(name, False) for name in self._there())
 
     def _there(self) -> set[str]:

@@ -92,7 +92,7 @@ class Halts(InvariantJudge):
     def _take_summary(self, summary: TeamState, time_ns: int) -> None:
         was_away = self._summary_ns is not None and time_ns - self._summary_ns > SILENT_NS
         self._summary_ns = time_ns
-        if was_away:  # it could tell nobody
+        if was_away:  # until now it could not tell the robots
             self._begin_anew()
         status = summary.halt
         if status is None or not status.halted:
@@ -125,7 +125,7 @@ class Halts(InvariantJudge):
     def _take_state(self, state: RobotState, time_ns: int) -> None:
         robot = self._robots.setdefault(state.robot, _Robot())
         if self._summary_ns is None and time_ns - robot.heard_ns > SILENT_NS:
-            robot.in_contact_ns = None  # it was away, and nobody is there to tell it what it has missed
+            robot.in_contact_ns = None  # it missed messages, and no coordinator repeats them
         robot.heard_ns = time_ns
         if state.halted:
             robot.obeys = True

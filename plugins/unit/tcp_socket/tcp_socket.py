@@ -51,7 +51,7 @@ class _Client:
 class LineServer:
     """Listens from the moment it is made until `close`.
 
-    When all places are taken, one that has never given a command makes room for the next; nobody else does.
+    When all places are taken, the oldest client that has never given a command is disconnected; others stay.
 
     Args:
         host: address to listen on.

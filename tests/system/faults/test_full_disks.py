@@ -1,14 +1,10 @@
 """Full disks under journal and recording, and a page that hangs: robots work on, and operators are told."""
 
 import re
-import shlex
 import shutil
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
-from pathlib import Path
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -18,44 +14,20 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.wire.errors import CallError
 from tests.system.conftest import Commands
 from tests.system.hanging import unread_socket
+from tests.system.small_disk import SmallDisk, can_have_small_disks
 from tests.waiting import until
 
 pytestmark = pytest.mark.system
-SIZE = "8m"
-IN_A_SMALL_ROOM = """
-mount -t tmpfs -o size={size} tmpfs {disk} || exit 77
-{command} &
-process=$!
-trap 'kill -INT $process' TERM
-while kill -0 $process 2>/dev/null; do wait $process; done
-"""
 WATCHED_S = 2.0
 SLOWED = 1.5
 
 
-class SmallDisk:
-    """A process whose files are on a disk of its own, which is filled at will."""
-
-    def __init__(self, commands: Commands, name: str, words: list[str]) -> None:
-        disk = commands.folder / name
-        disk.mkdir()
-        command = shlex.join([sys.executable, "-m", "robrain.cli", *(word.format(disk=disk) for word in words)])
-        script = IN_A_SMALL_ROOM.format(size=SIZE, disk=shlex.quote(str(disk)), command=command)
-        self.process = subprocess.Popen(
-            ["unshare", "-Urm", "bash", "-c", script], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-        commands.adopt(self.process)
-        self.folder = Path(f"/proc/{self.process.pid}/root") / disk.relative_to("/")
-
-    @contextmanager
-    def full(self) -> Iterator[None]:
-        """Filled to the last byte for as long as the block lasts."""
-        ballast = self.folder / "ballast"
-        with suppress(OSError), ballast.open("wb", buffering=0) as stream:
-            while True:
-                stream.write(bytes(4096))
-        yield
-        ballast.unlink()
+def on_a_small_disk(commands: Commands, name: str, words: list[str]) -> SmallDisk:
+    disk = commands.folder / name
+    command = [sys.executable, "-m", "robrain.cli", *(word.format(disk=disk) for word in words)]
+    started = SmallDisk(disk, command, size="8m")
+    commands.adopt(started.process)
+    return started
 
 
 def period_s(client: Team) -> float:
@@ -70,19 +42,16 @@ def period_s(client: Team) -> float:
     return float(np.percentile(np.diff(stamps_ns), 90)) / 1e9
 
 
-@pytest.mark.skipif(
-    not shutil.which("unshare") or subprocess.run(["unshare", "-Urm", "true"], check=False).returncode != 0,
-    reason="a file system of one's own needs unshare(1) and user namespaces, which are not to be had here",
-)
+@pytest.mark.skipif(not can_have_small_disks(), reason="no file system of its own is to be had here")
 def test_robots_loops_and_acknowledged_tasks_outlast_full_disks_and_a_page_that_hangs(commands: Commands) -> None:
     words = ("arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
     arena = commands.start("arena", *words)
     endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
     commands.line_with(commands.start("agent", "r1.toml"), "agent: r1 is up")
     at = ["--connect", endpoint]
-    coordinator = SmallDisk(commands, "journal", ["coordinator", *at, "--journal", "{disk}/team.journal"])
+    coordinator = on_a_small_disk(commands, "journal", ["coordinator", *at, "--journal", "{disk}/team.journal"])
     commands.line_with(coordinator.process, "of team")
-    recorder = SmallDisk(commands, "runs", ["record", *at, "--no-visual", "-o", "{disk}/run.mcap"])
+    recorder = on_a_small_disk(commands, "runs", ["record", *at, "--no-visual", "-o", "{disk}/run.mcap"])
     commands.line_with(recorder.process, "recording to")
     dashboard = commands.start("dashboard", *at, "--port", "0")
     (url,) = re.findall(r"http://[\d.:]+", commands.line_with(dashboard, "http"))

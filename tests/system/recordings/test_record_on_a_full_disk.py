@@ -1,9 +1,6 @@
 """`robrain record` on a real file system that runs full and is given room again, while the robot speaks on."""
 
-import shlex
-import shutil
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -14,22 +11,13 @@ import pytest
 from robrain.coordinator.recording.reader.reading import read_messages, recording_info
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.topics import ROBOT_LOG
+from tests.system.small_disk import SmallDisk, can_have_small_disks
 from tests.system.speaker import Speaker
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
-SIZE = "16m"
 LINE = b'{"robot":"r1","level":"info","source":"test","text":"%s"}'
-IN_A_SMALL_ROOM = """
-mount -t tmpfs -o size={size} tmpfs {disk} || exit 77
-{record} &
-recorder=$!
-trap 'kill -INT $recorder' TERM
-while kill -0 $recorder 2>/dev/null; do wait $recorder; done
-cp {disk}/*.mcap {kept}
-"""
-"""The file system is the script's own: what lies in it is copied out before it is gone."""
 
 
 class LogSpeaker(Speaker):
@@ -51,13 +39,6 @@ class LogSpeaker(Speaker):
         raise AssertionError(f"no recorder has said {why!r} of {file}; the last: {state}")
 
 
-def fill(ballast: Path) -> None:
-    """Write until the file system is full, which raises OSError."""
-    with ballast.open("wb", buffering=0) as stream:
-        while True:
-            stream.write(bytes(4096))
-
-
 @pytest.fixture
 def speaker() -> Iterator[LogSpeaker]:
     speaker = LogSpeaker(ROBOT_LOG)
@@ -66,35 +47,23 @@ def speaker() -> Iterator[LogSpeaker]:
 
 
 def test_a_recording_outlasts_a_full_disk(commands, speaker: LogSpeaker, tmp_path: Path) -> None:
-    disk, kept = tmp_path / "disk", tmp_path / "kept"
-    disk.mkdir()
-    kept.mkdir()
-    unshare = shutil.which("unshare")
-    if unshare is None or subprocess.run([unshare, "-Urm", "true"], capture_output=True, check=False).returncode:
+    if not can_have_small_disks():
         pytest.skip("a file system of one's own needs unshare(1) and user namespaces, which are not to be had here")
+    disk = tmp_path / "disk"
     record = [sys.executable, "-m", "robrain.cli", "record"]
-    record += ["--connect", speaker.address, "--output", str(disk / "run.mcap")]
-    script = IN_A_SMALL_ROOM.format(
-        size=SIZE, disk=shlex.quote(str(disk)), kept=shlex.quote(str(kept)), record=shlex.join(record)
-    )
-    process = subprocess.Popen(
-        [unshare, "-Urm", "bash", "-c", script], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
+    started = SmallDisk(disk, [*record, "--connect", speaker.address, "--output", str(disk / "run.mcap")])
+    process = started.process
     commands.adopt(process)
     speaker.speak_until("", "run.mcap", heard=50)
-    inside = Path(f"/proc/{process.pid}/root") / disk.relative_to("/")
-    ballast = inside / "ballast"
-    with pytest.raises(OSError, match="No space left"):
-        fill(ballast)
-    speaker.speak_until("No space left", "run.mcap")
-    ballast.unlink()
+    with started.full():
+        speaker.speak_until("No space left", "run.mcap")
     heard = speaker.speak_until("", "run_0002.mcap").messages
     told = speaker.speak_until("", "run_0002.mcap", heard=heard + 50)
     process.send_signal(signal.SIGTERM)
     said, _ = process.communicate(timeout=PATIENCE_S)
     assert "No space left" in said
     assert "continues in" in said
-    parts = sorted(kept.iterdir())
+    parts = sorted(started.kept.iterdir())
     assert [part.name for part in parts] == ["run.mcap", "run_0002.mcap"]
     info = recording_info(parts[1])
     assert not info.truncated
