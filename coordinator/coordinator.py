@@ -4,10 +4,9 @@ import math
 from collections.abc import Sequence
 from operator import attrgetter
 
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from robrain.coordinator.charging.charge_desk import ChargeDesk
-from robrain.coordinator.charging.explorer_reach import reach_m
 from robrain.coordinator.journal.backup_desk import BackupDesk
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
@@ -28,15 +27,15 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
 from robrain.coordinator.tasks.team_intake import take_in
 from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.team.frontier_desk import FrontierDesk
 from robrain.coordinator.team.halt_watch import HaltWatch
 from robrain.coordinator.team.left_desk import LeftDesk
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.coordinator.team.team_map import TeamMap
-from robrain.protocol.exploration.explorer import Explorer, Scout
-from robrain.protocol.exploration.situation import Busy, Choice
+from robrain.protocol.exploration.explorer import Explorer
+from robrain.protocol.exploration.situation import Choice
 from robrain.protocol.exploration.strategies import strategy_of
-from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
@@ -49,8 +48,8 @@ from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest
-from robrain.protocol.wire.messages.team.team_messages import FrontierSummary, TeamState
-from robrain.protocol.wire.reasons.idle import IdleReason, LacksRange, PlanPending, TaskSoon, TeamHalted
+from robrain.protocol.wire.messages.team.team_messages import FrontierSummary, StandByStatus, TeamState
+from robrain.protocol.wire.reasons.idle import IdleReason, TeamHalted
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
@@ -69,11 +68,7 @@ LOOK_PERIOD_NS = to_ns(0.1)
 PAUSE_NS = to_ns(FREE_AFTER_S)
 """Two steps that are so far apart are no silence of the robots: the coordinator stood still, or its clock was set."""
 """Robots say how they are as often; in between, only what has come is worth a look at their tasks."""
-SETTLED_NS = to_ns(3.0)
-"""The floor counts as explored when for this long no robot could be given a frontier."""
 SHOWN_FRONTIERS = 64
-GAP = "gap_m"
-"""Key in a task's result: width of the gap that the robot did not fit through."""
 RETOLD_TASKS = 256
 """Tasks whose last change is published again when a coordinator starts."""
 NS_PER_MS = 1_000_000
@@ -120,6 +115,9 @@ class Coordinator:
             policy,
             lifecycle.reasons.waits,
         )
+        self._frontiers = FrontierDesk(
+            self.explorer, self.team_map, self.tasks, self.roster, self.planning, lifecycle.backoff, wire.clock.now_ns()
+        )
         lifecycle.on_refused = self._note_refusal
         self.motes = MoteDesk(wire, self.tasks, self.roster, lifecycle.reasons)
         self.mote_field = FieldKeeper(wire, self.tasks, policy.mote_field, self._new_id)
@@ -138,7 +136,7 @@ class Coordinator:
         self._backups = BackupDesk(wire, self.tasks.journal)
         self.feed: JournalFeed | None = None
         """Sends the journal's changes to a coordinator that stands by, since one was heard."""
-        self.fence = OfferFence(self.roster)
+        self.fence = OfferFence(self.roster, self.tasks.journal)
         lifecycle.reasons.held_back = lambda: self.fence.reason
         wire.answer(COORDINATOR_LEAD, self._lead, serve=Serve.IN_STEP)
         self._term = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
@@ -148,12 +146,8 @@ class Coordinator:
         wire.token(COORDINATOR_ALIVE)
         self._decide_due_ns = 0
         self._look_due_ns = 0
-        self._revise_due_ns = 0
         self._summary_due_ns = 0
         self._own_tasks = self._term
-        self._busy_ns = wire.clock.now_ns()
-        self._kept_idle: dict[str, IdleReason] = {}
-        """Why idle robots were not considered for a frontier, by name."""
         self._requests = TaskRequests(
             wire, self.tasks, self.team_map, self.capabilities, self.lifecycle.reasons.explain
         )
@@ -194,6 +188,7 @@ class Coordinator:
         looks = has_heard or self._requests.has_changed or now_ns >= self._look_due_ns
         if looks:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
+            stage("fence", None, self._look_who_is_heard, now_ns)
             stage("tasks", None, self._look, now_ns)
         if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written):
             self._decide_due_ns = now_ns
@@ -214,11 +209,18 @@ class Coordinator:
             stage("summary", None, self._tell_summary, now_ns)
         if self.feed is not None:
             stage("stand-by", None, self.feed.step, now_ns)
-            stage("fence", None, self.fence.step, self.feed, now_ns)
+
+    def _look_who_is_heard(self, now_ns: int) -> None:
+        was_fenced = self.fence.reason is not None
+        self.fence.step(self.feed, now_ns)
+        reason = self.fence.reason
+        if reason is not None and not was_fenced and not reason.stand_by:
+            self.lifecycle.take_back(self.fence.heard_by_most(now_ns), reason, now_ns)
 
     def _clock_set_back(self, now_ns: int) -> None:
         """What was due by the old time is due now: a coordinator that is silent meanwhile loses its robots."""
-        self._decide_due_ns = self._look_due_ns = self._summary_due_ns = self._revise_due_ns = 0
+        self._decide_due_ns = self._look_due_ns = self._summary_due_ns = 0
+        self._frontiers.clock_set_back()
         self.roster.clock_set_back(now_ns)
         self.lifecycle.clock_set_back(now_ns)
         self.planning.clock_set_back()
@@ -274,6 +276,9 @@ class Coordinator:
             if why := self.roster.why_unknown(received.message.robot, now_ns):
                 self._wire.refusals.note(ROBOT_BALLOT.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
                 return
+            self.roster.note_contact(
+                received.message.robot, now_ns, hears_coordinator=received.message.hears_coordinator
+            )
             self.lifecycle.held_elsewhere.hear(received.message, now_ns)
             is_secured, why_impossible = self._wire.member is not None, self._requests.why_impossible
             with self.lifecycle.as_far_as_written(now_ns):
@@ -328,26 +333,16 @@ class Coordinator:
         if ended.task.kind == RECHARGE:
             self._charge_desk.ended(robot, status.state, now_ns)
         self._decide_due_ns = now_ns  # the next goal is there before the wheels stop
+        self._frontiers.note_end(robot, ended.task, status, now_ns)
         if status.state is TaskState.FAILED:
-            self.explorer.note_failure(robot, ended.task.place, now_ns)
-            self._note_gap(robot, status, now_ns)
             self.planning.blocked()
-        elif ended.task.kind == EXPLORE:
-            self.explorer.note_visit(ended.task.place)
-
-    def _note_gap(self, robot: str, status: TaskStatus, now_ns: int) -> None:
-        """Record the gap that a robot failed to pass, if its result contains one."""
-        known = self.roster.robots.get(robot)
-        pose = known.state.pose if known is not None and known.state is not None else None
-        if pose is not None and GAP in status.result:
-            self.explorer.note_gap(Point2D(pose.x_m, pose.y_m), status.result[GAP], now_ns)
 
     def _note_refusal(self, record: TaskRecord, robot: str, now_ns: int) -> None:
         """A robot has refused a task of the coordinator's own."""
         if record.task.kind == RECHARGE:
             self._charge_desk.ended(robot, TaskState.FAILED, now_ns)
         elif record.task.kind == EXPLORE and not record.by:
-            self.explorer.note_failure(robot, record.task.place, now_ns)
+            self._frontiers.note_refusal(robot, record.task, now_ns)
 
     # -- deciding -------------------------------------------------------------------------------------------
 
@@ -369,7 +364,7 @@ class Coordinator:
         with self.lifecycle.as_far_as_written(now_ns):
             if self.planning.is_on:
                 stage("charging", None, self._send_to_charge, up, now_ns)
-            stage("exploration", None, self._hand_out_frontiers, up, now_ns)
+            stage("exploration", None, self._explore, up, now_ns)
 
     def _offer_planned(self, now_ns: int) -> None:
         self.lifecycle.tell_nobody_can(now_ns)
@@ -400,23 +395,9 @@ class Coordinator:
     def _idle(self, robots: list[Robot]) -> list[Robot]:
         return [robot for robot in robots if self.tasks.of_robot(robot.name) is None]
 
-    def _hand_out_frontiers(self, up: list[Robot], now_ns: int) -> None:
-        planning, pauses = self.planning, self.lifecycle.backoff.robots
-        free, is_unplanned = self._idle(up), planning.has_unplanned()
-        idle = [robot for robot in free if not (is_unplanned or planning.is_reserved(robot.name, now_ns))]
-        why, names = PlanPending() if is_unplanned else TaskSoon(), {robot.name for robot in idle}
-        self._kept_idle = {robot.name: why for robot in free if robot.name not in names}
-        paused = {robot.name for robot in idle if pauses.why(robot.name, now_ns)}
-        scouts = [self._scout(robot) for robot in idle if robot.name not in paused]
-        under_way = self._under_way(up, now_ns)
-        scouts += [self._scout(self.roster.robots[name], goal) for name, goal in under_way.items()]
-        bound = [record for record in self.tasks.open if record.robot and record.robot not in under_way]
-        busy = [Busy(self._place_of(record), record.task.place) for record in bound]
-        choices = self.explorer.choose(scouts, busy, now_ns) if scouts else []
-        idle_why = self.explorer.idle
-        self._charge_desk.lack_range = {name for name, one in idle_why.items() if isinstance(one, LacksRange)}
-        if choices or paused or bound or under_way or self.explorer.has_failures or not up or not self.team_map.version:
-            self._busy_ns = now_ns
+    def _explore(self, up: list[Robot], now_ns: int) -> None:
+        choices = self._frontiers.choose(up, self._idle(up), now_ns)
+        self._charge_desk.lack_range = self._frontiers.lack_range
 
         def explore(choice: Choice) -> None:
             task = Task(id=self._new_id("explore"), kind=EXPLORE, place=choice.place)
@@ -424,56 +405,25 @@ class Coordinator:
 
         self._guard.records(choices, explore, attrgetter("robot"), "frontier")
 
-    def _scout(self, robot: Robot, goal: Point2D | None = None) -> Scout:
-        assert robot.state is not None
-        pose = robot.state.pose
-        homes = tuple(charger.place for charger in self.planning.chargers.of.get(robot.name, ()))
-        return Scout(
-            robot.name,
-            None if pose is None else Point2D(pose.x_m, pose.y_m),
-            robot.state.radius_m,
-            goal,
-            reach_m(robot.state, self.planning.policy) if homes else math.inf,
-            homes,
-        )
-
-    def _under_way(self, up: list[Robot], now_ns: int) -> dict[str, Point2D]:
-        """Goals of the robots that explore and may get another, by name, if it is time to revise goals.
-
-        A robot that is alone keeps its goal, since no other robot can explore it first.
-        """
-        period_s = self.planning.policy.revise_s
-        if not period_s or now_ns < self._revise_due_ns or len(up) < 2:
-            return {}
-        self._revise_due_ns = now_ns + to_ns(period_s)
-        goals = {}
-        for robot in up:
-            bound = self.tasks.bound_to(robot.name)
-            if len(bound) != 1 or bound[0].state is not TaskState.RUNNING or not bound[0].own:
-                continue
-            if bound[0].task.kind == EXPLORE and not self.lifecycle.backoff.robots.why(robot.name, now_ns):
-                goals[robot.name] = bound[0].task.place
-        return goals
-
-    def _place_of(self, record: TaskRecord) -> Point2D:
-        """Where the robot of a record is; the task's place if that is unknown."""
-        robot = self.roster.robots.get(record.robot)
-        pose = robot.state.pose if robot is not None and robot.state is not None else None
-        return record.task.place if pose is None else Point2D(pose.x_m, pose.y_m)
-
     # -- telling --------------------------------------------------------------------------------------------
 
     def _why_idle(self, now_ns: int) -> dict[str, IdleReason]:
         """Why each idle robot that is up has no task."""
-        known: dict[str, IdleReason] = {**self.explorer.idle, **self._kept_idle}
+        known = self._frontiers.why_idle()
         idle = self._idle(self.roster.up(now_ns))
         if self.halts.is_halted:
             return {robot.name: TeamHalted() for robot in idle}
         return {robot.name: known[robot.name] for robot in idle if robot.name in known}
 
+    def _stand_by_status(self) -> StandByStatus | UnsetType:
+        reason = self.fence.reason
+        if self.feed is not None:
+            return self.feed.status(reason)
+        return UNSET if reason is None else StandByStatus(process="", in_step=False, held_back=reason)
+
     def _tell_summary(self, now_ns: int) -> None:
         frontiers = self.explorer.candidates[:SHOWN_FRONTIERS]
-        has_ended = self.team_map.version > 0 and now_ns - self._busy_ns > SETTLED_NS
+        has_ended = self._frontiers.is_settled(now_ns)
         self.roster.forget_unseen(now_ns)
         self._summary.put(
             TeamState(
@@ -489,7 +439,7 @@ class Coordinator:
                 stale=self.stale.found or UNSET,
                 rules=UNSET if self.rules is None else self.rules.status(),
                 mote_field=self.mote_field.state or UNSET,
-                stand_by=UNSET if self.feed is None else self.feed.status(self.fence.reason),
+                stand_by=self._stand_by_status(),
                 unwritable=self.tasks.journal.failing or UNSET,
                 last_change=self.tasks.last_change,
             )

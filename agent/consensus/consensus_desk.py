@@ -114,6 +114,8 @@ class ConsensusDesk:
         """When each robot was last up, as coordinators said."""
         self._team: frozenset[str] = frozenset()
         """The robots that were up lately when a coordinator was heard last: also one that was just out of its reach."""
+        self._is_new = True
+        """Whether no coordinator has counted this robot as up since it began."""
         self._mates: dict[str, _Mate] = {}
         nothing = task_scorer((), Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, 0, desk.work_of)
         self._negotiation = Negotiation(robot, nothing, rounds=ROUNDS, number=now_ns // NS_PER_MS, while_working=True)
@@ -163,6 +165,11 @@ class ConsensusDesk:
             period_ns = ROUNDS_PERIOD_NS if is_busy else PERIOD_NS
             self._due_ns = now_ns + (TELL_DONE_PERIOD_NS if is_rare else period_ns)
             self._send(now_ns, is_alone=is_alone)
+
+    @property
+    def changes_heard(self) -> int:
+        """The robot has heard of all changes of tasks up to this number."""
+        return self._look.last
 
     def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
         """Accept a task without a coordinator (CallError if it is refused, in words)."""
@@ -222,6 +229,8 @@ class ConsensusDesk:
 
     def _note_team(self, said: TeamState, now_ns: int) -> None:
         for robot in said.robots:
+            if robot.up and robot.name == self._robot:
+                self._is_new = False
             silent_ns = 0 if robot.up else to_ns(robot.age_s)
             self._up_ns[robot.name] = max(self._up_ns.get(robot.name, 0), now_ns - silent_ns)
         self._up_ns = {name: up_ns for name, up_ns in self._up_ns.items() if now_ns - up_ns <= GIVEN_UP_NS}
@@ -266,7 +275,16 @@ class ConsensusDesk:
                 self._desk.cancel_for_team(held.id, dropped.why or f"cancelled by {dropped.by or 'a client'}")
 
     def _has_quorum(self) -> bool:
-        return 2 * (1 + len(self._mates)) > len(self._everyone())
+        """Whether more than half of the team hear each other.
+
+        One that no coordinator has counted yet, as it has just begun, does not count: the coordinator may lead others
+        without it. It joins those that have a majority. A team of such robots alone has no coordinator.
+        """
+        there = [mate.said for mate in self._mates.values()]
+        if self._is_new and not all(said.is_new for said in there):
+            return any(said.allocates and not said.is_new for said in there)
+        counted = 1 + sum(self._is_new or not said.is_new for said in there)
+        return 2 * counted > len(self._everyone())
 
     def _everyone(self) -> frozenset[str]:
         return self._team | {self._robot, *self._mates}
@@ -383,6 +401,8 @@ class ConsensusDesk:
             robot=self._robot,
             ballot=self._negotiation.ballot(),
             hears_coordinator=not is_alone,
+            is_new=self._is_new,
+            allocates=self.is_leaderless,
             held=self._held(),
             done=list(self.known.done.values()),
             known=self.known.known(),

@@ -37,15 +37,17 @@ class TaskLook:
     def __init__(self, wire: Endpoint, known: KnownTasks) -> None:
         self.behind_since_ns: int | None = None
         """When it was noticed that a change was not heard of; None if all were."""
+        self.last = 0
+        """All changes up to this number were heard of."""
         self._wire, self._known = wire, known
-        self._last = self._said = 0
+        self._said = 0
         self._ahead: set[int] = set()
         self._asked: Later[list[TaskRecord]] | None = None
         self._asked_ns = self._due_ns = self._said_then = 0
 
     def hear(self, event: TaskEvent, now_ns: int) -> None:
         """Take in a change."""
-        if event.change > self._last and len(self._ahead) < AHEAD_MAX:
+        if event.change > self.last and len(self._ahead) < AHEAD_MAX:
             self._ahead.add(event.change)
             self._count()
         self._note(max(event.change, self._said), now_ns)
@@ -53,7 +55,7 @@ class TaskLook:
     def hear_summary(self, last_change: int, now_ns: int) -> None:
         """Take in the number of the last change; a smaller one than before is that of another journal."""
         if last_change < self._said:
-            self._last = 0
+            self.last = 0
             self._ahead.clear()
         self._said = last_change
         self._note(last_change, now_ns)
@@ -75,17 +77,17 @@ class TaskLook:
             return
         self._asked = None
         self._known.take_open([record.event for record in records], self._asked_ns, now_ns)
-        self._last = max(self._last, self._said_then)
+        self.last = max(self.last, self._said_then)
         self._count()
         self._note(self._said, now_ns)
 
     def _count(self) -> None:
-        while self._last + 1 in self._ahead:
-            self._last += 1
-        self._ahead = {number for number in self._ahead if number > self._last}
+        while self.last + 1 in self._ahead:
+            self.last += 1
+        self._ahead = {number for number in self._ahead if number > self.last}
 
     def _note(self, last_change: int, now_ns: int) -> None:
-        if last_change <= self._last:
+        if last_change <= self.last:
             self.behind_since_ns = None
         elif self.behind_since_ns is None:
             self.behind_since_ns = now_ns

@@ -277,6 +277,7 @@ class AgentHost:
                 map_agreement=board.map_agreement,
                 loaded=self._loaded(),
                 goes_on_s=msgspec.UNSET if self._consensus is None else GOES_ON_S,
+                changes_heard=msgspec.UNSET if self._consensus is None else self._consensus.changes_heard,
                 refused=most_refused(self._refusals) if self._refusals.total else msgspec.UNSET,
                 left_out=(self.thinning.total if self.thinning is not None else 0) or msgspec.UNSET,
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],

@@ -13,7 +13,7 @@ The file is locked for as long as the journal is open. Stamps come with the reco
 import logging
 import os
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -200,6 +200,21 @@ class Journal(JournalReading):
         with self._transaction(durable=True):
             self._db.execute("UPDATE standing SET copied_by = ?", (process,))
 
+    @property
+    def on_their_own(self) -> dict[str, int]:
+        """Robots that go on without a coordinator, with when each was heard last; none if that cannot be read."""
+        text = self._db.execute("SELECT on_their_own FROM standing").fetchone()[0]
+        try:
+            return msgspec.json.decode(str(text), type=dict[str, int])
+        except msgspec.MsgspecError as error:
+            logger.warning("%s: the robots that go on without a coordinator cannot be read: %s", self.path, error)
+            return {}
+
+    def note_on_their_own(self, heard_ns: Mapping[str, int]) -> None:
+        """Which robots go on without a coordinator, with when each was heard last (JournalUnwritable)."""
+        with self._transaction():
+            self._db.execute("UPDATE standing SET on_their_own = ?", (msgspec.json.encode(heard_ns).decode(),))
+
     def when_on_disk(self, tell: Callable[[JournalUnwritable | None], None]) -> None:
         """Call `tell` once all changes so far are on the disk, or with the reason why they may not be.
 
@@ -261,7 +276,7 @@ class Journal(JournalReading):
                 raise JournalUnwritable(self.path, f"cannot be put aside: {error}") from error
         with self._transaction(durable=True):
             self._db.execute("UPDATE copy SET state = 'partial'")
-            self._db.execute("UPDATE standing SET copied_by = '', pairing = ''")
+            self._db.execute("UPDATE standing SET copied_by = '', pairing = '', on_their_own = '{}'")
             for table in ("task", "change", "alarm"):
                 self._db.execute(f"DELETE FROM {table}")
 

@@ -74,6 +74,14 @@ class JournalReading:
         ).fetchone()
         return found is not None
 
+    def when_offered(self, task_id: str, robot: str, epoch: int) -> int:
+        """Number of the change with which a task was offered to a robot with that epoch; 0 if it never was."""
+        found = self._db.execute(
+            "SELECT max(number) FROM change WHERE task = ? AND robot = ? AND epoch = ? AND state = ?",
+            (task_id, robot, epoch, TaskState.OFFERED),
+        ).fetchone()
+        return found[0] or 0
+
     def last_changed(self, count: int) -> list[TaskRecord]:
         """The tasks that changed last, each as it stands, the latest change at the end."""
         rows = self._db.execute(

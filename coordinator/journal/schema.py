@@ -77,6 +77,8 @@ MIGRATIONS: tuple[str, ...] = (
     );
     INSERT INTO standing (only_row) VALUES (1);
     """,
+    # 7: the robots that go on without a coordinator, and when each was heard last, as JSON.
+    "ALTER TABLE standing ADD COLUMN on_their_own TEXT NOT NULL DEFAULT '{}';",
 )
 
 VERSION = len(MIGRATIONS)

@@ -306,6 +306,21 @@ class TaskLifecycle:
                 refusal = answered.answer.reason or Said(cut(answered.answer.why) or "it does not say why")
         return refusal
 
+    def take_back(self, known: int, reason: TaskReason, now_ns: int) -> None:
+        """Queue the tasks again whose robots got them by a change that others may not know of; they are withdrawn.
+
+        Args:
+            known: number of the last change that they know of.
+            reason: why they are taken back.
+            now_ns: the time.
+
+        """
+        with self.as_far_as_written(now_ns):
+            for record in [record for record in self._book.open if record.robot and not record.own]:
+                offered = self._book.journal.when_offered(record.task.id, record.robot, record.epoch)
+                if offered > known:
+                    self._book.give_back(record.task.id, reason)
+
     def withdraw_strays(self, now_ns: int) -> None:
         """Withdraw tasks that robots do or hold and that the book has closed, or assigned to another robot."""
         for robot in self._roster.up(now_ns):

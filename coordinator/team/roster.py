@@ -34,6 +34,23 @@ class Robot:
         self.has_token = False
         self.was_there = False
         """Whether it ever had a token."""
+        self.alone_ns: int | None = None
+        """When it said last that it hears no coordinator; None if it has said since that it does."""
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it goes on without a coordinator, and allocates tasks with others."""
+        return self.state is not None and self.state.goes_on_s is not UNSET
+
+    @property
+    def changes_heard(self) -> int:
+        """It knows of all changes of tasks up to this number; 0 if it does not say."""
+        return 0 if self.state is None else self.state.changes_heard or 0
+
+    def hears_back(self, now_ns: int) -> bool:
+        """Whether it is up, and has not just said that it hears no coordinator."""
+        is_alone = self.alone_ns is not None and now_ns - self.alone_ns <= _LOST_AFTER_NS
+        return not is_alone and self.is_up(now_ns)
 
     def age_s(self, now_ns: int) -> float:
         """Time since its last state; infinite before the first."""
@@ -59,6 +76,8 @@ class Roster:
         self.robots: dict[str, Robot] = {}
         self._by_name: list[Robot] = []
         self._up: list[Robot] = []
+        self.some_go_on = False
+        """Whether any robot that was heard goes on without a coordinator."""
         self._unseen = 0
         """Number of robots that never had a token."""
         self._up_at_ns: int | None = None
@@ -100,7 +119,13 @@ class Roster:
         robot = self._robot(state.robot)
         robot.state = state
         robot.heard_ns = now_ns
+        self.some_go_on = self.some_go_on or state.goes_on_s is not UNSET
         self._up_at_ns = None
+
+    def note_contact(self, name: str, now_ns: int, *, hears_coordinator: bool) -> None:
+        """A robot said whether it hears a coordinator."""
+        if name in self.robots:
+            self.robots[name].alone_ns = None if hears_coordinator else now_ns
 
     def note_presence(self, change: Change) -> Robot:
         """A robot's token came or went."""
@@ -117,6 +142,8 @@ class Roster:
         for robot in self._by_name:
             if robot.heard_ns is not None:
                 robot.heard_ns = min(robot.heard_ns, now_ns)
+            if robot.alone_ns is not None:
+                robot.alone_ns = min(robot.alone_ns, now_ns)
         self._up_at_ns = None
 
     def note_pause(self, paused_ns: int) -> None:

@@ -44,7 +44,7 @@ def draw_script(seed: int) -> FaultScript:
         at_s = _time(rng, 2.0, SPAN_S)
         halts = (HaltOrder(at_s=at_s, until_s=round(at_s + float(rng.uniform(2.0, 25.0)), 1)),)
     faults = (*_faults(rng, names), *_around_halts(rng, names, halts))
-    absence = _absence(seed)
+    absence = _absence(seed, names)
     return FaultScript(
         seed=seed,
         robots=robots,
@@ -58,8 +58,10 @@ def draw_script(seed: int) -> FaultScript:
     )
 
 
-def _absence(seed: int) -> FaultSpec | None:
-    """A time without the coordinator, long enough for robots to allocate tasks; None if they do not.
+def _absence(seed: int, names: list[str]) -> FaultSpec | None:
+    """A time without the coordinator, or with few of the robots in its reach; None if the script has no consensus.
+
+    Long enough for robots to allocate tasks.
 
     From a generator of its own, so that the rest of a seed's script does not depend on it.
     """
@@ -69,7 +71,10 @@ def _absence(seed: int) -> FaultSpec | None:
     kind = FaultKind.KILL if rng.random() < 0.7 else FaultKind.PARTITION
     at_s = 0.0 if rng.random() < 0.2 else _time(rng, 0.0, SPAN_S)
     until_s = round(at_s + float(rng.uniform(3.0, 60.0)), 1)
-    return FaultSpec(robot=COORDINATOR, kind=kind, at_s=at_s, until_s=until_s)
+    side: tuple[str, ...] = ()
+    if kind is FaultKind.PARTITION and len(names) > 2 and rng.random() < 0.7:
+        side = tuple(sorted(rng.choice(names, size=int(rng.integers(1, len(names))), replace=False).tolist()))
+    return FaultSpec(robot=COORDINATOR, kind=kind, at_s=at_s, until_s=until_s, side=side)
 
 
 def _tasks(rng: np.random.Generator) -> tuple[TaskOrder, ...]:

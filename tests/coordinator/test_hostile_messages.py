@@ -104,7 +104,7 @@ STAGES = {
     "withdrawals": "lifecycle.withdraw_strays",
     "offers": "_following.step",
     "charging": "_send_to_charge",
-    "exploration": "_hand_out_frontiers",
+    "exploration": "_explore",
 }
 NEEDED = ("planning", "offers")
 """Without these stages no task is given to a robot."""

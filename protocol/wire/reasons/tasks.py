@@ -97,14 +97,15 @@ class IsState(Reason, frozen=True, tag="is_state"):
 
 
 class MinorityHeard(Reason, frozen=True, tag="minority_heard"):
-    """The coordinator hears too few of its robots, and another coordinator may lead the others."""
+    """The coordinator hears too few of its robots: the others may be led by another, or allocate tasks themselves."""
 
     heard: Count
     """Robots that it hears."""
     robots: Count
     """Robots that count: those heard in the last ten minutes that have not ended."""
-    stand_by: Name
-    """The process with a copy of its journal, which is silent as well."""
+    stand_by: Name = ""
+    """The process with a copy of its journal, which is silent as well; empty if there is none, and the robots that are
+    not heard go on without a coordinator."""
 
 
 class NobodyHasAll(Reason, frozen=True, tag="nobody_has_all"):

@@ -135,7 +135,8 @@ def words(reason: AnyReason) -> str:
         case robots.LostContact(silent_s=silent_s):
             return f"lost contact {silent_s:.1f} s ago"
         case tasks.MinorityHeard(heard=heard, robots=count, stand_by=process):
-            return f"{heard} of {count} robots are heard, and {process} may lead the others"
+            others = f"{process} may lead the others" if process else "the others may allocate tasks among themselves"
+            return f"{heard} of {count} robots are heard, and {others}"
         case tasks.MoteCutOff(mote=mote, others=others):
             return f"nobody hears {mote}{f' and {others} others' if others else ''}"
         case tasks.MoteEnds(mote=mote, left_s=left_s):

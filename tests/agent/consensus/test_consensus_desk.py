@@ -49,7 +49,7 @@ def test_a_team_of_two_that_is_cut_in_half_allocates_nothing_on_either_side(one:
 
 def test_nothing_is_allocated_before_a_coordinator_could_have_been_heard(one: OneRobot) -> None:
     one.is_coordinated = False
-    one.says = {"r2": {}}
+    one.says = {"r2": {"is_new": True}}
     one.run(1.4)
     assert not one.consensus.is_leaderless
     one.run(0.3)

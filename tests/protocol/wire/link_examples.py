@@ -49,6 +49,8 @@ EXAMPLES_OF_LINKS = [
             standings=(Standing(robot="r2", number=6, round=1, digest=4712, value=21.0),),
         ),
         hears_coordinator=False,
+        is_new=True,
+        allocates=True,
         held=[consensus_messages.TaskHeld(id="t3", epoch=5)],
         done=[consensus_messages.TaskDone(id="t2", robot="r2", epoch=4)],
         known=[consensus_messages.TaskKnown(id="t4", at_ns=1_400_000_000)],

@@ -101,6 +101,7 @@ EXAMPLES = [
         map_agreement=0.875,
         loaded=3735928559,
         goes_on_s=120.0,
+        changes_heard=41,
         refused=REFUSED,
         left_out=12,
     ),

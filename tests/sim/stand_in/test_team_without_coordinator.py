@@ -96,7 +96,23 @@ def test_a_robot_that_was_cut_off_when_a_task_ended_does_not_do_it_again(seed):
     assert run_trial(script).broken == ()
 
 
-FOUND = (200938, 204081, 204498, 206011, 208333, 208486, 208503, 209548, 209825, 302912, 707447, 709417)
+@pytest.mark.parametrize("apart", [("r1",), ("r1", "r2")])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_robots_do_out_of_reach_of_the_coordinator_is_not_done_by_those_in_its_reach(seed, apart):
+    """Both sides have queued tasks that they could begin."""
+    script = orphaned(seed)
+    others = [robot.name for robot in script.robots if robot.name not in apart]
+    cut = FaultSpec(
+        robot=others[0], side=tuple(others[1:]), kind=FaultKind.PARTITION, at_s=KILLED_S, until_s=KILLED_S + 60.0
+    )
+    done = Done(msgspec.structs.replace(script, faults=(cut,)))
+    assert done.begun == dict.fromkeys((order.task.id for order in script.tasks), 1)
+    assert done.took_s < 120.0
+
+
+PARTED = (1724, 2048, 2968, 6436, 11283)
+"""Scripts in which a coordinator and most of its robots are apart, and a task was done twice."""
+FOUND = (*PARTED, 200938, 204081, 204498, 206011, 208333, 208486, 208503, 209548, 209825, 302912, 707447, 709417)
 
 
 @pytest.mark.parametrize("seed", FOUND)

@@ -123,6 +123,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Number that changes with the set of loaded plugins, so that others need not poll it; 0 if not reported."""
     goes_on_s: Seconds | msgspec.UnsetType = msgspec.UNSET
     """How long it goes on with its tasks while it hears no coordinator, if that is longer than the lease."""
+    changes_heard: Count | msgspec.UnsetType = msgspec.UNSET
+    """Changes of tasks up to this number it has heard of, if it goes on without a coordinator."""
     refused: Refused = msgspec.UNSET
     """Messages and requests that the robot's host and plugins have refused."""
     left_out: Count | msgspec.UnsetType = msgspec.UNSET

@@ -126,6 +126,10 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     """Its bids."""
     hears_coordinator: bool = False
     """Whether the robot itself hears a coordinator; then nobody takes tasks that it has queued."""
+    is_new: bool = False
+    """Whether no coordinator has counted the robot as up since it began: it is no part of the team's majority then."""
+    allocates: bool = False
+    """Whether it allocates tasks, being one of the team's majority."""
     held: Annotated[list[TaskHeld], Meta(max_length=8)] = msgspec.field(default_factory=list)
     """Tasks that the robot does or holds."""
     done: Annotated[list[TaskDone], Meta(max_length=ENDS_MAX)] = msgspec.field(default_factory=list)

@@ -79,7 +79,7 @@ class StandByStatus(msgspec.Struct, frozen=True, kw_only=True):
     """A coordinator that stands by, as the one that coordinates sees it."""
 
     process: Name
-    """Host and process id."""
+    """Host and process id; empty if none stands by, and no task is offered."""
     in_step: bool
     """Whether nothing is acknowledged that is not on its disk too."""
     behind: Count = 0
@@ -87,7 +87,7 @@ class StandByStatus(msgspec.Struct, frozen=True, kw_only=True):
     why: Text = ""
     """Why it is not in step, in words."""
     held_back: MinorityHeard | None = None
-    """Why no task is offered, as it may be leading; None if tasks are."""
+    """Why no task is offered; None if tasks are."""
 
     @property
     def words(self) -> str:

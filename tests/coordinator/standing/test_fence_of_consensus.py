@@ -1,0 +1,233 @@
+"""A coordinator offers nothing while most of its robots may be allocating tasks among themselves, out of its reach."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.model.consensus.ballot import Ballot
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest
+from robrain.protocol.wire.reasons.tasks import MinorityHeard
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD
+from robrain.protocol.wire.topics import ROBOT_BALLOT, TASK_WHY
+from tests.coordinator.conftest import Team
+
+ALL = 1_000_000
+"""More changes than there are: the robot knows of each."""
+
+
+class RobotsThatGoOn(Team):
+    """Robots that go on without a coordinator."""
+
+    def __init__(self, session, robots: int) -> None:
+        super().__init__(session)
+        self.alone: set[str] = set()
+        """Robots that say that they hear no coordinator."""
+        for number in range(robots):
+            robot = self.robot(f"r{number + 1}", 4.0 + number)
+            robot.plugins, robot.goes_on_s, robot.changes_heard = ["visit"], 120.0, ALL
+        self._numbers = 0
+        self._ballots = {robot.name: robot.wire.publisher(ROBOT_BALLOT, robot=robot.name) for robot in self.robots}
+
+    def run(self, duration_s: float) -> None:
+        for _ in range(round(duration_s / 0.2)):
+            for name in sorted(self.alone):
+                self._numbers += 1
+                said = Ballot(robot=name, number=self._numbers)
+                self._ballots[name].put(TeamBallot(robot=name, ballot=said))
+            super().run(0.2)
+
+    def cut(self, *robots: str) -> None:
+        for robot in self.robots:
+            robot.speaks = robot.name not in robots
+
+    def queue(self, name: str, x_m: float = 5.0) -> None:
+        self.coordinator.tasks.add(Task(id=name, kind="visit", place=Point2D(x_m, 4.0)), by="ann")
+
+    def asked(self) -> list[str]:
+        return [offer.task.id for robot in self.robots for offer in robot.offers]
+
+
+def team_of(robots: int) -> Iterator[RobotsThatGoOn]:
+    with open_lockstep_session() as session:
+        team = RobotsThatGoOn(session, robots)
+        team.run(3.0)
+        yield team
+        team.close()
+
+
+@pytest.fixture
+def four() -> Iterator[RobotsThatGoOn]:
+    yield from team_of(4)
+
+
+@pytest.fixture
+def two() -> Iterator[RobotsThatGoOn]:
+    yield from team_of(2)
+
+
+def test_nothing_is_offered_while_more_than_half_are_out_of_reach(four: RobotsThatGoOn) -> None:
+    four.cut("r2", "r3", "r4")
+    four.run(1.0)
+    four.queue("t1")
+    four.run(300.0)
+    assert four.asked() == []
+    reason = MinorityHeard(1, 4)
+    assert four.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).reason == reason
+    assert four.summary.stand_by.words == (
+        "no task is offered: 1 of 4 robots are heard, and the others may allocate tasks among themselves (robrain lead)"
+    )
+
+
+def test_tasks_are_offered_a_second_after_enough_are_heard_again(four: RobotsThatGoOn) -> None:
+    """They say meanwhile what they have begun."""
+    four.cut("r2", "r3", "r4")
+    four.run(1.0)
+    four.queue("t1")
+    four.run(3.0)
+    four.cut("r4")
+    four.run(0.8)
+    assert four.asked() == []
+    four.run(1.0)
+    assert four.asked() == ["t1"]
+    assert four.coordinator.fence.reason is None
+
+
+def test_half_of_them_cannot_allocate_so_tasks_are_offered_to_the_others(
+    four: RobotsThatGoOn, two: RobotsThatGoOn
+) -> None:
+    for team, silent in ((four, ("r3", "r4")), (two, ("r2",))):
+        team.cut(*silent)
+        team.run(1.0)
+        team.queue("t1")
+        team.run(1.0)
+        assert team.asked() == ["t1"]
+
+
+def test_robots_that_say_that_they_hear_no_coordinator_do_not_count_as_heard(four: RobotsThatGoOn) -> None:
+    four.alone = {"r2", "r3", "r4"}
+    four.run(1.0)
+    four.queue("t1")
+    four.run(5.0)
+    assert four.asked() == []
+    four.alone = set()
+    four.run(3.0)
+    assert four.asked() == ["t1"]
+
+
+def test_robots_without_consensus_hold_nothing_back() -> None:
+    with open_lockstep_session() as session:
+        team = RobotsThatGoOn(session, 4)
+        for robot in team.robots[1:]:
+            robot.goes_on_s = robot.changes_heard = msgspec.UNSET
+        team.run(3.0)
+        team.cut("r2", "r3", "r4")
+        team.run(1.0)
+        team.queue("t1")
+        team.run(1.0)
+        assert team.asked() == ["t1"]
+        team.close()
+
+
+def test_robots_that_were_switched_off_do_not_count(four: RobotsThatGoOn) -> None:
+    for robot in four.robots[1:]:
+        robot.leave()
+    four.cut("r2", "r3", "r4")
+    four.run(1.0)
+    four.queue("t1")
+    four.run(1.0)
+    assert four.asked() == ["t1"]
+
+
+def test_the_operator_may_say_that_the_others_do_nothing(four: RobotsThatGoOn) -> None:
+    four.cut("r2", "r3", "r4")
+    four.run(1.0)
+    four.queue("t1")
+    four.run(3.0)
+    assert four.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).left_out == ["r2", "r3", "r4"]
+    four.run(2.0)
+    assert four.asked() == ["t1"]
+
+
+def test_a_coordinator_that_begins_anew_knows_who_may_be_out_of_its_reach(tmp_path: Path) -> None:
+    with open_lockstep_session() as session:
+        team = RobotsThatGoOn(session, 4)
+        team.begin(Journal(tmp_path / "journal.sqlite"))
+        team.run(3.0)
+        team.coordinator.tasks.journal.close()
+        team.cut("r2", "r3", "r4")  # their tokens are seen yet
+        team.begin(Journal(tmp_path / "journal.sqlite"))
+        team.run(3.0)
+        team.queue("t1")
+        team.run(3.0)
+        assert team.asked() == []
+        assert team.coordinator.fence.reason == MinorityHeard(1, 4)
+        assert team.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).left_out == ["r2", "r3", "r4"]
+        team.run(2.0)
+        assert team.asked() == ["t1"]
+        assert team.coordinator.fence.reason is None
+        team.coordinator.tasks.journal.close()
+        team.close()
+
+
+def test_after_a_night_those_of_the_day_before_do_not_count(tmp_path: Path) -> None:
+    with open_lockstep_session() as session:
+        team = RobotsThatGoOn(session, 4)
+        journal = Journal(tmp_path / "journal.sqlite")
+        journal.note_on_their_own({"r2": 0, "r3": 0, "r4": 0})
+        team.cut("r2", "r3", "r4")
+        for robot in team.robots[1:]:
+            robot.leave()
+        team._ticks = 40_000
+        team.clock.advance_to(to_ns(800.0))
+        team.begin(journal)
+        team.run(3.0)
+        team.queue("t1")
+        team.run(1.0)
+        assert team.asked() == ["t1"]
+        journal.close()
+        team.close()
+
+
+def test_what_was_given_to_a_robot_after_the_cut_is_taken_back(four: RobotsThatGoOn) -> None:
+    """The others never heard of it, and may begin it themselves."""
+    four.queue("t1")
+    four.run(1.0)
+    four.queue("t2", 9.0)
+    four.run(0.6)
+    states = {record.task.id: (record.state, record.robot) for record in four.coordinator.tasks.open}
+    (known, holder), (state, robot) = states["t1"], states["t2"]
+    assert known is state is TaskState.RUNNING
+    for other in four.robots:
+        other.changes_heard = ALL if other.name == robot else four.coordinator.tasks.find("t1").change
+    four.run(0.2)
+    four.cut(*(other.name for other in four.robots if other.name not in (holder, robot)))
+    four.cut(*({"r1", "r2", "r3", "r4"} - {robot}))
+    four.run(2.0)
+    assert four.coordinator.tasks.find("t1").robot == holder
+    taken = four.coordinator.tasks.find("t2")
+    assert (taken.state, taken.robot, taken.reason) == (TaskState.QUEUED, "", MinorityHeard(1, 4))
+    assert [one.id for other in four.robots for one in other.withdrawals] == ["t2"]
+
+
+def test_what_most_have_heard_of_stays_with_its_robot(four: RobotsThatGoOn) -> None:
+    four.queue("t1")
+    four.run(1.0)
+    robot = four.coordinator.tasks.find("t1").robot
+    unaware = [other for other in four.robots if other.name != robot][:2]
+    for other in unaware:
+        other.changes_heard = 0
+    four.run(0.2)
+    four.cut(*({"r1", "r2", "r3", "r4"} - {robot}))
+    four.run(3.0)
+    assert four.coordinator.fence.reason is not None
+    assert four.coordinator.tasks.find("t1").robot == robot
+    assert not any(other.withdrawals for other in four.robots)
