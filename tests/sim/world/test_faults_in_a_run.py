@@ -5,6 +5,7 @@ import math
 import msgspec
 import pytest
 
+from robrain.agent.plugin import PluginState
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -177,3 +178,27 @@ def test_a_robot_is_put_down_only_where_there_is_room_for_it(place_m):
 def test_times_that_are_not_in_order_are_refused(at_s, until_s):
     with pytest.raises(ValueError, match=r"expected (at_s >= 0|until_s > at_s)"):
         FaultSpec(robot="r1", kind=FaultKind.CAN_CUT, at_s=at_s, until_s=until_s)
+
+
+RAISES = ["localisation", "mapper", "planner", "driver", "teammates", "battery", "energy", "explore"]
+
+
+@pytest.mark.parametrize("plugin", RAISES)
+def test_a_stock_plugin_that_raises_once_is_restarted_and_its_robot_goes_on(plugin):
+    scenario = Scenario.builtin("depot").replace(robots=1, seed=4)
+    run = LockstepRun(scenario.world())
+    try:
+        while run.sim_time_s < BREAKS_S:
+            run.tick()
+        broken = run.hosts[0]._registry.plugins[plugin]
+        broken.fault(ZeroDivisionError("once"))
+        run.tick()
+        before = run.truth.robots[0].pose
+        while run.sim_time_s < BREAKS_S + 25.0:
+            run.tick()
+        assert broken.state is PluginState.ACTIVE
+        assert broken.restarts == 1
+        assert before.distance_m(run.truth.robots[0].pose) > 1.0
+        assert run.truth.robots[0].collisions == 0
+    finally:
+        run.close()
