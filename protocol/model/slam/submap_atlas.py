@@ -67,6 +67,8 @@ class SubmapAtlas:
         """The same in cells from the origin."""
         self._measures = (float(geometry.resolution_m), float(geometry.origin_x_m), float(geometry.origin_y_m))
         self._places: dict[SubmapKey, SubmapPlace] = {}
+        self._held: list[Box] | None = None
+        """Boxes to draw again in the end; None if each is drawn at once."""
 
     def take(
         self,
@@ -159,6 +161,9 @@ class SubmapAtlas:
 
         Returns how many classes changed.
         """
+        if self._held is not None:
+            self._held.append(moved)
+            return 0
         box_cells = np.s_[moved[0] : moved[2], moved[1] : moved[3]]
         classes = np.sign(self.grid.log_odds[box_cells])
         version = self.grid.version
@@ -232,7 +237,10 @@ class SubmapAtlas:
         submap.T_arena_local, submap.frame = T_arena_local, frame
         if was_drawn:
             self._redraw(before)
-        self._draw(submap, self._box_of(submap))
+        if self._held is None:
+            self._draw(submap, self._box_of(submap))
+        else:
+            self._held.append(self._box_of(submap))
 
     def move_all(self, places: dict[SubmapKey, Pose2D], frame: MapFrame = ARENA) -> None:
         """Set the poses of several submaps; draws them together if that is less work than one by one."""
@@ -247,6 +255,18 @@ class SubmapAtlas:
             self._redraw(around)
         for key, place in places.items():
             self.move(key, place, frame)
+
+    def hold(self) -> None:
+        """Draw what changes from now on with `draw_held`: each of many that overlap would draw all others again."""
+        self._held = []
+
+    def draw_held(self) -> int:
+        """Draw what has changed since `hold`; returns how many classes of the grid changed."""
+        boxes, self._held = [box for box in self._held or () if _cells_of(box)], None
+        around = _box_around(boxes)
+        if _cells_of(around) < sum(_cells_of(box) for box in boxes):
+            boxes = [around]
+        return sum(self._redraw_counted(box) for box in boxes)
 
     def place_of(self, key: SubmapKey, frame: MapFrame = ARENA) -> Pose2D | None:
         """T_arena_local of a submap in a map frame; None if it does not lie there."""
@@ -307,6 +327,9 @@ class SubmapAtlas:
     def _redraw(self, box: Box) -> None:
         """Erase a box of the grid and draw all submaps there."""
         if box[0] >= box[2] or box[1] >= box[3]:
+            return
+        if self._held is not None:
+            self._held.append(box)
             return
         self.grid.erase(*box)
         for key in sorted(self.submaps):

@@ -168,6 +168,41 @@ def test_a_whole_map_says_all_that_is_known_and_when_each_tile_was_seen():
     assert elsewhere.grid.classes()[8, 9] == FREE
 
 
+def test_a_whole_map_is_drawn_once_however_many_submaps_overlap(monkeypatch):
+    """Drawn one by one, each submap would draw all others again: seconds for those of a robot that began anew."""
+    rng = np.random.default_rng(5)
+    geometry = GridGeometry(0.05, 0.0, 0.0, 64, 64)
+    one_by_one = SubmapAtlas(geometry)
+    for number in range(40):
+        for at in rng.integers(0, 64 - 20, (3, 2)).tolist():  # seen at several times, hence drawn anew
+            cells = rng.choice(np.array([FREE, OCCUPIED, UNKNOWN], np.int8), (20, 20))
+            step = PatchCells(*at, cells, int(rng.integers(1, 9000)))
+            take_message(one_by_one, to_message("r1", geometry, step, number, ASIDE))
+    whole = whole_map("r1", one_by_one, sorted(one_by_one.submaps))
+    together = SubmapAtlas(geometry)
+    assert take_message(together, whole) > 0
+    draws = []
+    draw = SubmapAtlas._draw
+    monkeypatch.setattr(SubmapAtlas, "_draw", lambda atlas, *rest: draws.append(1) or draw(atlas, *rest))
+    version = together.grid.version
+    assert take_message(together, whole) == 0  # as a robot hears it whose mapper has begun anew
+    assert together.grid.version == version
+    assert 0 < len(draws) <= 40
+    assert np.array_equal(together.grid.log_odds, one_by_one.grid.log_odds)
+    assert np.array_equal(together.grid.stamp_ms, one_by_one.grid.stamp_ms)
+    assert together.grid.known_count == one_by_one.grid.known_count
+
+
+def test_what_is_taken_after_a_refused_part_is_drawn():
+    spoilt = msgspec.structs.replace(PATCH, submap=1, cells=b"nonsense")
+    atlas = SubmapAtlas(GEOMETRY)
+    with pytest.raises(ValueError, match="r1"):
+        take_message(atlas, joined_message("r1", GEOMETRY, [PATCH, spoilt]))
+    assert np.array_equal(atlas.grid.classes(), classes_with(2, 3, CELLS))
+    take_message(atlas, to_message("r1", GEOMETRY, PatchCells(6, 6, CELLS, 2000), 2))
+    assert atlas.grid.classes()[6, 7] == OCCUPIED
+
+
 def test_there_is_no_whole_map_of_nothing():
     assert whole_map("r1", SubmapAtlas(GEOMETRY), []) is None
 

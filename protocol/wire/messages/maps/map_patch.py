@@ -160,6 +160,7 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
     changed = _take_one(atlas, message) if message.withdrawn or message.cells else 0
     known = {key for part in message.parts if (key := (part.robot, part.submap)) in atlas.submaps}
     moves: dict[SubmapKey, tuple[Pose2D, MapFrame]] = {}
+    atlas.hold()
     try:
         for part in message.parts:
             key = part.robot, part.submap
@@ -173,6 +174,7 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
             else:
                 moves[key] = part.T_arena_local, part.frame
     finally:
+        changed += atlas.draw_held()
         for frame in sorted({frame for _, frame in moves.values()}):
             atlas.move_all({key: place for key, (place, its) in moves.items() if its == frame}, frame)
     return changed
