@@ -163,7 +163,7 @@ class VrpModel:
         for kind in range(len(set(self._kind_of.values()))):
             of_kind = [worker for worker in self._workers if self._kind_of[worker] == kind]
             profile = int(team.profile[of_kind[0]])
-            allowed = np.ones(count, np.bool_) if self._loads else visits.allowed[of_kind[0]]
+            allowed = np.ones(count, np.bool_) if self._loads else np.ascontiguousarray(visits.allowed[of_kind[0]])
             end_j = np.zeros((len(places), len(self._end_sets)))
             end_s = np.zeros_like(end_j)
             for worker in of_kind:

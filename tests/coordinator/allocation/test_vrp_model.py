@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.allocation import vrp_model
+from robrain.coordinator.allocation.optimal import OptimalAllocator
 from robrain.coordinator.allocation.problem import Objective, Problem, make_arrays
-from robrain.coordinator.allocation.vrp_model import VrpModel
+from robrain.coordinator.allocation.vrp_model import VrpModel, fill_matrix
+from robrain.coordinator.allocation.warm_up import warm_up
+from tests.coordinator.allocation.instances import team_problem
 from tests.coordinator.allocation.test_validate import job, line, worker
 
 CAMERA, ARM = frozenset({"camera"}), frozenset({"arm"})
@@ -125,3 +128,11 @@ def test_a_robot_is_not_given_what_it_is_forbidden_or_what_is_for_those_that_are
             orders: list[list[int]] = [[], [], []]
             orders[robot] = [visit]
             assert is_feasible(model, *orders) is (visit in visits), (robot, visit)
+
+
+def test_all_kernels_of_a_plan_are_compiled_before_the_run():
+    """A coordinator whose first plan compiles one is late by a second."""
+    warm_up()
+    before = set(fill_matrix.signatures)
+    OptimalAllocator(Objective.ENERGY, lambda: 0.0).plan(team_problem(3, 6, 1), iterations=2)
+    assert set(fill_matrix.signatures) == before
