@@ -20,11 +20,17 @@ SMALL_ROOMS_M2 = 45.0
 it is up to 40 m² in a clinic, up to 48 in a hospital section, 45 to 69 in a laboratory, 40 to 74 in an office, 44 to 99
 in a hospital; above 75 in the end in a cave, above 190 in a depot (decision 0058)."""
 
+KNOWN_M2 = 150.0
+"""Known floor below which more than four robots are not sent by rooms: at first every building seems to have small ones
+(chosen: decision 0063)."""
+
 
 def auto(situation: Situation) -> list[Choice]:
     """Choose by `rooms` for three robots and more where rooms are small, else by `tours`, or by `joint` for many."""
     robots = len(situation.seekers) + len(situation.busy)
     floor = situation.floor
-    if robots >= ROOM_ROBOTS and floor is not None and floor.room_m2 < SMALL_ROOMS_M2:
+    is_many = robots > TOUR_ROBOTS
+    is_told = floor is not None and (not is_many or floor.known_m2 > KNOWN_M2)
+    if robots >= ROOM_ROBOTS and floor is not None and is_told and floor.room_m2 < SMALL_ROOMS_M2:
         return rooms(situation)
-    return joint(situation) if robots > TOUR_ROBOTS else tours(situation)
+    return joint(situation) if is_many else tours(situation)

@@ -69,5 +69,10 @@ class MapLook:
         return float((sizes_m2**2).sum() / sizes_m2.sum()) if rooms.any() else math.inf
 
     @cached_property
+    def known_m2(self) -> float:
+        """Area of the known floor that lies in rooms, square metres."""
+        return float(np.count_nonzero(self._rooms != NO_ROOM)) * self._geometry.resolution_m**2
+
+    @cached_property
     def _rooms(self) -> NDArray[np.int32]:
         return floor_rooms(self._grid.classes(), self._geometry.resolution_m)

@@ -87,6 +87,11 @@ class FloorLook(Protocol):
         """Mean area of the room around a place of the known floor, square metres; infinite if there is no room."""
         ...
 
+    @property
+    def known_m2(self) -> float:
+        """Area of the known floor that lies in rooms, square metres."""
+        ...
+
     def room_of(self, place: Point2D) -> int:
         """The number of the room around a place; below 0 if it is in none."""
         ...

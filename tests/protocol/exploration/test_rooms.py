@@ -122,14 +122,23 @@ def test_nothing_to_choose_from_gives_no_choice():
 
 
 @pytest.mark.parametrize(
-    ("robots", "room_m2", "by_rooms"),
-    [(3, 20, True), (4, 44, True), (8, 44, True), (2, 20, False), (4, 46, False), (8, 46, False)],
+    ("robots", "room_m2", "known_m2", "by_rooms"),
+    [
+        (3, 20, 20, True),
+        (4, 44, 20, True),
+        (5, 44, 151, True),
+        (8, 44, 151, True),
+        (2, 20, 151, False),
+        (4, 46, 151, False),
+        (8, 46, 151, False),
+        (5, 20, 149, False),
+    ],
 )
-def test_three_robots_and_more_are_sent_by_rooms_where_those_are_small(robots, room_m2, by_rooms):
+def test_three_robots_and_more_are_sent_by_rooms_where_those_are_small(robots, room_m2, known_m2, by_rooms):
     near, far = at(-2.0), at(6.0)
     busy = [Busy(Point2D(0.0, 90.0 + number), Point2D(0.0, 95.0 + number)) for number in range(robots - 1)]
     situation = straight([near, far], [seeker("r1")], busy, shares_m2=[2.0, 40.0])
-    situation.floor.room_m2 = room_m2
+    situation.floor.room_m2, situation.floor.known_m2 = room_m2, known_m2
     assert goals(rooms(situation)) == {"r1": 6.0}
     assert goals(tours(situation)) == goals(joint(situation)) == {"r1": -2.0}
     assert (auto(situation) == rooms(situation)) is by_rooms
