@@ -143,8 +143,9 @@ def _submit(team: Team, draw: random.Random, submitted: list[str]) -> None:
         still_open = TaskFilter(states=[state for state in TaskState if not state.ended])
         if len(team.list(still_open)) >= OPEN_TASKS:
             return
-        pose = team.state(draw.choice(team.robots)).pose
-        if pose is None:
+        state = team.state(draw.choice(team.robots))
+        pose = state.pose
+        if pose is None or state.lost:  # its pose may be one on a map of its own
             return
         name = f"e{len(submitted) + 1}"
         team.submit("visit", id=name, place=Point2D(round(pose.x_m, 2), round(pose.y_m, 2)), service_s=2.0)
