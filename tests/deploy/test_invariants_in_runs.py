@@ -14,7 +14,6 @@ import pytest
 from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.task_desk import TaskDesk
 from robrain.client.team import Team
-from robrain.coordinator import coordinator
 from robrain.coordinator.recording.invariants.findings import (
     ChargedAway,
     DeliveredFell,
@@ -34,6 +33,7 @@ from robrain.coordinator.recording.invariants.findings import (
 from robrain.coordinator.recording.invariants.judging import Judging
 from robrain.coordinator.tasks import task_lifecycle
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team import frontier_desk
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.plugins.behavior.recharge.recharge import RechargeBehavior
@@ -277,6 +277,6 @@ def test_a_charger_that_charges_from_afar_is_found(monkeypatch: pytest.MonkeyPat
 
 def test_a_robot_that_does_not_go_home_to_charge_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RechargeBehavior, "step", lambda _: None)
-    monkeypatch.setattr(coordinator, "reach_m", lambda *_: math.inf)  # nor does the coordinator count the way home
+    monkeypatch.setattr(frontier_desk, "reach_m", lambda *_: math.inf)  # nor does the coordinator count the way home
     [one] = only(judged(long_day, weak(WITH_CHARGER)), OutOfEnergy)
     assert one.robot == "r1"
