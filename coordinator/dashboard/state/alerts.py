@@ -50,6 +50,8 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
     if view.team is not None:
         if view.team.unwritable and view.coordinator_up and not view.is_replay:
             found.append(Alert(Level.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}"))
+        if view.team.stand_by and view.team.stand_by.held_back is not None and view.coordinator_up and not view.is_replay:
+            found.append(Alert(Level.BAD, "Coordinator", view.team.stand_by.words))
         found += _of_stale(view, view.team, now_s)
         found += _of_refusals("Coordinator", view.team.refused)
     found += _of_refusals("Dashboard", view.refused)

@@ -24,7 +24,8 @@ from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
 from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
-from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
+from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.reasons.wire import TopicStale
 from robrain.protocol.wire.topics import RECORDER_STATE
 
@@ -161,6 +162,21 @@ def test_journal_that_cannot_be_written_is_the_worst_alert_while_the_coordinator
     (alert,) = alerts_of(view, 0.0)
     assert alert == (Level.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}")
     view.coordinator_up = False
+    assert alerts_of(view, 0.0) == []
+
+
+def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
+    view = TeamView()
+    view.coordinator_up = True
+    view.team = TeamState(
+        robots=[], stand_by=StandByStatus(process="", in_step=False, held_back=MinorityHeard(heard=1, robots=4))
+    )
+    (alert,) = alerts_of(view, 0.0)
+    assert alert.level is Level.BAD
+    assert alert.text == (
+        "no task is offered: 1 of 4 robots are heard, and the others may allocate tasks among themselves (robrain lead)"
+    )
+    view.team = TeamState(robots=[], stand_by=StandByStatus(process="office-7", in_step=False))
     assert alerts_of(view, 0.0) == []
 
 
