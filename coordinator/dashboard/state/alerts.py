@@ -48,14 +48,22 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
     if view.rejected:
         found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
     if view.team is not None:
-        if view.team.unwritable and view.coordinator_up and not view.is_replay:
-            found.append(Alert(Level.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}"))
-        if view.team.stand_by and view.team.stand_by.held_back is not None and view.coordinator_up and not view.is_replay:
-            found.append(Alert(Level.BAD, "Coordinator", view.team.stand_by.words))
+        if view.coordinator_up and not view.is_replay:
+            found += _of_tasks(view.team)
         found += _of_stale(view, view.team, now_s)
         found += _of_refusals("Coordinator", view.team.refused)
     found += _of_refusals("Dashboard", view.refused)
     return sorted(found, key=lambda alert: alert.level is not Level.BAD)
+
+
+def _of_tasks(team: TeamState) -> list[Alert]:
+    """Alerts for a coordinator that takes no tasks, or offers none."""
+    found: list[Alert] = []
+    if team.unwritable:
+        found.append(Alert(Level.BAD, "Coordinator", f"takes no tasks: {team.unwritable}"))
+    if team.stand_by and team.stand_by.held_back is not None:
+        found.append(Alert(Level.BAD, "Coordinator", team.stand_by.words))
+    return found
 
 
 def _of_stale(view: TeamView, team: TeamState, now_s: float) -> list[Alert]:
