@@ -29,7 +29,12 @@ SILENT_NS = to_ns(1.0)
 GOES_ON_NS = to_ns(0.25)
 """After this a robot that was resumed has published a pose of its own again."""
 CARRIED_M_S = 3.0
-"""Nobody drives that fast: the robot was carried."""
+"""No robot drives that fast: it was carried."""
+CARRIED_M_S2 = 4.0
+"""No robot that stands speeds up like that: it was carried a short way (a base speeds up by 0.8 m/s²)."""
+STOOD_M = 0.01
+SHORT_NS = to_ns(0.1)
+"""Two looks that are less apart say nothing about how a robot speeds up."""
 
 
 class _Robot:
@@ -49,6 +54,8 @@ class _Robot:
         """Since when the team has been halted and the coordinator hears it."""
         self.anchor: RobotTruth | None = None
         self.last: tuple[RobotTruth, int] | None = None
+        self.has_stood = False
+        """Whether it stood between the last two looks."""
 
 
 class Halts(InvariantJudge):
@@ -175,8 +182,10 @@ class Halts(InvariantJudge):
                 self._judge_true(now, robot, last, time_ns)
 
     def _judge_true(self, now: RobotTruth, robot: _Robot, last: tuple[RobotTruth, int] | None, time_ns: int) -> None:
-        anchor = robot.anchor
-        if anchor is None or last is None or now.collisions > anchor.collisions or _was_carried(now, *last, time_ns):
+        anchor, has_stood = robot.anchor, robot.has_stood
+        robot.has_stood = last is not None and now.pose.distance_m(last[0].pose) < STOOD_M
+        is_carried = last is not None and _was_carried(now, *last, time_ns, has_stood=has_stood)
+        if anchor is None or last is None or now.collisions > anchor.collisions or is_carried:
             robot.anchor = now  # who is pushed or carried does not move by itself
             return
         moved_m = now.pose.distance_m(anchor.pose)
@@ -198,5 +207,8 @@ def _own_place(state: RobotState) -> tuple[Point2D, float]:
     return Point2D(state.pose.x_m, state.pose.y_m), variance_m2**0.5
 
 
-def _was_carried(now: RobotTruth, last: RobotTruth, last_ns: int, time_ns: int) -> bool:
-    return now.pose.distance_m(last.pose) > CARRIED_M_S * max(to_seconds(time_ns - last_ns), 0.02)
+def _was_carried(now: RobotTruth, last: RobotTruth, last_ns: int, time_ns: int, *, has_stood: bool) -> bool:
+    way_m, took_s = now.pose.distance_m(last.pose), max(to_seconds(time_ns - last_ns), 0.02)
+    if way_m > CARRIED_M_S * took_s:
+        return True
+    return has_stood and time_ns - last_ns >= SHORT_NS and 2.0 * way_m > CARRIED_M_S2 * took_s**2

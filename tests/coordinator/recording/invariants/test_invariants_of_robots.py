@@ -192,6 +192,22 @@ def test_who_is_pushed_or_carried_obeys() -> None:
     assert told.found(Invariant.HALTS) == []
 
 
+@pytest.mark.parametrize("way_m", [0.11, 0.27, 0.5])
+def test_who_stands_and_is_carried_a_short_way_obeys(way_m: float) -> None:
+    told = halted(with_robot())
+    told.pass_time(3.0)
+    stands = [1.0] * 10
+    go(told, *stands, *(x_m + way_m for x_m in stands))
+    assert told.found(Invariant.HALTS) == []
+
+
+def test_who_stands_and_begins_to_drive_is_found() -> None:
+    told = halted(with_robot())
+    told.pass_time(3.0)
+    go(told, *([1.0] * 10), *(1.0 + 0.5 * 0.8 * (0.2 * step) ** 2 for step in range(1, 5)))
+    assert [type(one) for one in told.found(Invariant.HALTS)] == [MovedHalted]
+
+
 def test_one_robot_that_is_halted_alone_must_stand_and_another_need_not() -> None:
     told = with_robot()
     told.states["r2"], told.truths["r2"] = {"halted": True}, {}
