@@ -6,6 +6,7 @@ from functools import cache
 import msgspec
 import numpy as np
 
+from robrain.deploy.soak.shrink import with_sides_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.scenarios.scenario import Scenario
@@ -95,7 +96,7 @@ def _task(rng: np.random.Generator, order: TaskOrder) -> TaskOrder:
 
 
 def _faults(base: FaultScript, names: list[str]) -> Iterator[FaultSpec]:
-    for fault in base.faults:
+    for fault in with_sides_of(base, names):
         is_agent = fault.robot != COORDINATOR
         if fault.kind is FaultKind.DRAIN or (fault.kind is FaultKind.CLOCK_SKEW and is_agent):
             continue

@@ -35,7 +35,12 @@ def scenario_of(script: FaultScript) -> Scenario:
     """
     scenario, radio = Scenario.builtin(script.scenario), script.radio
     names = {robot.name: f"r{number}" for number, robot in enumerate(script.robots, start=1)}
-    faults = tuple(msgspec.structs.replace(one, robot=names.get(one.robot, one.robot)) for one in script.faults)
+    faults = tuple(
+        msgspec.structs.replace(
+            one, robot=names.get(one.robot, one.robot), side=tuple(names.get(name, name) for name in one.side)
+        )
+        for one in script.faults
+    )
     roster = tuple(
         RobotSpec(place_m=(robot.place.x_m, robot.place.y_m), hardware={"battery": {"soc_at_start": robot.soc}})
         for robot in script.robots

@@ -5,7 +5,7 @@ on Software Engineering 28(2), 2002) over the list of faults, halts, cancellatio
 each remaining fault is made as short as it can be. A smaller script counts if it breaks the same invariant.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import TypeVar
 
 import msgspec
@@ -108,6 +108,14 @@ def _without_absent(order: TaskOrder, ids: set[str]) -> TaskOrder:
     return msgspec.structs.replace(order, task=msgspec.structs.replace(order.task, after=after))
 
 
+def with_sides_of(script: FaultScript, names: Collection[str]) -> tuple[FaultSpec, ...]:
+    """The faults of a script, their sides without the robots that are not among these."""
+    return tuple(
+        msgspec.structs.replace(fault, side=tuple(name for name in fault.side if name in names))
+        for fault in script.faults
+    )
+
+
 def _with_robots(script: FaultScript, robots: Sequence[object]) -> FaultScript | None:
     """A script with these robots; None if a fault is of one that is left out, or if none of them stays alive."""
     kept = tuple(robot for robot in script.robots if any(robot is one for one in robots))
@@ -115,6 +123,6 @@ def _with_robots(script: FaultScript, robots: Sequence[object]) -> FaultScript |
     if all(robot.name in dead for robot in kept):
         return None  # tasks stay undone then, whatever the code does
     try:
-        return msgspec.structs.replace(script, robots=kept)
+        return msgspec.structs.replace(script, robots=kept, faults=with_sides_of(script, {one.name for one in kept}))
     except ValueError:
         return None

@@ -154,3 +154,18 @@ def test_a_robot_that_is_cut_off_on_top_of_a_radio_leaves_its_task_to_another() 
     radio = ScriptRadio(range_m=15.0, loss=0.05, delay_s=0.01)
     verdict = run_full_trial(msgspec.structs.replace(CUT_OFF, radio=radio))
     assert (verdict.broken, verdict.done) == ((), 1)
+
+
+@pytest.mark.parametrize("seed", [900113, 900163, 900169, 900229])
+def test_a_drawn_cut_names_robots_of_the_script_alone(seed: int) -> None:
+    script = draw_full_script(seed)
+    names = {robot.name for robot in script.robots}
+    assert all(set(fault.side) <= names for fault in script.faults)
+    assert scenario_of(script).faults
+
+
+def test_a_shrunk_script_cuts_off_the_robots_that_it_had() -> None:
+    robots = tuple(PointRobot(name=name, place=Point2D(x_m, 1.0)) for name, x_m in (("r2", 1.0), ("r3", 6.0)))
+    cut = FaultSpec(robot=COORDINATOR, kind=FaultKind.PARTITION, at_s=4.0, until_s=14.0, side=("r3",))
+    (told,) = scenario_of(msgspec.structs.replace(CUT_OFF, robots=robots, faults=(cut,))).faults
+    assert told.side == ("r2",)

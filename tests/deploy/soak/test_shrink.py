@@ -64,3 +64,14 @@ def test_trials_are_limited_and_what_was_reached_by_then_still_fails():
     assert shrinker.trials == 5
     assert fails(shrunk)
     assert msgspec.json.encode(shrunk) != msgspec.json.encode(SCRIPT)
+
+
+def test_robots_that_are_left_out_are_on_no_side_of_a_cut():
+    first, *others = SCRIPT.robots
+    cut = FaultSpec(
+        robot=first.name, kind=FaultKind.PARTITION, at_s=1.0, until_s=9.0, side=tuple(one.name for one in others)
+    )
+    script = msgspec.structs.replace(SCRIPT, faults=(cut,))
+    shrunk = Shrinker(lambda script: bool(script.faults) and len(script.robots) >= 2).shrink(script)
+    assert len(shrunk.robots) == 2
+    assert set(shrunk.faults[0].side) <= {robot.name for robot in shrunk.robots}
