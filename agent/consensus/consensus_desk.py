@@ -22,16 +22,18 @@ from robrain.protocol.model.consensus.negotiation import Negotiation
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
+    ABSENT_MAX,
     ENDED_TOLD,
     DropTaken,
     TaskDone,
     TaskHeld,
+    TaskHeldBy,
     TaskTaken,
     TeamBallot,
 )
@@ -395,6 +397,20 @@ class ConsensusDesk:
         wanted = {bid.task for one in said for bid in one.ballot.bids} | {held.id for one in said for held in one.held}
         return sorted(task for task in wanted if self.known.has_ended(task))[:ENDED_TOLD]
 
+    def _absent_to_tell(self, now_ns: int) -> list[TaskHeldBy]:
+        """Tasks of silent robots: what ballots told of them, and what a coordinator gave them."""
+        there = {self._robot, *self._mates}
+        told = self._holders.to_tell(there, now_ns)
+        left_s, names = to_seconds(self._heard_ns + GIVEN_UP_NS - now_ns), {one.id for one in told}
+        if left_s <= 0.0:
+            return told
+        told += [
+            TaskHeldBy(id=name, robot=one.robot, left_s=left_s)
+            for name, one in sorted(self.known.open.items())
+            if one.robot and one.robot not in there and name not in names and not self.known.is_done(name)
+        ]
+        return told[:ABSENT_MAX]
+
     def _send(self, now_ns: int, *, is_alone: bool) -> None:
         mates = sorted(self._mates.items())
         said = TeamBallot(
@@ -411,7 +427,7 @@ class ConsensusDesk:
             ended=self._ended_to_tell(),
             wants=self._claim.task,
             hears=tuple(Heard(robot=name, number=mate.said.ballot.number) for name, mate in mates),
-            absent=self._holders.to_tell({self._robot, *self._mates}, now_ns),
+            absent=self._absent_to_tell(now_ns),
         )
         self._claim.note_sent(said.ballot.number)
         self._tell.put(said)

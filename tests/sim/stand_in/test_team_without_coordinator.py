@@ -112,7 +112,22 @@ def test_what_robots_do_out_of_reach_of_the_coordinator_is_not_done_by_those_in_
 
 PARTED = (1724, 2048, 2968, 6436, 11283)
 """Scripts in which a coordinator and most of its robots are apart, and a task was done twice."""
-FOUND = (*PARTED, 200938, 204081, 204498, 206011, 208333, 208486, 208503, 209548, 209825, 302912, 707447, 709417)
+FOUND = (
+    *PARTED,
+    200938,
+    204081,
+    204498,
+    206011,
+    208333,
+    208486,
+    208503,
+    209548,
+    209825,
+    302912,
+    707447,
+    709417,
+    912196,
+)
 
 
 @pytest.mark.parametrize("seed", FOUND)
