@@ -65,9 +65,9 @@ from robrain.protocol.wire.topics import (
 DECIDE_PERIOD_NS = to_ns(0.5)
 SUMMARY_PERIOD_NS = to_ns(0.5)
 LOOK_PERIOD_NS = to_ns(0.1)
+"""Robots say how they are as often; in between, only what has come is worth a look at their tasks."""
 PAUSE_NS = to_ns(FREE_AFTER_S)
 """Two steps that are so far apart are no silence of the robots: the coordinator stood still, or its clock was set."""
-"""Robots say how they are as often; in between, only what has come is worth a look at their tasks."""
 SHOWN_FRONTIERS = 64
 RETOLD_TASKS = 256
 """Tasks whose last change is published again when a coordinator starts."""

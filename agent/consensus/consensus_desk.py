@@ -402,7 +402,7 @@ class ConsensusDesk:
         there = {self._robot, *self._mates}
         told = self._holders.to_tell(there, now_ns)
         left_s, names = to_seconds(self._heard_ns + GIVEN_UP_NS - now_ns), {one.id for one in told}
-        if left_s <= 0.0:
+        if left_s <= 0.0 or now_ns - self._heard_ns <= SILENT_NS:  # a coordinator knows itself what it gave
             return told
         told += [
             TaskHeldBy(id=name, robot=one.robot, left_s=left_s)

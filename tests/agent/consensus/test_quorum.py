@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from robrain.protocol.model.tasks.task import TaskState
 from tests.agent.consensus.one_robot import OneRobot, alone, visit
 
 NEW = {"is_new": True}
@@ -75,3 +76,20 @@ def test_a_team_that_never_had_a_coordinator_allocates(one: OneRobot) -> None:
     one.says = {"r2": NEW, "r3": NEW}
     one.run(3.0)
     assert one.consensus.is_leaderless
+
+
+def test_robots_tell_which_tasks_a_coordinator_gave_to_one_that_is_silent(one: OneRobot) -> None:
+    """A mate that was cut off meanwhile takes them for queued."""
+    one.tell(visit("t1"), TaskState.RUNNING, "r3")
+    one.tell(visit("t2"), TaskState.RUNNING, "r2")
+    one.tell(visit("t3"))
+    one.run(1.0)
+    one.is_coordinated = False
+    one.says = {"r2": {}}
+    (told,) = one.run(3.0)[-1].absent
+    assert (told.id, told.robot) == ("t1", "r3")
+    assert 117.0 < told.left_s < 120.0
+    one.is_coordinated = True
+    assert [said.absent for said in one.run(2.0)[-1:]] == [[]]
+    one.is_coordinated = False
+    assert one.run(130.0)[-1].absent == []
