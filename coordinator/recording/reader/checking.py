@@ -163,7 +163,7 @@ class _Check:
             return
         decoded = self._decode(topic, message)
         self.judging.take(decoded, now_ns)
-        if isinstance(decoded, MapPatch) and decoded.parts:
+        if isinstance(decoded, MapPatch) and decoded.parts and not message.sequence:
             return  # the answer to one who asked for a whole map: it is recorded in between, without a number
         sender = f"{key} {_sender_of(decoded)}" if several_senders(topic) else key
         before = self._last.get(sender)

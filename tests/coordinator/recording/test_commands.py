@@ -23,6 +23,9 @@ from robrain.coordinator.recording.reader.recovering import recover
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.deploy.recordings.recording_display import FOLDED_ABOVE, folded
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.map_patch import joined_message, pose_message
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
@@ -174,6 +177,21 @@ def test_what_is_wrong_is_found(tmp_path: Path, said: Said, found: tuple[Kind, S
     path = write(tmp_path / "run.mcap", said)
     assert found in findings(path)
     assert check_recording(path).good == (found[1] is Severity.NOTE)
+
+
+NO_SUMMARY = (Kind.PROVENANCE, Severity.NOTE)
+
+
+def test_submaps_that_have_moved_are_numbered_as_other_patches_and_whole_maps_are_not(tmp_path: Path) -> None:
+    key, geometry = "robrain/default/robot/r1/map", GridGeometry(0.1, 0.0, 0.0, 20, 20)
+    moved = [pose_message("r1", geometry, number, Pose2D(0.1, 0.0, 0.0)) for number in (1, 2)]
+
+    def patch(seq: int) -> MapPatch:
+        return msgspec.structs.replace(joined_message("r1", geometry, moved), seq=seq, stamp_ns=seq * 10**8)
+
+    told = [(key, 0.1 * number, patch(number)) for number in (1, 2, 3)]
+    assert findings(write(tmp_path / "good.mcap", [*told[:2], (key, 0.25, patch(0)), told[2]])) == [NO_SUMMARY]
+    assert (Kind.GAP, Severity.PROBLEM) in findings(write(tmp_path / "lost.mcap", [told[0], told[2]]))
 
 
 def test_numbers_of_plugins_that_share_a_key_are_not_taken_for_those_of_one_sender(tmp_path: Path) -> None:
