@@ -117,7 +117,7 @@ class ConsensusDesk:
         self._team: frozenset[str] = frozenset()
         """The robots that were up lately when a coordinator was heard last: also one that was just out of its reach."""
         self._is_new = True
-        """Whether no coordinator has counted this robot as up since it began."""
+        """Whether no coordinator has listed this robot as up since its start."""
         self._mates: dict[str, _Mate] = {}
         nothing = task_scorer((), Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, 0, desk.work_of)
         self._negotiation = Negotiation(robot, nothing, rounds=ROUNDS, number=now_ns // NS_PER_MS, while_working=True)
@@ -279,8 +279,8 @@ class ConsensusDesk:
     def _has_quorum(self) -> bool:
         """Whether more than half of the team hear each other.
 
-        One that no coordinator has counted yet, as it has just begun, does not count: the coordinator may lead others
-        without it. It joins those that have a majority. A team of such robots alone has no coordinator.
+        A restarted robot does not count until a coordinator lists it as up, because that coordinator may be leading the
+        others. It joins a majority of robots that do count. If no robot counts, there was no coordinator, and all do.
         """
         there = [mate.said for mate in self._mates.values()]
         if self._is_new and not all(said.is_new for said in there):

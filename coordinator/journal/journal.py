@@ -202,7 +202,7 @@ class Journal(JournalReading):
 
     @property
     def on_their_own(self) -> dict[str, int]:
-        """Robots that go on without a coordinator, with when each was heard last; none if that cannot be read."""
+        """Robots that continue without a coordinator, with the time each was last heard; empty if unreadable."""
         text = self._db.execute("SELECT on_their_own FROM standing").fetchone()[0]
         try:
             return msgspec.json.decode(str(text), type=dict[str, int])
@@ -211,7 +211,7 @@ class Journal(JournalReading):
             return {}
 
     def note_on_their_own(self, heard_ns: Mapping[str, int]) -> None:
-        """Which robots go on without a coordinator, with when each was heard last (JournalUnwritable)."""
+        """Store the robots that continue without a coordinator, with when each was last heard (JournalUnwritable)."""
         with self._transaction():
             self._db.execute("UPDATE standing SET on_their_own = ?", (msgspec.json.encode(heard_ns).decode(),))
 

@@ -4,8 +4,8 @@ A coordinator that stood by leads on the operator's word, who has seen that the 
 lost its link, with a few robots on its side, both would offer the tasks that were queued, and one might be done twice.
 So it offers none while it hears neither the one that stands by nor more than half of its robots.
 
-Robots that go on without a coordinator allocate the queued tasks once more than half of the team hear each other and no
-coordinator. A coordinator offers none while more than half of its robots could be doing that.
+Robots that continue without a coordinator allocate the queued tasks once more than half of the team hear each other and
+no coordinator. A coordinator offers no task while more than half of its robots could be doing that.
 """
 
 import logging
@@ -26,9 +26,9 @@ STAND_BY_SILENT_NS = to_ns(2.0)
 FAREWELL_NS = to_ns(0.5)
 """A robot whose token goes this soon after its last state has ended; a cut link is silent for longer before."""
 REPORT_NS = to_ns(1.0)
-"""Robots that are heard again say within this what they have begun, and one that has just begun hears all of them."""
+"""Reconnected robots report their tasks within this time; a restarted coordinator hears every reachable robot."""
 WRITE_NS = to_ns(60.0)
-"""How often is written down when robots that go on without a coordinator were heard; at once if there are others."""
+"""Period for storing when those robots were last heard; a change of the set is stored at once."""
 
 
 class OfferFence:
@@ -36,7 +36,7 @@ class OfferFence:
 
     Args:
         roster: the robots that were ever heard.
-        journal: where the robots are written down that go on without a coordinator, for one that begins anew.
+        journal: stores the robots that continue without a coordinator, so that a restarted coordinator knows them.
 
     """
 
@@ -50,7 +50,7 @@ class OfferFence:
         """Robots that count while offers are held back."""
         self._journal = journal
         self._before = journal.on_their_own
-        """Robots that go on without a coordinator which this one has not heard yet, with when they were heard last."""
+        """Robots that continue without a coordinator and were not heard since the start, with the time last heard."""
         self._written: frozenset[str] = frozenset(self._before)
         self._write_ns = self._apart_ns = 0
         self._held_since_ns: int | None = None
@@ -106,9 +106,9 @@ class OfferFence:
             self._end()
 
     def heard_by_most(self, now_ns: int) -> int:
-        """Number of the last change of a task of which each group that may allocate tasks has a robot that knows it.
+        """Number of the latest task change that at least one robot of every possible majority has heard of.
 
-        While offers are held back because there may be such a group.
+        Call it only while offers are held back.
         """
         robots = [robot for robot in self._roster.by_name if self._counts(robot.name, robot.heard_ns, now_ns)]
         missed = sum(self._counts(name, heard_ns, now_ns) for name, heard_ns in self._before.items())
@@ -141,7 +141,7 @@ class OfferFence:
         return name in self._counted or now_ns - heard_ns <= HEARD_NS
 
     def _write(self, robots: list[Robot], now_ns: int) -> None:
-        """Write down who goes on without a coordinator, for one that begins anew and does not hear them."""
+        """Store the robots that continue without a coordinator, so that a restarted coordinator knows them."""
         there = {
             robot.name: robot.heard_ns
             for robot in robots
@@ -154,14 +154,14 @@ class OfferFence:
         try:
             self._journal.note_on_their_own({**self._before, **there})
         except JournalUnwritable:
-            logger.debug("who goes on without a coordinator is written down once the journal can be written")
+            logger.debug("robots that continue without a coordinator are not stored: the journal cannot be written")
 
     def _tell(self, now_ns: int) -> None:
         reason = self.reason
         if self._held_since_ns is None:
             self._held_since_ns = now_ns
         if self._is_told or reason is None or now_ns - self._held_since_ns < REPORT_NS:
-            return  # robots that have just begun need a moment to hear the coordinator
+            return  # at the start, robots need a moment to hear the coordinator
         self._is_told = True
         others = "the others go on by themselves"
         if reason.stand_by:

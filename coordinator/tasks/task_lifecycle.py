@@ -307,7 +307,7 @@ class TaskLifecycle:
         return refusal
 
     def take_back(self, known: int, reason: TaskReason, now_ns: int) -> None:
-        """Queue the tasks again whose robots got them by a change that others may not know of; they are withdrawn.
+        """Requeue the tasks whose assignment other robots may not have heard of; their robots are told to drop them.
 
         Args:
             known: number of the last change that they know of.

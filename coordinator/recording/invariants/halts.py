@@ -31,10 +31,10 @@ GOES_ON_NS = to_ns(0.25)
 CARRIED_M_S = 3.0
 """No robot drives that fast: it was carried."""
 CARRIED_M_S2 = 4.0
-"""No robot that stands speeds up like that: it was carried a short way (a base speeds up by 0.8 m/s²)."""
+"""A standing robot that accelerates faster was carried a short way (a base accelerates at 0.8 m/s²)."""
 STOOD_M = 0.01
 SHORT_NS = to_ns(0.1)
-"""Two looks that are less apart say nothing about how a robot speeds up."""
+"""Accelerations are not computed over shorter intervals."""
 
 
 class _Robot:

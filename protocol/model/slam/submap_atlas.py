@@ -257,11 +257,11 @@ class SubmapAtlas:
             self.move(key, place, frame)
 
     def hold(self) -> None:
-        """Draw what changes from now on with `draw_held`: each of many that overlap would draw all others again."""
+        """Defer drawing until `draw_held`; otherwise each of many overlapping submaps redraws all others."""
         self._held = []
 
     def draw_held(self) -> int:
-        """Draw what has changed since `hold`; returns how many classes of the grid changed."""
+        """Draw all changes since `hold`; returns the number of cells whose class changed."""
         boxes, self._held = [box for box in self._held or () if _cells_of(box)], None
         around = _box_around(boxes)
         if _cells_of(around) < sum(_cells_of(box) for box in boxes):

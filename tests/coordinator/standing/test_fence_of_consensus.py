@@ -8,32 +8,29 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.consensus.ballot import Ballot
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD
-from robrain.protocol.wire.topics import ROBOT_BALLOT, TASK_WHY
-from tests.coordinator.conftest import Team
+from robrain.protocol.wire.topics import ROBOT_BALLOT
+from tests.coordinator.standing.parted_team import PartedTeam
 
 ALL = 1_000_000
 """More changes than there are: the robot knows of each."""
 
 
-class RobotsThatGoOn(Team):
+class RobotsThatGoOn(PartedTeam):
     """Robots that go on without a coordinator."""
 
     def __init__(self, session, robots: int) -> None:
-        super().__init__(session)
+        super().__init__(session, robots)
         self.alone: set[str] = set()
         """Robots that say that they hear no coordinator."""
-        for number in range(robots):
-            robot = self.robot(f"r{number + 1}", 4.0 + number)
-            robot.plugins, robot.goes_on_s, robot.changes_heard = ["visit"], 120.0, ALL
+        for robot in self.robots:
+            robot.goes_on_s, robot.changes_heard = 120.0, ALL
         self._numbers = 0
         self._ballots = {robot.name: robot.wire.publisher(ROBOT_BALLOT, robot=robot.name) for robot in self.robots}
 
@@ -44,16 +41,6 @@ class RobotsThatGoOn(Team):
                 said = Ballot(robot=name, number=self._numbers)
                 self._ballots[name].put(TeamBallot(robot=name, ballot=said))
             super().run(0.2)
-
-    def cut(self, *robots: str) -> None:
-        for robot in self.robots:
-            robot.speaks = robot.name not in robots
-
-    def queue(self, name: str, x_m: float = 5.0) -> None:
-        self.coordinator.tasks.add(Task(id=name, kind="visit", place=Point2D(x_m, 4.0)), by="ann")
-
-    def asked(self) -> list[str]:
-        return [offer.task.id for robot in self.robots for offer in robot.offers]
 
 
 def team_of(robots: int) -> Iterator[RobotsThatGoOn]:
@@ -75,13 +62,13 @@ def two() -> Iterator[RobotsThatGoOn]:
 
 
 def test_nothing_is_offered_while_more_than_half_are_out_of_reach(four: RobotsThatGoOn) -> None:
-    four.cut("r2", "r3", "r4")
+    four.part("r2", "r3", "r4")
     four.run(1.0)
     four.queue("t1")
     four.run(300.0)
     assert four.asked() == []
     reason = MinorityHeard(1, 4)
-    assert four.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).reason == reason
+    assert four.why_waiting("t1") == reason
     assert four.summary.stand_by.words == (
         "no task is offered: 1 of 4 robots are heard, and the others may allocate tasks among themselves (robrain lead)"
     )
@@ -89,11 +76,11 @@ def test_nothing_is_offered_while_more_than_half_are_out_of_reach(four: RobotsTh
 
 def test_tasks_are_offered_a_second_after_enough_are_heard_again(four: RobotsThatGoOn) -> None:
     """They say meanwhile what they have begun."""
-    four.cut("r2", "r3", "r4")
+    four.part("r2", "r3", "r4")
     four.run(1.0)
     four.queue("t1")
     four.run(3.0)
-    four.cut("r4")
+    four.part("r4")
     four.run(0.8)
     assert four.asked() == []
     four.run(1.0)
@@ -105,7 +92,7 @@ def test_half_of_them_cannot_allocate_so_tasks_are_offered_to_the_others(
     four: RobotsThatGoOn, two: RobotsThatGoOn
 ) -> None:
     for team, silent in ((four, ("r3", "r4")), (two, ("r2",))):
-        team.cut(*silent)
+        team.part(*silent)
         team.run(1.0)
         team.queue("t1")
         team.run(1.0)
@@ -129,7 +116,7 @@ def test_robots_without_consensus_hold_nothing_back() -> None:
         for robot in team.robots[1:]:
             robot.goes_on_s = robot.changes_heard = msgspec.UNSET
         team.run(3.0)
-        team.cut("r2", "r3", "r4")
+        team.part("r2", "r3", "r4")
         team.run(1.0)
         team.queue("t1")
         team.run(1.0)
@@ -140,7 +127,7 @@ def test_robots_without_consensus_hold_nothing_back() -> None:
 def test_robots_that_were_switched_off_do_not_count(four: RobotsThatGoOn) -> None:
     for robot in four.robots[1:]:
         robot.leave()
-    four.cut("r2", "r3", "r4")
+    four.part("r2", "r3", "r4")
     four.run(1.0)
     four.queue("t1")
     four.run(1.0)
@@ -148,7 +135,7 @@ def test_robots_that_were_switched_off_do_not_count(four: RobotsThatGoOn) -> Non
 
 
 def test_the_operator_may_say_that_the_others_do_nothing(four: RobotsThatGoOn) -> None:
-    four.cut("r2", "r3", "r4")
+    four.part("r2", "r3", "r4")
     four.run(1.0)
     four.queue("t1")
     four.run(3.0)
@@ -157,13 +144,13 @@ def test_the_operator_may_say_that_the_others_do_nothing(four: RobotsThatGoOn) -
     assert four.asked() == ["t1"]
 
 
-def test_a_coordinator_that_begins_anew_knows_who_may_be_out_of_its_reach(tmp_path: Path) -> None:
+def test_a_restarted_coordinator_knows_which_robots_may_be_out_of_reach(tmp_path: Path) -> None:
     with open_lockstep_session() as session:
         team = RobotsThatGoOn(session, 4)
         team.begin(Journal(tmp_path / "journal.sqlite"))
         team.run(3.0)
         team.coordinator.tasks.journal.close()
-        team.cut("r2", "r3", "r4")  # their tokens are seen yet
+        team.part("r2", "r3", "r4")  # their tokens are seen yet
         team.begin(Journal(tmp_path / "journal.sqlite"))
         team.run(3.0)
         team.queue("t1")
@@ -183,7 +170,7 @@ def test_after_a_night_those_of_the_day_before_do_not_count(tmp_path: Path) -> N
         team = RobotsThatGoOn(session, 4)
         journal = Journal(tmp_path / "journal.sqlite")
         journal.note_on_their_own({"r2": 0, "r3": 0, "r4": 0})
-        team.cut("r2", "r3", "r4")
+        team.part("r2", "r3", "r4")
         for robot in team.robots[1:]:
             robot.leave()
         team._ticks = 40_000
@@ -209,8 +196,8 @@ def test_what_was_given_to_a_robot_after_the_cut_is_taken_back(four: RobotsThatG
     for other in four.robots:
         other.changes_heard = ALL if other.name == robot else four.coordinator.tasks.find("t1").change
     four.run(0.2)
-    four.cut(*(other.name for other in four.robots if other.name not in (holder, robot)))
-    four.cut(*({"r1", "r2", "r3", "r4"} - {robot}))
+    four.part(*(other.name for other in four.robots if other.name not in (holder, robot)))
+    four.part(*({"r1", "r2", "r3", "r4"} - {robot}))
     four.run(2.0)
     assert four.coordinator.tasks.find("t1").robot == holder
     taken = four.coordinator.tasks.find("t2")
@@ -226,7 +213,7 @@ def test_what_most_have_heard_of_stays_with_its_robot(four: RobotsThatGoOn) -> N
     for other in unaware:
         other.changes_heard = 0
     four.run(0.2)
-    four.cut(*({"r1", "r2", "r3", "r4"} - {robot}))
+    four.part(*({"r1", "r2", "r3", "r4"} - {robot}))
     four.run(3.0)
     assert four.coordinator.fence.reason is not None
     assert four.coordinator.tasks.find("t1").robot == robot

@@ -5,29 +5,24 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.coordinator.standing.offer_fence import HEARD_NS
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest, StandByState
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
-from robrain.protocol.wire.topics import TASK_WHY
-from tests.coordinator.conftest import Team
+from tests.coordinator.standing.parted_team import PartedTeam
 
 STAND_BY = "office-77"
 
 
-class FencedTeam(Team):
+class FencedTeam(PartedTeam):
     """A team, and a process that stands by as long as it is to."""
 
     def __init__(self, session, robots: int) -> None:
-        super().__init__(session)
+        super().__init__(session, robots)
         self.says_it_stands_by = True
         self._stand_by = self.endpoint().publisher(COORDINATOR_STAND_BY)
-        for number in range(robots):
-            self.robot(f"r{number + 1}", 4.0 + number).plugins = ["visit"]
 
     def run(self, duration_s: float) -> None:
         for _ in range(round(duration_s / 0.2)):
@@ -44,23 +39,7 @@ class FencedTeam(Team):
     def cut(self, *robots: str, stand_by: bool = True) -> None:
         """These, and the one that stands by, are on the other side of a cut link."""
         self.says_it_stands_by = self.says_it_stands_by and not stand_by
-        for robot in self.robots:
-            robot.speaks = robot.name not in robots
-
-    def add(self, name: str) -> None:
-        """A task is queued; nobody waits for the disk of the one that stands by."""
-        self.coordinator.tasks.add(visit(name), by="ann")
-
-    def asked(self) -> list[str]:
-        """Tasks that robots were offered."""
-        return [offer.task.id for robot in self.robots for offer in robot.offers]
-
-    def why_waiting(self, task_id: str) -> object:
-        return self.ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy).reason
-
-
-def visit(name: str) -> Task:
-    return Task(id=name, kind="visit", place=Point2D(5.0, 4.0))
+        self.part(*robots)
 
 
 def team_of(robots: int) -> Iterator[FencedTeam]:
@@ -85,7 +64,7 @@ def single() -> Iterator[FencedTeam]:
 def test_half_of_the_robots_or_fewer_get_no_task_until_more_are_heard(four: FencedTeam, silent) -> None:
     four.cut(*silent)
     four.run(3.0)
-    four.add("t1")
+    four.queue("t1")
     four.run(5.0)
     assert four.asked() == []
     reason = MinorityHeard(4 - len(silent), 4, STAND_BY)
@@ -105,7 +84,7 @@ def test_half_of_the_robots_or_fewer_get_no_task_until_more_are_heard(four: Fenc
 def test_most_of_the_robots_are_enough(four: FencedTeam) -> None:
     four.cut("r4")
     four.run(3.0)
-    four.add("t1")
+    four.queue("t1")
     four.run(1.0)
     assert four.asked() == ["t1"]
 
@@ -113,7 +92,7 @@ def test_most_of_the_robots_are_enough(four: FencedTeam) -> None:
 def test_a_coordinator_that_hears_the_one_that_stands_by_goes_on_with_any_number(four: FencedTeam) -> None:
     four.cut("r2", "r3", "r4", stand_by=False)
     four.run(3.0)
-    four.add("t1")
+    four.queue("t1")
     four.run(1.0)
     assert four.asked() == ["t1"]
 
@@ -123,7 +102,7 @@ def test_one_that_follows_another_coordinator_does_not_stand_by_for_this_one(fou
     for _ in range(5):
         four._stand_by.put(StandByState(process=STAND_BY, term=four.coordinator._term + 5, on_disk=0))
         four.run(1.0)
-    four.add("t1")
+    four.queue("t1")
     four.run(1.0)
     assert four.asked() == []
 
@@ -135,7 +114,7 @@ def test_without_one_that_stood_by_nothing_is_held_back() -> None:
         team.run(2.0)
         team.cut("r2", "r3", "r4")
         team.run(3.0)
-        team.add("t1")
+        team.queue("t1")
         team.run(1.0)
         assert team.asked() == ["t1"]
         team.close()
@@ -150,7 +129,7 @@ def test_a_fenced_coordinator_that_begins_anew_is_fenced_again(four: FencedTeam)
         robot.come()
         robot.say_state()  # they were heard once, and the link is cut again
     four.run(3.0)
-    four.add("t1")
+    four.queue("t1")
     four.run(3.0)
     assert four.asked() == []
     assert four.coordinator.fence.reason == MinorityHeard(1, 4, STAND_BY)
@@ -169,7 +148,7 @@ def test_a_clock_that_is_set_back_does_not_make_the_silence_of_the_copy_longer_o
 def test_a_team_of_one_robot_is_served(single: FencedTeam) -> None:
     single.cut()
     single.run(3.0)
-    single.add("t1")
+    single.queue("t1")
     single.run(1.0)
     assert single.asked() == ["t1"]
 
@@ -181,7 +160,7 @@ def test_robots_that_were_switched_off_do_not_count_and_count_again_when_they_ar
         robot.speaks = False
     four.says_it_stands_by = False
     four.run(3.0)
-    four.add("t1")
+    four.queue("t1")
     four.run(1.0)
     assert four.asked() == ["t1"]
     for robot in four.robots[1:]:
@@ -217,7 +196,7 @@ def test_all_tokens_at_once_go_with_the_connection_and_not_with_the_robots(four:
 def test_the_operators_word_lets_it_go_on_without_the_silent_robots(four: FencedTeam) -> None:
     four.cut("r2", "r3", "r4")
     four.run(3.0)
-    four.add("t1")
+    four.queue("t1")
     four.run(1.0)
     reply = four.ask(COORDINATOR_LEAD, LeadRequest(by="operator:ann"), LeadReply)
     assert reply.left_out == ["r2", "r3", "r4"]
@@ -240,7 +219,7 @@ def test_robots_count_for_ten_minutes_and_for_longer_while_offers_are_held_back(
 
 
 def test_a_running_task_goes_on_and_its_end_is_taken_in(four: FencedTeam) -> None:
-    four.add("t1")
+    four.queue("t1")
     four.run(1.0)
     (worker,) = (robot for robot in four.robots if robot.task is not None)
     four.cut(*(robot.name for robot in four.robots if robot is not worker))

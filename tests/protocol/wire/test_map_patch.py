@@ -169,12 +169,12 @@ def test_a_whole_map_says_all_that_is_known_and_when_each_tile_was_seen():
 
 
 def test_a_whole_map_is_drawn_once_however_many_submaps_overlap(monkeypatch):
-    """Drawn one by one, each submap would draw all others again: seconds for those of a robot that began anew."""
+    """Drawn one by one, each would redraw all others, which took a restarted mapper seconds."""
     rng = np.random.default_rng(5)
     geometry = GridGeometry(0.05, 0.0, 0.0, 64, 64)
     one_by_one = SubmapAtlas(geometry)
     for number in range(40):
-        for at in rng.integers(0, 64 - 20, (3, 2)).tolist():  # seen at several times, hence drawn anew
+        for at in rng.integers(0, 64 - 20, (3, 2)).tolist():  # several observation times, so known tiles are redrawn
             cells = rng.choice(np.array([FREE, OCCUPIED, UNKNOWN], np.int8), (20, 20))
             step = PatchCells(*at, cells, int(rng.integers(1, 9000)))
             take_message(one_by_one, to_message("r1", geometry, step, number, ASIDE))
@@ -185,7 +185,7 @@ def test_a_whole_map_is_drawn_once_however_many_submaps_overlap(monkeypatch):
     draw = SubmapAtlas._draw
     monkeypatch.setattr(SubmapAtlas, "_draw", lambda atlas, *rest: draws.append(1) or draw(atlas, *rest))
     version = together.grid.version
-    assert take_message(together, whole) == 0  # as a robot hears it whose mapper has begun anew
+    assert take_message(together, whole) == 0  # as after a restart of the mapper
     assert together.grid.version == version
     assert 0 < len(draws) <= 40
     assert np.array_equal(together.grid.log_odds, one_by_one.grid.log_odds)

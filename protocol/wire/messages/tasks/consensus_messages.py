@@ -127,9 +127,9 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     hears_coordinator: bool = False
     """Whether the robot itself hears a coordinator; then nobody takes tasks that it has queued."""
     is_new: bool = False
-    """Whether no coordinator has counted the robot as up since it began: it is no part of the team's majority then."""
+    """Whether no coordinator has listed the robot as up since its start; it does not count for a majority then."""
     allocates: bool = False
-    """Whether it allocates tasks, being one of the team's majority."""
+    """Whether it belongs to a majority that allocates tasks."""
     held: Annotated[list[TaskHeld], Meta(max_length=8)] = msgspec.field(default_factory=list)
     """Tasks that the robot does or holds."""
     done: Annotated[list[TaskDone], Meta(max_length=ENDS_MAX)] = msgspec.field(default_factory=list)
