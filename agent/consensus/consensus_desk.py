@@ -188,7 +188,7 @@ class ConsensusDesk:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
         self._due_ns = now_ns  # the others must know at once
         dropped = {name: {one.id for one in mate.said.dropped} for name, mate in self._mates.items()}
-        return self._intake.drop(asked, dropped, len(self._everyone()))
+        return self._intake.drop(asked, dropped, len(self._everyone()), self._holders.of(asked.id, now_ns))
 
     def _why_not_asked(self, verb: str) -> str:
         if self._was_alone and not self._has_quorum():

@@ -138,9 +138,9 @@ class KnownTasks:
         return task_id in self._ended
 
     def drop(self, dropped: Iterable[TaskDropped]) -> None:
-        """Tasks were cancelled; of two cancellations of one the first heard counts."""
+        """Tasks were cancelled; of two cancellations of one the first heard counts, and none counts once it is done."""
         for one in dropped:
-            if one.id not in self.dropped and len(self.dropped) < CANCELLED_MAX:
+            if one.id not in self.dropped and one.id not in self.done and len(self.dropped) < CANCELLED_MAX:
                 self.dropped[one.id] = one
 
     def is_done(self, task_id: str) -> bool:

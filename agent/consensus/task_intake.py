@@ -79,13 +79,14 @@ class TaskIntake:
         task = before.submission.task_at(before.at_ns)
         return TaskTaken(task=task, known_to=known_to, is_kept=2 * len(known_to) > team)
 
-    def drop(self, asked: TaskRequest, mates: Dropped, team: int) -> DropTaken:
+    def drop(self, asked: TaskRequest, mates: Dropped, team: int, holder: str = "") -> DropTaken:
         """Accept a cancellation, and say which robots know of it.
 
         Args:
             asked: which task; the same again changes nothing.
             mates: what the others know to be cancelled.
             team: number of robots of the team.
+            holder: the robot that has the task; if it is heard it must know too, as it may just have done it.
 
         Raises:
             CallError: it is refused, in words.
@@ -95,16 +96,17 @@ class TaskIntake:
         found = known.open.get(asked.id)
         if found is None:
             raise CallError(ErrorCode.REFUSED, f"{self._robot} knows of no open task {asked.id}")
+        if known.is_done(asked.id):
+            raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is done", "done")
         if asked.id not in known.dropped:
-            if known.is_done(asked.id):
-                raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is done", "done")
             if len(known.dropped) >= CANCELLED_MAX:
                 why = "robots remember no more cancellations until a coordinator notes them"
                 raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
             by, why = cut(asked.by, CANCELLED_TEXT_MAX), cut(asked.why, CANCELLED_TEXT_MAX)
             known.drop([TaskDropped(id=asked.id, by=by, why=why)])
         known_to = sorted([self._robot, *(mate for mate, dropped in mates.items() if asked.id in dropped)])
-        return DropTaken(task=found.task, known_to=known_to, is_kept=2 * len(known_to) > team)
+        is_kept = 2 * len(known_to) > team and (holder not in mates or holder in known_to)
+        return DropTaken(task=found.task, known_to=known_to, is_kept=is_kept)
 
     def to_tell(self, mates: Known, *, everything: bool) -> list[TaskAsked]:
         """The tasks to tell in full in the next ballot: those that some robot has not, or all, some at a time."""

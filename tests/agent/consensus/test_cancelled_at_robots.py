@@ -99,6 +99,29 @@ def test_a_running_one_is_ended_at_whatever_robot_it_is_cancelled(lost: LostTeam
     assert lost.states()["t1"] is TaskState.CANCELLED
 
 
+@pytest.mark.parametrize("tenths", range(20, 40))
+def test_one_that_is_done_at_that_moment_is_either_cancelled_or_done_as_the_client_is_told(
+    lost: LostTeam, tenths: int
+) -> None:
+    for robot in lost.robots:
+        robot.takes_s = 1.0
+    left_alone(lost, halted=False)
+    kept(lost, visit())
+    lost.run(tenths / 10 - 1.0)
+    other = next(number for number, robot in enumerate(lost.robots) if "t1" not in robot.begun)
+    told, why = TaskState.CANCELLED, ""
+    try:
+        cancelled(lost, robot=other)
+    except CallError as refused:
+        told, why = TaskState.DONE, str(refused)
+    assert why in ("", "task t1 has ended already: it is done")
+    lost.run(5.0)
+    assert lost.done["t1"] == (told is TaskState.DONE)
+    lost.revive()
+    lost.run(3.0)
+    assert lost.states()["t1"] is told
+
+
 def test_the_death_of_the_robot_at_which_it_was_cancelled_changes_nothing(lost: LostTeam) -> None:
     left_alone(lost, halted=True)
     kept(lost, visit())

@@ -31,7 +31,9 @@ def test_tasks_are_taken_in_done_or_cancelled_by_robots_and_noted_by_a_coordinat
     record = json.loads(until(added, "no robot accepts the task", pause_s=0.5).stdout)
     assert record["state"] == "queued"
     assert record["why"] in {f"there is no coordinator; {who} accepted it" for who in ("r1, r2", "r2, r1")}
-    waits = task("add", "visit", "--at", "2,1", "--id", "waits", "--after", record["task"]["id"])
+    # Commands take seconds: without its earliest time it may be done before it is cancelled.
+    later = ("--after", record["task"]["id"], "--earliest", "600")
+    waits = task("add", "visit", "--at", "2,1", "--id", "waits", *later)
     assert waits.returncode == 0, waits.stderr
     cancelled = json.loads(task("cancel", "waits", "--json").stdout)
     assert (cancelled["task"]["id"], cancelled["state"]) == ("waits", "cancelled")

@@ -1,7 +1,6 @@
 """Robots on one host, their coordinator on another; the link between them is cut, or loses and delays packets."""
 
 import json
-import re
 import signal
 import subprocess
 import sys
@@ -40,7 +39,7 @@ RECORDING = "hosts.mcap"
 PLACES = [Point2D(x_m, y_m) for x_m, y_m in ((1.0, 1.0), (9.0, 5.0), (9.0, 1.0), (1.0, 5.0), (5.0, 1.0), (5.0, 5.0))]
 """One after the other is far from the one before."""
 STATES_MIN = 150
-"""States of a robot that are missing after a cut of 20 s at 10 Hz, at the least."""
+"""States of a robot that are missing after cuts of 3 and 20 s at 10 Hz, at the least."""
 ROOM = """[scenario]
 name = "room"
 [floor]
@@ -190,12 +189,13 @@ def test_recording_says_what_is_missing_and_that_no_task_was_lost(hosts: TwoHost
     hosts.recorder.send_signal(signal.SIGTERM)
     hosts.recorder.communicate(timeout=PATIENCE_S)
     verdict = json.loads(hosts.commands.run("check", RECORDING, "--json").stdout)
-    gaps = {found["key"]: found for found in verdict["findings"] if found["kind"] == "gap"}
+    missing: Counter[str] = Counter()  # by key; the long cut may be recorded as several gaps
+    for found in verdict["findings"]:
+        if found["kind"] == "gap":
+            missing[found["key"]] += int(found["text"].split()[0])
     # A restart is a note, not a problem: on a busy machine a robot's parts fall silent and are started anew.
     assert [found for found in verdict["findings"] if found["kind"] not in ("gap", "restart")] == []
     for robot in ROBOTS:
-        missing = re.match(r"\d+", gaps[f"robrain/default/robot/{robot}/state"]["text"])
-        assert missing is not None
-        assert int(missing[0]) >= STATES_MIN
+        assert missing[f"robrain/default/robot/{robot}/state"] >= STATES_MIN
     standing = {ruling["invariant"]: ruling["standing"] for ruling in verdict["invariants"]}
     assert {standing[name] for name in ("task_kept", "task_at_one", "task_once")} == {"kept"}
