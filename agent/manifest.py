@@ -30,6 +30,9 @@ class PluginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, renam
 
     class_path: str
     """`module:Class`; the module lies beside the manifest or can be imported."""
+    role: str = ""
+    """The plugin whose place it can take, such as `scan`; it is loaded, under that name, only if `[robot.roles]` says
+    so."""
 
 
 class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -70,9 +73,10 @@ class ManifestTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Manifest(msgspec.Struct, frozen=True):
-    """A manifest that has been read; the file's name is the plugin's name."""
+    """A manifest that has been read."""
 
     name: str
+    """The plugin's name: that of its role if it has one, else the file's."""
     path: Path
     class_path: str
     parameters: dict[str, Any]
@@ -116,6 +120,12 @@ def _manifest(name: str, path: Path, text: str) -> Manifest:
         tables = msgspec.convert(raw, ManifestTables)
     except msgspec.ValidationError as error:
         raise ManifestError(path, *where_and_what(error)) from error
+    role = tables.plugin.role
+    if role:
+        try:
+            name = check_name("plugin", role)
+        except BadName as error:
+            raise ManifestError(path, "[plugin] role", str(error)) from error
     if ":" not in tables.plugin.class_path:
         raise ManifestError(path, "[plugin] class", f"expected module:Class, got {tables.plugin.class_path!r}")
     return Manifest(name, path, tables.plugin.class_path, tables.parameters, tables.tag, tables.transform)
@@ -146,6 +156,21 @@ def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
             if _looks_like_one(path):
                 found.append(path)
     return found
+
+
+def role_in(path: Path) -> str:
+    """The role that a manifest names; empty if it names none, or cannot be read, which `read_manifest` tells."""
+    try:
+        return _role(read_toml_text(path))
+    except (FileNotFoundError, BadToml):
+        return ""
+
+
+@lru_cache(maxsize=TEXTS_KEPT)
+def _role(text: str) -> str:
+    plugin = parse_toml(text).get("plugin")
+    role = plugin.get("role") if isinstance(plugin, dict) else None
+    return role if isinstance(role, str) else ""
 
 
 @lru_cache(maxsize=TEXTS_KEPT)

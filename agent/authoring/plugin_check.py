@@ -104,6 +104,7 @@ class _Check:
                 yield from _parameters(manifest, code)
                 yield from _class(code.plugin_class)
                 yield from _external(code.plugin_class)
+            yield from self._role(manifest)
             yield from self._visibility(manifest)
             for required in manifest.tag.requires:
                 yield from self._requirement(manifest, required)
@@ -122,15 +123,19 @@ class _Check:
         self._codes[manifest.path] = code
         return code
 
-    def _code(self, name: str) -> PluginCode | None:
+    def _code(self, manifest: Manifest) -> PluginCode | None:
         """What a plugin is made of; None if that cannot be told."""
-        manifest = self._all[name]
         if manifest.path not in self._codes:
             try:
                 self._import(manifest)
             except ManifestError:
                 return None  # it is told where that plugin itself is looked at
         return self._codes[manifest.path]
+
+    def _role(self, manifest: Manifest) -> Iterator[Finding]:
+        if manifest.name not in self._all:
+            why = f"there is no plugin {manifest.name} whose place it could take{self._meant(manifest.name)}"
+            yield Finding(manifest.path, "[plugin] role", why)
 
     def _visibility(self, manifest: Manifest) -> Iterator[Finding]:
         for name in manifest.tag.visibility:
@@ -151,7 +156,7 @@ class _Check:
         if not other.tag.shared and rivals:
             held = f"{required} is not shared, and {', '.join(rivals)} may hold it"
             yield Finding(manifest.path, key, held, is_warning=True)
-        own_code, code = self._code(manifest.name), self._code(required)
+        own_code, code = self._code(manifest), self._code(other)
         if own_code is None or code is None or required == manifest.name:
             return
         own_level, level = own_code.plugin_class.level, code.plugin_class.level

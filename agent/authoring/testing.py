@@ -17,7 +17,7 @@ import zenoh
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.agent.manifest import find_manifests
+from robrain.agent.manifest import find_manifests, role_in
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -81,6 +81,7 @@ class PluginBench:
         folders: places with the plugins under test; the stock plugins are there as well.
         load: plugins to load, with what they require; all that lie in `folders` if None.
         parameters: for each plugin, parameters that override its manifest's.
+        roles: by plugin: which other takes its place; those in `folders` with a role take it.
         seed: of everything random.
 
     """
@@ -90,11 +91,15 @@ class PluginBench:
         *folders: Path,
         load: Sequence[str] | None = None,
         parameters: Mapping[str, Mapping[str, Any]] | None = None,
+        roles: Mapping[str, str] | None = None,
         seed: int = 0,
     ) -> None:
-        wanted = load if load is not None else [path.stem for folder in folders for path in find_manifests(folder)]
+        own = [path for folder in folders for path in find_manifests(folder)]
+        roles = {role: path.stem for path in own if (role := role_in(path))} | dict(roles or {})
+        wanted = load if load is not None else [role_in(path) or path.stem for path in own]
+        places = [str(folder.resolve()) for folder in folders]
         self._robot_file = RobotFile(
-            robot=RobotTable(ROBOT, places=[str(folder.resolve()) for folder in folders], load=list(wanted)),
+            robot=RobotTable(ROBOT, places=places, load=list(wanted), roles=roles),
             parameters={name: dict(values) for name, values in (parameters or {}).items()},
         )
         self._seed = seed

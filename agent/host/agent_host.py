@@ -153,7 +153,7 @@ class AgentHost:
         own = [folder_of(base, place) for place in robot_file.robot.places]
         self.loadable = [folder_of(base, folder) for folder in robot_file.robot.loadable]
         self._places = [stock_place(), *(place for place, _ in self._distributions), *own]
-        self._load = robot_file.robot.load
+        self._load, self._roles = robot_file.robot.load, robot_file.robot.roles
         self._parameters = robot_file.parameters
         self._connect = list(robot_file.zenoh.connect)
         self._consensus: ConsensusDesk | None = None
@@ -180,7 +180,7 @@ class AgentHost:
         if self.drive is Drive.LIVE:
             self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self._registry.halted)
             self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S)
-        found = self.manager.discover(self._places, self._load, self._manifests)
+        found = self.manager.discover(self._places, self._load, self._manifests, self._roles)
         for name in self._parameters:
             if name not in found:
                 known = ", ".join(found)

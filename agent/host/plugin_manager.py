@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
@@ -75,6 +76,7 @@ class PluginManager:
         places: Iterable[Path],
         wanted: list[str] | None = None,
         known: dict[Path, list[Path]] | None = None,
+        roles: Mapping[str, str] = MappingProxyType({}),
     ) -> list[str]:
         """Find each manifest in the places; of two with one name the later place wins.
 
@@ -82,16 +84,17 @@ class PluginManager:
             places: folders.
             wanted: names to take; all if None. What these require is taken as well.
             known: files of folders that were looked at before, to which others are added.
+            roles: by plugin: whose manifest takes its place.
 
         Returns:
             The names of all plugins that were found.
 
         Raises:
             ManifestError: a manifest is wrong.
-            PluginMissing: a wanted plugin is in no place.
+            PluginMissing: a wanted plugin, or one that is to take a role, is in no place.
 
         """
-        self._folders = PluginFolders(places)
+        self._folders = PluginFolders(places, roles)
         found = self._folders.find(known)
         names = sorted(found) if wanted is None else list(wanted)
         plugins: dict[str, ManagedPlugin] = {}

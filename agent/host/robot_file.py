@@ -25,6 +25,8 @@ class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     Relative to the file; `~` is the home folder of the user that runs the robot."""
     load: list[str] | None = None
     """Plugins to load, with what they require; all that are found if absent."""
+    roles: dict[str, str] = {}
+    """By plugin: which other takes its place, such as `scan = "ld19"`, under its name and with its parameters."""
     consensus: bool = False
     """Whether the robot goes on without a coordinator, and allocates open tasks with the others."""
 

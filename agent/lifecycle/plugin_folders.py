@@ -8,13 +8,14 @@ place, in its pyproject.toml:
 """
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 
 from robrain.agent.errors import AccessDenied, PluginMissing
-from robrain.agent.manifest import Manifest, find_manifests, read_manifest
+from robrain.agent.manifest import Manifest, find_manifests, read_manifest, role_in
 
 logger = logging.getLogger(__name__)
 
@@ -64,19 +65,36 @@ class PluginFolders:
 
     Args:
         folders: of two plugins with one name the one in the later folder wins.
+        roles: by plugin: whose manifest takes its place, as the robot's file says.
 
     """
 
-    def __init__(self, folders: Iterable[Path]) -> None:
+    def __init__(self, folders: Iterable[Path], roles: Mapping[str, str] = MappingProxyType({})) -> None:
         self._folders = list(folders)
+        self._roles = dict(roles)
 
     def find(self, known: dict[Path, list[Path]] | None = None) -> dict[str, Path]:
-        """The manifests that there are, by the plugin's name; folders in `known` are not looked at again."""
+        """The manifests that there are, by the plugin's name; folders in `known` are not looked at again.
+
+        Those with a role are left out, but for the ones that `roles` names.
+
+        Raises:
+            PluginMissing: one that `roles` names is in no place, or is not for that role.
+
+        """
         by_folder = {} if known is None else known
         for folder in self._folders:
             if folder not in by_folder:
                 by_folder[folder] = find_manifests(folder)
-        return {path.stem: path for folder in self._folders for path in by_folder[folder]}
+        everything = {path.stem: path for folder in self._folders for path in by_folder[folder]}
+        role_of = {name: role_in(path) or name for name, path in everything.items()}
+        found = {name: path for name, path in everything.items() if role_of[name] == name}
+        for role, name in self._roles.items():
+            if role_of.get(name) != role:
+                able = ", ".join(sorted(other for other, its in role_of.items() if its == role)) or "none"
+                raise PluginMissing(name, f"[robot.roles] {role}: no plugin {name} for that; there are: {able}")
+            found[role] = everything[name]
+        return found
 
     def read(self, name: str) -> Manifest | None:
         """The manifest of a plugin, or None if there is none (ManifestError if it is wrong)."""

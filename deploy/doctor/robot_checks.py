@@ -121,7 +121,7 @@ def own_version() -> str:
 def _manifests(robot_file: RobotFile, base: Path) -> list[Manifest]:
     places = [stock_place(), *(place for place, _ in entry_point_places())]
     places += [folder_of(base, place) for place in robot_file.robot.places]
-    found = PluginFolders(places).find()
+    found = PluginFolders(places, robot_file.robot.roles).find()
     for name in robot_file.parameters:
         if name not in found:
             raise PluginMissing(name, f"[parameters.{name}]: no plugin of that name; there are: {', '.join(found)}")

@@ -26,7 +26,7 @@ class; `[parameters.PLUGIN]` of a robot's file overrides each. *Functions* can b
 def stock_plugins_page(level: Level) -> str:
     """The whole page of the stock plugins of a level."""
     plugins = [(manifest, _class_of(manifest)) for manifest in map(read_manifest, find_manifests(stock_place()))]
-    found = sorted((one for one in plugins if one[1].level is level), key=lambda one: one[0].name)
+    found = sorted((one for one in plugins if one[1].level is level), key=lambda one: one[0].path.stem)
     name = level.name.lower()
     common = common_parameters([plugin for _, plugin in found])
     parts = [_section(manifest, plugin, common.get(plugin)) for manifest, plugin in found]
@@ -37,7 +37,9 @@ def stock_plugins_page(level: Level) -> str:
 def _section(manifest: Manifest, plugin: type[Plugin], common: Struct | None) -> str:
     tag = manifest.tag
     period = getattr(plugin, "period_s", None)
+    stem = manifest.path.stem
     facts = [
+        ("takes the place of", f"`{manifest.name}`, if `[robot.roles]` says so" if stem != manifest.name else ""),
         ("period", f"{period:g} s" if isinstance(period, float | int) and period else ""),
         ("requires", _names(tag.requires)),
         ("visible to", _names(tag.visibility)),
@@ -46,7 +48,7 @@ def _section(manifest: Manifest, plugin: type[Plugin], common: Struct | None) ->
     ]
     about = " ".join((inspect.getdoc(plugin) or "").partition("\n\n")[0].split())
     lines = [f"- {name}: {value}" for name, value in facts if value]
-    parts = [f"## {manifest.name}", about, "\n".join(lines), _parameters(manifest, plugin, common), _functions(plugin)]
+    parts = [f"## {stem}", about, "\n".join(lines), _parameters(manifest, plugin, common), _functions(plugin)]
     return "\n\n".join(part.strip() for part in parts if part.strip())
 
 
