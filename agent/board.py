@@ -33,7 +33,7 @@ class Board:
         """The frame of dead reckoning in the team's frame; localisation writes it."""
         self.T_odom_robot: Pose2D | None = None
         """Dead reckoning; mocdevice writes it, and goes on from it after a restart."""
-        self.wheel_ticks: tuple[int, int, int] | None = None
+        self.wheel_ticks: tuple[int, ...] | None = None
         """Counts of the wheel encoders at that pose."""
         self.has_scanned = False
         """Whether the lidar has ever spoken; scan writes it."""

@@ -26,7 +26,7 @@ Hear = Callable[[int, Any], None]
 BOARD_TYPES: dict[str, Any] = {field.name: field.type for field in msgspec.structs.fields(RobotState)} | {
     "T_arena_odom": Pose2D | None,
     "T_odom_robot": Pose2D | None,
-    "wheel_ticks": tuple[int, int, int] | None,
+    "wheel_ticks": tuple[int, ...] | None,
     "has_scanned": bool,
     "doubted_scan": list[int] | None,
 }

@@ -35,7 +35,7 @@ class FramePort(Protocol):
     """Called after each frame that has arrived, on any thread."""
 
     def send_data(self, identifier: int, data: bytes) -> None:
-        """Send a data frame with an identifier of 11 bits (can.CanError if that cannot be)."""
+        """Send a data frame; an identifier of 29 bits has the flag EXTENDED (can.CanError if it cannot be sent)."""
 
     def take_frames(self) -> list[Frame]:
         """Take all frames that have arrived, in order (can.CanError if the bus cannot be read)."""
@@ -63,7 +63,8 @@ class MessagePort:
 
     def send_data(self, identifier: int, data: bytes) -> None:
         """As FramePort."""
-        self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+        is_extended = bool(identifier & EXTENDED)
+        self._bus.send(can.Message(arbitration_id=identifier & ID_MASK, data=data, is_extended_id=is_extended))
 
     def take_frames(self) -> list[Frame]:
         """As FramePort."""

@@ -15,7 +15,7 @@ import cantools
 
 from robrain.protocol.wire.errors import RobrainError
 
-DBC_FILE = "robertino.dbc"
+ROBERTINO = "robertino"
 
 _CRC8_POLYNOMIAL = 0x1D
 _CRC8_START = 0xFF
@@ -47,6 +47,8 @@ class FrameCodec:
         signals = message.signals[:-1]
         self.signals: tuple[str, ...] = tuple(signal.name for signal in signals[:-1])
         """Names of the signals in their order, without `counter` and `checksum`."""
+        self.bits: tuple[int, ...] = tuple(signal.length for signal in signals[:-1])
+        """Length of each of these."""
         self._length: int = message.length
         self._layout = _layout(message)
         """Of all bytes but the checksum."""
@@ -136,9 +138,9 @@ _CODES = {(8, False): "B", (8, True): "b", (16, False): "H", (16, True): "h"}
 
 
 @cache
-def database() -> Any:
-    """The DBC file, as cantools reads it."""
-    text = resources.files(__package__).joinpath(DBC_FILE).read_text(encoding="utf-8")
+def database(name: str = ROBERTINO) -> Any:
+    """A DBC file of this folder, as cantools reads it (FileNotFoundError if there is none of that name)."""
+    text = resources.files(__package__).joinpath(f"{name}.dbc").read_text(encoding="utf-8")
     return cantools.database.load_string(text, "dbc")
 
 
@@ -152,6 +154,18 @@ def codec(name: str) -> FrameCodec:
 def known_identifiers() -> frozenset[int]:
     """The identifiers of all frames in the DBC file."""
     return frozenset(message.frame_id for message in database().messages)
+
+
+def crc8_j1850(data: bytes) -> int:
+    """CRC-8 SAE J1850 of some bytes.
+
+    >>> hex(crc8_j1850(b"123456789"))
+    '0x4b'
+    """
+    register, table = _CRC8_START, _crc8_table()
+    for byte in data:
+        register = table[register ^ byte]
+    return register ^ _CRC8_XOR_OUT
 
 
 @cache

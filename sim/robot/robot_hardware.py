@@ -6,6 +6,7 @@ import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.navigation.wheel_bases import Differential
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.firmware.power_model import PowerModel
 from robrain.sim.firmware.range_sensors import RangeSensorSpec
@@ -21,6 +22,9 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """
 
     base: OmniBase = OmniBase()
+    """The three omni wheels that move it."""
+    chassis: Differential | None = None
+    """Two driven wheels instead, on a controller with other frames (`protocol/can/two_wheels.dbc`)."""
     radius_m: float = 0.2
     """Radius of the robot's footprint, a disc."""
     battery: BatterySpec = BatterySpec()

@@ -52,6 +52,9 @@ class RobotTeam:
         turns = math.lcm(*[robot.ranges.period_ticks for robot in robots])
         self._ranging = [[robot for robot in robots if robot.ranges.measures_at(tick)] for tick in range(turns)]
         """Whose range sensors measure in a tick, by its remainder."""
+        self._two_wheels = [robot for robot in robots if robot.two_wheels is not None]
+        self._three_wheels = [(row, robot.bus) for row, robot in enumerate(robots) if robot.two_wheels is None]
+        """Rows and buses of the robots whose encoder frames are made together."""
         self._late = [robot for robot in robots if robot.is_late]
 
     def act(self, tick: int) -> None:
@@ -72,8 +75,11 @@ class RobotTeam:
         before = tick - 1  # the first tick is 1, and everything but the battery's status is due in it
         robots = self._robots
         if robots and before % robots[0].controller.encoder_period_ticks == 0:
-            for robot, data in zip(robots, self._encoders.frames(bodies.turns_rad), strict=True):
-                robot.bus.send_data(ENCODER_IDENTIFIER, data)
+            frames = self._encoders.frames(bodies.turns_rad)
+            for row, bus in self._three_wheels:
+                bus.send_data(ENCODER_IDENTIFIER, frames[row])
+        for robot in self._two_wheels:
+            self._follow(robot, before)
         for row, robot in enumerate(robots):
             controller, ranges = robot.controller, robot.ranges
             if robot.bus.transmit_errors:
@@ -90,6 +96,13 @@ class RobotTeam:
                 if controller.powered == robot.battery.is_cut_off:  # it has cut off or come back in this tick
                     controller.powered = not robot.battery.is_cut_off
                     bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s
+
+    def _follow(self, robot: SimulatedRobot, before: int) -> None:
+        controller, body = robot.two_wheels, robot.body
+        if controller is not None:
+            controller.roll(body.forward_m, body.turned_rad)
+            if before % controller.encoder_period_ticks == 0:
+                controller.tell_counts()
 
     def sense(self, tick: int) -> None:
         """Measure the ranges and scan with the lidars that are due; then pass on what was late."""

@@ -5,6 +5,7 @@ import pymunk
 from numpy.typing import NDArray
 
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
+from robrain.plugins.device.mocdevice.signal_frame import read_dbc
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
@@ -16,6 +17,7 @@ from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
+from robrain.sim.firmware.two_wheel_controller import DBC, FRAMES, TwoWheelController
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.robot.lidar import Lidar
 from robrain.sim.robot.robot_body import MASS_KG, RobotBody
@@ -25,7 +27,13 @@ from robrain.sim.robot.wheels import Wheels
 CAN_CHANNEL = "can0"
 STANDARD_MASK = 0x7FF
 OBEYED = ("WheelCommand", "Stop")
-"""Frames that the robot's nodes listen to."""
+"""Frames that the robot's nodes listen to; those of a differential base listen to its commands."""
+
+
+def _obeyed(spec: ArenaRobot) -> list[int]:
+    if spec.chassis is not None:
+        return [read_dbc(DBC).get_message_by_name(one.frame).frame_id for one in FRAMES.commands]
+    return [codec(name).arbitration_id for name in OBEYED]
 
 
 class SimulatedRobot:
@@ -72,7 +80,7 @@ class SimulatedRobot:
         """Whether frames or scans can be late, so that `deliver` must be called."""
         bus = ZenohBus(
             f"{spec.name}/{CAN_CHANNEL}",
-            [{"can_id": codec(name).arbitration_id, "can_mask": STANDARD_MASK, "extended": False} for name in OBEYED],
+            [{"can_id": number, "can_mask": STANDARD_MASK, "extended": False} for number in _obeyed(spec)],
             session=endpoint.session,
             team=endpoint.team,
             direct=endpoint.drive is Drive.LOCKSTEP,
@@ -90,7 +98,15 @@ class SimulatedRobot:
         self.scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
         self.scan_phase = index % self.scan_period_ticks if spec.has_lidar else -1
         """A turn of the lidar is complete with each tick that leaves this when it is divided by the period."""
-        self.controller = MotorController(self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors)
+        self.two_wheels: TwoWheelController | None = None
+        """The controller, if it is that of a differential base."""
+        if spec.chassis is None:
+            self.controller = MotorController(self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors)
+        else:
+            self.two_wheels = TwoWheelController(
+                self.bus, spec.chassis, spec.base, tick_s, lambda: self.bus.transmit_errors
+            )
+            self.controller = self.two_wheels
         self.ranges = RangeSensors(
             self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
         )

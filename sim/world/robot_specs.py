@@ -32,6 +32,8 @@ class RobotType(StrEnum):
     """Small, with a small battery and a lidar that sees 4 m."""
     CARRIER = "carrier"
     """Large and slow, with a large battery."""
+    TWO_WHEELS = "two_wheels"
+    """A differential base, whose motor controller has other frames (`protocol/can/two_wheels.dbc`)."""
 
 
 HARDWARE: Mapping[RobotType, dict[str, Any]] = MappingProxyType(
@@ -48,6 +50,9 @@ HARDWARE: Mapping[RobotType, dict[str, Any]] = MappingProxyType(
             "base": {"wheel_distance_m": 0.22, "wheel_radius_m": 0.05},
             "battery": {"capacity_wh": 90.0},
         },
+        RobotType.TWO_WHEELS: {
+            "chassis": {"wheel_radius_m": 0.05, "track_m": 0.3, "encoder_ticks_per_turn": 4096},
+        },
     }
 )
 """What a type changes in `[robot]`. All values are chosen."""
@@ -55,6 +60,7 @@ PLUGINS: Mapping[RobotType, dict[str, dict[str, Any]]] = MappingProxyType(
     {
         RobotType.OMNI: {},
         RobotType.SCOUT: {},
+        RobotType.TWO_WHEELS: {},
         RobotType.CARRIER: {"driver": {"speed_m_s": 0.4, "acceleration_m_s2": 0.5, "turn_rate_rad_s": 1.0}},
     }
 )

@@ -20,6 +20,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.firmware.two_wheel_controller import FRAMES
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -118,7 +119,7 @@ class World:
             "battery": {"capacity_wh": robot.battery.capacity_wh},
             "mocdevice": {
                 "radius_m": robot.radius_m,
-                "base": msgspec.structs.asdict(robot.base),
+                **_base(robot),
                 **_stamped_at(self.disturbance),
             },
             **_range_sensors(robot),
@@ -258,6 +259,13 @@ def _range_sensors(robot: ArenaRobot) -> dict[str, dict[str, object]]:
             "mounted_m": robot.radius_m,
         }
     }
+
+
+def _base(robot: ArenaRobot) -> dict[str, Any]:
+    """Parameters of `mocdevice`: the wheels, and the frames if they are not the Robertino's."""
+    if robot.chassis is None:
+        return {"base": msgspec.to_builtins(robot.base)}
+    return {"base": msgspec.to_builtins(robot.chassis), "frames": msgspec.to_builtins(FRAMES)}
 
 
 def manifest_texts(world: World, team: str = DEFAULT_TEAM) -> dict[str, str]:

@@ -18,8 +18,10 @@ OTHER_CLOCK_NS = NS_PER_S
 """A first stamp that differs more from the robot's time is by another clock."""
 WINDOW_FRAMES = 256
 """Frames of a window. The minimum offset is that of the current window and the one before it: 5 to 10 s."""
-ANEW_NS = to_ns(128 * 0.02)
-"""Delay after which the clock starts again, because the 8-bit counter may have wrapped: half its range."""
+
+
+ANEW_FRAMES = MODULUS // 2
+"""Delay, in frames, after which the clock starts again, because the 8-bit counter may have wrapped."""
 
 
 class StampedAt(StrEnum):
@@ -38,24 +40,27 @@ class FrameClock:
 
     Args:
         stamped_at: meaning of the stamps.
+        period_ns: period at which the controller sends frames.
 
     """
 
-    def __init__(self, stamped_at: StampedAt) -> None:
+    def __init__(self, stamped_at: StampedAt, period_ns: int = FRAME_PERIOD_NS) -> None:
         self.offset_ns = 0
         """Current estimate of the robot's time less frame time."""
         self._counts = stamped_at is StampedAt.ARRIVAL
+        self._period_ns = period_ns
+        self._anew_ns = ANEW_FRAMES * period_ns
         self._knows_stamps = False
         self._counter: int | None = None
         self._frame_ns = self._stamp_ns = 0
         self._frames = 0
         self._least_ns = self._least_before_ns = 0
 
-    def note(self, counter: int, stamp_ns: int, now_ns: int) -> int:
+    def note(self, counter: int | None, stamp_ns: int, now_ns: int) -> int:
         """Take the next frame; returns its time of measurement in frame time.
 
         Args:
-            counter: the frame's 8-bit counter.
+            counter: the frame's 8-bit counter; None if it has none, and its stamp is its time.
             stamp_ns: its stamp by the interface.
             now_ns: the robot's time now.
 
@@ -65,13 +70,13 @@ class FrameClock:
             self._knows_stamps = abs(now_ns - stamp_ns) <= OTHER_CLOCK_NS
             stamp_ns = stamp_ns if self._knows_stamps else now_ns
         self._stamp_ns = stamp_ns
-        if not self._counts:
+        if not self._counts or counter is None:
             self._frame_ns = stamp_ns
             return stamp_ns
         before, self._counter = self._counter, counter
         step = (counter - before) % MODULUS if before is not None else MODULUS
-        frame_ns = self._frame_ns + step * FRAME_PERIOD_NS
-        if step > LONGEST_GAP or stamp_ns - frame_ns - self.offset_ns > ANEW_NS:
+        frame_ns = self._frame_ns + step * self._period_ns
+        if step > LONGEST_GAP or stamp_ns - frame_ns - self.offset_ns > self._anew_ns:
             frame_ns = max(stamp_ns - self.offset_ns, self._frame_ns)
             self._frames = 0
             self._least_ns = self._least_before_ns = stamp_ns - frame_ns

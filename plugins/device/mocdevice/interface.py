@@ -25,11 +25,11 @@ class ControllerStatus(msgspec.Struct, frozen=True):
     """The controller's last word on itself; see MotorStatus in the DBC file."""
 
     state: int
-    rejected_frames: int
-    lost_commands: int
-    bus_state: int
-    transmit_errors: int
-    receive_errors: int
+    rejected_frames: int = 0
+    lost_commands: int = 0
+    bus_state: int = 0
+    transmit_errors: int = 0
+    receive_errors: int = 0
 
 
 class MocDeviceInterface(Protocol):
@@ -64,6 +64,9 @@ class MocDeviceInterface(Protocol):
 
     def radius_m(self) -> float:
         """Radius of the round footprint."""
+
+    def is_holonomic(self) -> bool:
+        """Whether the base can drive sideways; else the left part of a velocity is ignored."""
 
     def counters(self) -> Counters:
         """Frames believed, rejected, foreign and lost, and error frames."""

@@ -1,15 +1,15 @@
-"""Dead reckoning from the counts of the three wheels, with the last five seconds of it kept."""
+"""Dead reckoning from the counts of the wheels, with the last five seconds of it kept."""
 
 from bisect import bisect_left
 from collections import deque
 from operator import itemgetter
+from typing import NamedTuple
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.localization.odometry import moved
-from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.navigation.wheel_bases import WheelBase
 
 ENCODER_MODULUS = 1 << 16
-HALF_TURN = ENCODER_MODULUS // 2
 ENCODER_PERIOD_S = 0.02
 HISTORY_FRAMES = 256
 """Number of frames kept, five seconds: scans and frames may wait while the computer is busy."""
@@ -18,7 +18,15 @@ JUMP_SLACK = 2.0
 
 STANDING = Twist2D()
 
-Ticks = tuple[int, int, int]
+Ticks = tuple[int, ...]
+
+
+class Counting(NamedTuple):
+    """What the counts of wheels mean."""
+
+    modulus: int
+    """At which they wrap."""
+    rad_per_tick: float
 
 
 class WheelOdometry:
@@ -29,19 +37,32 @@ class WheelOdometry:
         wheel_speed_max_rad_s: what the wheels can do.
         pose: where the odometry goes on from.
         ticks: counts at that pose, if they are known; else the first counts are taken as standing there.
+        counting: what the counts mean; 16 bits of the base's encoders if None.
+        period_s: of the frames.
 
     """
 
-    def __init__(self, base: OmniBase, wheel_speed_max_rad_s: float, pose: Pose2D, ticks: Ticks | None) -> None:
+    def __init__(
+        self,
+        base: WheelBase,
+        wheel_speed_max_rad_s: float,
+        pose: Pose2D,
+        ticks: Ticks | None,
+        *,
+        counting: Counting | None = None,
+        period_s: float = ENCODER_PERIOD_S,
+    ) -> None:
         self.pose = pose
         self.ticks = ticks
         self.velocity = STANDING
         self.jumps = 0
         """How often the counts have jumped, as after a restart of the controller; the pose stays as it was then."""
         self._base = base
-        self._rad_per_tick = base.rad_per_tick
+        self._modulus, self._rad_per_tick = counting or Counting(ENCODER_MODULUS, base.rad_per_tick)
+        self._half = self._modulus // 2
+        self._period_s = period_s
         self._stamp_ns: int | None = None
-        self._ticks_per_frame = JUMP_SLACK * wheel_speed_max_rad_s * ENCODER_PERIOD_S / base.rad_per_tick
+        self._ticks_per_frame = JUMP_SLACK * wheel_speed_max_rad_s * period_s / self._rad_per_tick
         self._history: deque[tuple[int, Pose2D]] = deque(maxlen=HISTORY_FRAMES)
 
     @property
@@ -60,21 +81,23 @@ class WheelOdometry:
         has_jumped = False
         self.velocity = STANDING
         if before is not None and ticks != before:
-            # The shortest way round a 16-bit counter.
-            first = (ticks[0] - before[0] + HALF_TURN) % ENCODER_MODULUS - HALF_TURN
-            second = (ticks[1] - before[1] + HALF_TURN) % ENCODER_MODULUS - HALF_TURN
-            third = (ticks[2] - before[2] + HALF_TURN) % ENCODER_MODULUS - HALF_TURN
+            half, modulus = self._half, self._modulus
+            # The shortest way round the counter.
+            steps, turns, share = [], [], self._rad_per_tick  # plain loops: this runs for each frame
+            for now, then in zip(ticks, before, strict=True):
+                step = (now - then + half) % modulus - half
+                steps.append(step)
+                turns.append(step * share)
             # After a silence nobody knows how many frames are missing; the watchdog stops the wheels within a second.
-            frames = missing + 1 if since_ns is not None else 1.0 / ENCODER_PERIOD_S
-            if max(abs(first), abs(second), abs(third)) > frames * self._ticks_per_frame:
+            frames = missing + 1 if since_ns is not None else 1.0 / self._period_s
+            if max(map(abs, steps)) > frames * self._ticks_per_frame:
                 self.jumps += 1
                 has_jumped = True
             else:
-                share = self._rad_per_tick
-                displacement = self._base.twist(first * share, second * share, third * share)
+                displacement = self._base.twist(*turns)
                 self.pose = moved(self.pose, displacement)
                 if since_ns is not None:  # by the controller's time, as frames may arrive in bursts
-                    elapsed_s = frames * ENCODER_PERIOD_S
+                    elapsed_s = frames * self._period_s
                     self.velocity = Twist2D(
                         displacement.forward_m_s / elapsed_s,
                         displacement.left_m_s / elapsed_s,

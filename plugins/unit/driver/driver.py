@@ -25,6 +25,7 @@ from robrain.plugins.unit.driver.by_hand import ByHand
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
 from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, check_range, speed_to_stop
 from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, is_between, squeeze
+from robrain.plugins.unit.driver.steering import SLOW_M_S, SPARE_M, Steering
 from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Count, Metres, Name, Radians, Speed, check_positive
@@ -39,15 +40,11 @@ DELAY_S = PERIOD_S + 0.02
 """From the pose that a command is decided on until the wheels obey, at the most."""
 ARRIVED_M = 0.08
 """Of paths; who plans anew all the time needs no more."""
-PLACED_M = 0.01
-"""Of actions that go to a place."""
+PLACED_M, STEERED_M = 0.01, 0.03
+"""Of actions that go to a place; the latter for a base that cannot drive sideways."""
 TURNED_RAD = 0.008
 BLOCKED_M = 0.02
 """Less room than this ahead is none."""
-SLOW_M_S = 0.05
-"""Below this it does not matter where the robot still drifts."""
-SPARE_M = 0.04
-"""So much of the stop distance may be used up before it brakes hard."""
 POINTS_MAX = 100_000
 _X_Y = attrgetter("x_m", "y_m")
 NO_ODOMETRY = "no data from the wheel encoders"
@@ -116,7 +113,18 @@ class Driver(Unit):
         scan = self.env.use("scan", ScanInterface)
         ranges = self.env.use("range_sensors", RangeSensorsInterface)
         self.env.observe(ranges.bumped, self._bump)
-        self._lookout = Lookout(self._moc, scan, ranges, self.parameters.stop_distance_m)
+        limits = self.parameters
+        self._lookout = Lookout(self._moc, scan, ranges, limits.stop_distance_m)
+        self._steering = Steering(
+            self._lookout,
+            self._way,
+            self._turn,
+            turn_rate_rad_s=limits.turn_rate_rad_s,
+            braking_m_s2=limits.braking_m_s2,
+            period_s=PERIOD_S,
+            delay_s=DELAY_S,
+            is_holonomic=self._moc.is_holonomic(),
+        )
 
     def step(self) -> None:
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
@@ -188,13 +196,17 @@ class Driver(Unit):
         check_range("drive", distance_m)
         pose = self._moc.pose()
         goal = Point2D(pose.x_m + distance_m * math.cos(pose.yaw_rad), pose.y_m + distance_m * math.sin(pose.yaw_rad))
-        return self._start_path("drive", Path([goal], PLACED_M, pose.yaw_rad))
+        steers = not self._steering.is_holonomic
+        return self._start_path("drive", Path([goal], PLACED_M, pose.yaw_rad, is_straight=True, steers=steers))
 
     @external
     def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> str:
         """Drive straight to a pose, frame odom, turning on the way; returns the action's id."""
         check_range("go_to", x_m, y_m, yaw_rad)
-        return self._start_path("go_to", Path([Point2D(x_m, y_m)], PLACED_M, wrap_angle_rad(yaw_rad), TURNED_RAD))
+        steers = not self._steering.is_holonomic
+        placed_m = STEERED_M if steers else PLACED_M
+        path = Path([Point2D(x_m, y_m)], placed_m, wrap_angle_rad(yaw_rad), TURNED_RAD, steers=steers)
+        return self._start_path("go_to", path)
 
     @external
     def turn(self, angle_rad: Radians) -> str:
@@ -351,16 +363,17 @@ class Driver(Unit):
         if not self._hand.is_command_due(now_ns, to_ns(PERIOD_S)) or not self._sees(is_fresh=is_fresh):
             return
         wanted, limits = self._hand.wanted, self.parameters
-        speed_m_s = math.hypot(wanted.forward_m_s, wanted.left_m_s)
-        heading_rad = wrap_angle_rad(pose.yaw_rad + math.atan2(wanted.left_m_s, wanted.forward_m_s))
+        left_m_s = wanted.left_m_s if self._steering.is_holonomic else 0.0
+        speed_m_s = math.hypot(wanted.forward_m_s, left_m_s)
+        heading_rad = wrap_angle_rad(pose.yaw_rad + math.atan2(left_m_s, wanted.forward_m_s))
         free_m = self._lookout.free_m(pose, heading_rad)
         self._note(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else "")
         ahead_m = self._way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         slow_m_s = min(speed_m_s, limits.speed_m_s, limits.hand_speed_m_s)
-        self._go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m)
+        self._steering.go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m)
         rate_rad_s = min(limits.turn_rate_rad_s, limits.hand_turn_rate_rad_s)
         self._turn.follow(max(-rate_rad_s, min(rate_rad_s, wanted.yaw_rad_s)), 0.0)
-        self._moc.drive(self._twist(pose))
+        self._moc.drive(self._steering.twist(pose, may_reverse=True))
 
     def _step_turn(self, pose: Pose2D, is_fresh: bool) -> None:
         before_rad, self._last_yaw_rad = self._last_yaw_rad, pose.yaw_rad
@@ -371,19 +384,13 @@ class Driver(Unit):
         self._to_turn_rad = left_rad
         if is_fresh:
             self._note("")
-            self._turn_by(left_rad)
+            self._steering.turn_by(left_rad)
             self._tell(abs(left_rad))
         else:
             self._note(NO_ODOMETRY)
             self._turn.stand()
         self._moc.drive(Twist2D(0.0, 0.0, self._turn.x))
         self._give_up_if_blocked()
-
-    def _turn_by(self, angle_rad: float) -> None:
-        limits = self.parameters
-        left_rad = abs(angle_rad) - self._turn.ahead(math.copysign(1.0, angle_rad), 0.0)
-        rate_rad_s = min(limits.turn_rate_rad_s, speed_to_stop(left_rad, limits.turn_acceleration_rad_s2, DELAY_S))
-        self._turn.follow(math.copysign(rate_rad_s, angle_rad), 0.0)
 
     def _step_path(self, path: Path, pose: Pose2D, is_fresh: bool) -> None:
         path.pass_points(pose)
@@ -410,9 +417,9 @@ class Driver(Unit):
         self._note(IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else "")
         ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
-        self._go_towards(pose, heading_rad, min(limits.speed_m_s, path.fastest_m_s, path_m_s), free_m, ahead_m)
-        self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
-        return self._twist(pose)
+        self._steering.go_towards(pose, heading_rad, min(limits.speed_m_s, path.fastest_m_s, path_m_s), free_m, ahead_m)
+        self._steering.turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
+        return self._steering.twist(pose, may_reverse=path.is_straight)
 
     def _squeeze(self, path: Path, pose: Pose2D, heading_rad: float, free_m: float) -> Twist2D:
         """Drive one period through a narrow place or up to one; `free_m` is the room ahead for normal driving."""
@@ -427,7 +434,7 @@ class Driver(Unit):
             room_m = self._lookout.passage(pose, math.atan2(way.y, way.x)).free_m
             if way.stopping(DELAY_S) > room_m + SPARE_M:
                 way.brake(limits.braking_m_s2)
-                return self._twist(pose)
+                return self._steering.twist(pose)
         ahead_m = way.ahead(math.cos(found.heading_rad), math.sin(found.heading_rad))
         slow_m_s = found.speed_m_s
         if not found.is_between:
@@ -440,38 +447,12 @@ class Driver(Unit):
             path.fastest_m_s,
             limits.speed_m_s,
         )
-        way.follow(*self._lookout.hold_off(pose, found.velocity_m_s(speed_m_s), KEEP_M, KEEP_PER_S))
-        self._turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
-        return self._twist(pose)
-
-    def _go_towards(self, pose: Pose2D, heading_rad: float, speed_m_s: float, free_m: float, ahead_m: float) -> None:
-        """Go on by a period towards this velocity, frame odom, or slower if what is ahead demands it.
-
-        `ahead_m` is driven there before a wish to slow down has its effect, see `Ramp.ahead`.
-        """
-        way, limits = self._way, self.parameters
-        if self._goes_too_fast(pose):
-            way.brake(limits.braking_m_s2)
-            return
-        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-        to_stop_m_s = speed_to_stop(free_m - ahead_m, limits.acceleration_m_s2, DELAY_S)
-        way.follow(min(speed_m_s, to_stop_m_s) * cos, min(speed_m_s, to_stop_m_s) * sin)
-
-    def _twist(self, pose: Pose2D) -> Twist2D:
-        """The ramps' velocity in the body frame."""
-        way = self._way
-        # The command holds for a period, in which the body turns: it is meant for the middle of it.
-        yaw_rad = pose.yaw_rad + 0.5 * PERIOD_S * self._turn.x
-        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-        return Twist2D(cos * way.x + sin * way.y, cos * way.y - sin * way.x, self._turn.x)
-
-    def _goes_too_fast(self, pose: Pose2D) -> bool:
-        """Whether it cannot stop as smoothly as it should before what lies where it really goes, as past a corner."""
-        way = self._way
-        if math.hypot(way.x, way.y) < SLOW_M_S:
-            return False
-        free_m = self._lookout.free_m(pose, math.atan2(way.y, way.x))
-        return way.stopping(DELAY_S) > free_m + SPARE_M
+        velocity_m_s = self._lookout.hold_off(pose, found.velocity_m_s(speed_m_s), KEEP_M, KEEP_PER_S)
+        towards_rad = self._steering.go(pose, velocity_m_s)
+        if not self._steering.is_holonomic and velocity_m_s != (0.0, 0.0):
+            heading_rad = towards_rad
+        self._steering.turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
+        return self._steering.twist(pose)
 
     def _sees(self, *, is_fresh: bool) -> bool:
         """Look at what is around; a robot that is blind stands, and says why."""

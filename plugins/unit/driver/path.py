@@ -36,6 +36,9 @@ class Path:
         turned_rad: the goal is reached only when it looks there to within this; however it looks if None.
         fastest_m_s: never faster than this.
         is_narrow: whether it leads through narrow places, where the robot has to squeeze.
+        is_straight: whether it is driven without turning, also backwards; the goal is then reached once the robot has
+            gone as far, although it may be beside it.
+        steers: whether the base cannot drive sideways: it looks where it goes until it is at the goal.
 
     """
 
@@ -48,8 +51,11 @@ class Path:
         fastest_m_s: float = math.inf,
         *,
         is_narrow: bool = False,
+        is_straight: bool = False,
+        steers: bool = False,
     ) -> None:
         self.is_narrow = is_narrow
+        self.is_straight, self._steers = is_straight and steers, steers
         self._corner_m = NARROW_CORNER_M if is_narrow else CORNER_M
         self.arrived_m = arrived_m
         self.fastest_m_s = fastest_m_s
@@ -77,6 +83,10 @@ class Path:
 
     def is_at_goal(self, pose: Pose2D) -> bool:
         """Whether the goal's place has been reached."""
+        if self.is_straight and self.yaw_rad is not None:
+            goal, yaw_rad = self.goal, self.yaw_rad
+            left_m = (goal.x_m - pose.x_m) * math.cos(yaw_rad) + (goal.y_m - pose.y_m) * math.sin(yaw_rad)
+            return abs(left_m) < self.arrived_m
         return len(self._points) == 1 and pose.distance_m(self._points[0]) < self.arrived_m
 
     def is_done(self, pose: Pose2D) -> bool:
@@ -110,7 +120,9 @@ class Path:
 
     def to_turn_rad(self, pose: Pose2D, bearing_rad: float) -> float:
         """How far to turn to look where it should, with the target at `bearing_rad` of the robot's frame."""
-        return bearing_rad if self.yaw_rad is None else wrap_angle_rad(self.yaw_rad - pose.yaw_rad)
+        if self.yaw_rad is None or (self._steers and not self.is_straight and not self.is_at_goal(pose)):
+            return bearing_rad
+        return wrap_angle_rad(self.yaw_rad - pose.yaw_rad)
 
     def take_progress(self, before: "Path", pose: Pose2D) -> None:
         """Go on with the `is_stuck` of the path before if both lead on the same way from `pose`.
@@ -216,6 +228,15 @@ class Ramp:
         speed, limits = math.hypot(self.x, self.y), self.limits
         lag_s = limits.acceleration / (2.0 * limits.jerk) + delay_s
         return speed * (speed / (2.0 * limits.acceleration) + lag_s)
+
+    def keep_along(self, direction_x: float, direction_y: float, *, may_reverse: bool) -> None:
+        """Keep what goes along this direction (a unit vector); with `may_reverse` also what goes against it."""
+        speed = direction_x * self.x + direction_y * self.y
+        gain = direction_x * self._acceleration_x + direction_y * self._acceleration_y
+        if speed < 0.0 and not may_reverse:
+            speed = gain = 0.0
+        self.x, self.y = speed * direction_x, speed * direction_y
+        self._acceleration_x, self._acceleration_y = gain * direction_x, gain * direction_y
 
     def stand(self) -> None:
         """Be at rest from now on, however that is brought about."""

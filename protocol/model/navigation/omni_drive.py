@@ -15,7 +15,7 @@ from robrain.protocol.model.ranges import check_positive
 WHEEL_ANGLES_RAD = (math.radians(60.0), math.radians(180.0), math.radians(300.0))
 
 
-class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type", tag="omni3"):
     """Size of the base. The defaults are chosen in the manner of the Robertino; no data sheet was found."""
 
     wheel_radius_m: float = 0.04
@@ -25,6 +25,16 @@ class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     def __post_init__(self) -> None:
         check_positive(self, "wheel_radius_m", "wheel_distance_m", "encoder_ticks_per_turn")
+
+    @property
+    def is_holonomic(self) -> bool:
+        """Whether it can drive sideways."""
+        return True
+
+    @property
+    def wheels(self) -> int:
+        """Number of wheels."""
+        return len(WHEEL_ANGLES_RAD)
 
     @property
     def rad_per_tick(self) -> float:
@@ -40,6 +50,12 @@ class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             (TANGENTS[1][0] * vx + TANGENTS[1][1] * vy + turning) / radius,
             (TANGENTS[2][0] * vx + TANGENTS[2][1] * vy + turning) / radius,
         )
+
+    def commands(self, twist: Twist2D, wheel_speed_max_rad_s: float) -> tuple[float, ...]:
+        """Wheel speeds for a velocity, slower in proportion if one were too fast."""
+        wanted = self.wheel_speeds_rad_s(twist)
+        share = wheel_speed_max_rad_s / max(wheel_speed_max_rad_s, *map(abs, wanted))
+        return share * wanted[0], share * wanted[1], share * wanted[2]
 
     def twist(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> Twist2D:
         """Forward kinematics: velocity in the body frame from wheel speeds (also turns → displacement)."""

@@ -2,7 +2,13 @@
 
 import pytest
 
-from robrain.plugins.device.mocdevice.frame_clock import ANEW_NS, FRAME_PERIOD_NS, WINDOW_FRAMES, FrameClock, StampedAt
+from robrain.plugins.device.mocdevice.frame_clock import (
+    ANEW_FRAMES,
+    FRAME_PERIOD_NS,
+    WINDOW_FRAMES,
+    FrameClock,
+    StampedAt,
+)
 from robrain.protocol.wire.clock import to_ns
 
 START_NS = to_ns(100.0)
@@ -59,7 +65,7 @@ def test_controller_whose_clock_is_slow_is_followed_within_two_windows():
 def test_after_a_silence_longer_than_the_counter_can_tell_the_stamp_counts(counter):
     clock = FrameClock(StampedAt.ARRIVAL)
     hear(clock, 0)
-    now_ns = sent_ns(0) + ANEW_NS + 2 * FRAME_PERIOD_NS
+    now_ns = sent_ns(0) + ANEW_FRAMES * FRAME_PERIOD_NS + 2 * FRAME_PERIOD_NS
     assert clock.note(counter, now_ns, now_ns) + clock.offset_ns == now_ns
     now_ns += FRAME_PERIOD_NS
     assert clock.note(counter + 1, now_ns, now_ns) + clock.offset_ns == now_ns

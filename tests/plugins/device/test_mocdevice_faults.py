@@ -193,7 +193,7 @@ def test_a_bus_that_fails_in_use_is_the_fault_of_the_device_not_of_its_caller(ro
     def fail(*_args, **_kwargs):
         raise error
 
-    monkeypatch.setattr(robot.hosts[0].manager.get("mocdevice").plugin._bus, which, fail)
+    monkeypatch.setattr(robot.hosts[0].manager.get("mocdevice").plugin._link._bus, which, fail)
     robot.run(0.1)
     ((ok, why),) = conditions(robot)
     assert not ok

@@ -204,7 +204,7 @@ def test_walls_hold_a_robot_whose_wheels_are_wrong(stage, room):
     for scan_matching in (False, True):
         start = Pose2D(1.0, 1.0, 0.0)
         one = stage(plan, r1=start)
-        base = {"wheel_radius_m": 0.0404}  # its wheels are 1 % smaller than it takes them for
+        base = {"type": "omni3", "wheel_radius_m": 0.0404}  # its wheels are 1 % smaller than it takes them for
         host = one.host(
             "mapper",
             "localisation",

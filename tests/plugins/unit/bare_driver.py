@@ -25,6 +25,8 @@ class Wheels:
     def __init__(self) -> None:
         self.at = Pose2D(0.0, 0.0, 0.0)
         self.fresh = True
+        self.steers = False
+        """Whether the base cannot drive sideways."""
         self.until_ns = 0
         self.twist = Twist2D()
         self.said: list[Twist2D | str] = []
@@ -58,6 +60,9 @@ class Wheels:
 
     def radius_m(self) -> float:
         return RADIUS_M
+
+    def is_holonomic(self) -> bool:
+        return not self.steers
 
     def counters(self) -> Counters:
         return Counters(1, 2, 3, 4, 5)

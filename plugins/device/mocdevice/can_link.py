@@ -1,0 +1,180 @@
+"""A motor controller on a CAN bus, its frames as a DBC file describes them."""
+
+from collections import deque
+from collections.abc import Callable, Sequence, Sized
+
+import can
+
+from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
+from robrain.plugins.device.mocdevice.wheel_frames import SPEED_MODULUS, SPEED_TICKS_PER_RAD, Codec, WheelFrames
+from robrain.plugins.device.mocdevice.wheel_link import WheelReport
+from robrain.protocol.can.bus_state import BusState, state_in
+from robrain.protocol.can.frame_port import Frame, frame_port
+from robrain.protocol.can.frames import BadFrame
+from robrain.protocol.can.payload import ERROR, ID_MASK
+from robrain.protocol.can.sequence import SequenceWatch
+
+ECHOES = 64
+"""Own frames that are remembered: some interfaces give them back."""
+
+
+class CanLink:
+    """See WheelLink.
+
+    Args:
+        bus: closed with the link.
+        frames: what is on it.
+        plugin: the device, named in faults.
+        warn: told of a bus that is error passive.
+
+    """
+
+    def __init__(self, bus: can.BusABC, frames: WheelFrames, plugin: str, warn: Callable[[str], None]) -> None:
+        self.status: ControllerStatus | None = None
+        self.statuses, self.has_failed = 0, False
+        self.broken: MotionFault | None = None
+        self._bus, self._frames, self._plugin, self._warn = bus, frames, plugin, warn
+        self._port = frame_port(bus)
+        self.pending: Sized = self._port.pending
+        self._counter = 0
+        self._sent: deque[bytes] = deque(maxlen=ECHOES)
+        stop = [frames.stop] if frames.stop is not None else []
+        self._own = {codec.arbitration_id for codec in (*(one.codec for one in frames.commands), *stop)}
+        self._by_id = {one.codec.arbitration_id: number for number, one in enumerate(frames.encoders)}
+        first = frames.encoders[0]
+        is_plain = frames.has_counter and not frames.is_speed and set(first.factors) == {1.0}
+        self._plain_id = first.codec.arbitration_id if is_plain and len(frames.encoders) == 1 else -1
+        """Of counts that need no conversion."""
+        self._status_id = frames.status.arbitration_id if frames.status is not None else -1
+        self._sequences = [SequenceWatch() for _ in frames.encoders]
+        self._parts: list[tuple[float, ...] | None] = [None] * len(frames.encoders)
+        """Values of each encoder frame since the last complete report."""
+        self._added_up = [0.0] * sum(len(one.factors) for one in frames.encoders)
+        """Ticks of each wheel, where speeds are measured."""
+        self._last_ns: int | None = None
+        self._rejected = self._foreign = self._errors = 0
+
+    def command(self, values: Sequence[float]) -> None:
+        """As WheelLink."""
+        begin = 0
+        for wheels in self._frames.commands:
+            end = begin + len(wheels.factors)
+            part = [factor * value for factor, value in zip(wheels.factors, values[begin:end], strict=True)]
+            self._send(wheels.codec, part)
+            begin = end
+
+    def stop(self) -> None:
+        """As WheelLink."""
+        if self._frames.stop is not None:
+            self._send(self._frames.stop, self._frames.stop_values)
+        else:
+            self.command([0.0] * sum(len(one.factors) for one in self._frames.commands))
+
+    def take(self) -> list[WheelReport]:
+        """As WheelLink."""
+        reports: list[WheelReport] = []
+        if self.broken is not None:
+            return reports
+        try:
+            frames = self._port.take_frames()
+        except (can.CanError, OSError) as error:
+            self.broken = BusFault(self._plugin, f"the CAN bus cannot be read: {error}")
+            return reports
+        plain = self._frames.encoders[0].codec
+        for frame in frames:
+            identifier = frame.identifier
+            if identifier == self._plain_id:  # the Robertino's: nothing to convert
+                try:
+                    *counts, counter = map(int, plain.decode(frame.data))
+                except BadFrame:
+                    self._rejected += 1
+                    continue
+                missing = self._sequences[0].note(counter)
+                reports.append(WheelReport(tuple(counts), frame.stamp_ns, counter, missing))
+            elif (number := self._by_id.get(identifier)) is not None:
+                if (report := self._read_encoders(number, frame)) is not None:
+                    reports.append(report)
+            elif identifier & ERROR:
+                self._read_error(frame)
+            elif identifier == self._status_id:
+                self._read_status(frame.data)
+            elif identifier in self._own:
+                self._foreign += frame.data not in self._sent
+            elif identifier not in self._frames.known:
+                self._foreign += 1
+        return reports
+
+    def counters(self, believed: int, rejected: int) -> Counters:
+        """As WheelLink."""
+        lost = sum(sequence.lost for sequence in self._sequences)
+        return Counters(believed, rejected + self._rejected, self._foreign, lost, self._errors)
+
+    def close(self) -> None:
+        """As WheelLink."""
+        self._bus.shutdown()
+
+    def _send(self, codec: Codec, values: Sequence[float]) -> None:
+        self._counter = (self._counter + 1) & 0xFF
+        data = codec.encode(self._counter, *values)
+        self._sent.append(data)
+        try:
+            self._port.send_data(codec.arbitration_id, data)
+        except (can.CanError, OSError) as error:
+            # The caller is not to blame, and may be a halt: the device's own step tells of it.
+            self.broken = BusFault(self._plugin, f"the CAN bus takes no frames: {error}")
+
+    def _read_encoders(self, number: int, frame: Frame) -> WheelReport | None:
+        """The counts of all wheels, if this frame completes them."""
+        wheels = self._frames.encoders[number]
+        try:
+            values = wheels.codec.decode(frame.data)
+        except BadFrame:
+            self._rejected += 1
+            return None
+        counter, missing = None, 0
+        if self._frames.has_counter:
+            counter = int(values[-1])
+            missing = self._sequences[number].note(counter)
+        self._parts[number] = tuple([factor * value for factor, value in zip(wheels.factors, values, strict=False)])
+        if number != len(self._parts) - 1:
+            return None
+        parts, self._parts = self._parts, [None] * len(self._parts)
+        if None in parts:
+            return None  # a frame of this round is missing; the counts of the next one have it
+        whole = [value for part in parts if part is not None for value in part]
+        if self._frames.is_speed:
+            return WheelReport(self._add_up(whole, frame.stamp_ns), frame.stamp_ns, counter, missing)
+        return WheelReport(tuple(map(int, whole)), frame.stamp_ns, counter, missing)
+
+    def _add_up(self, speeds: Sequence[float], stamp_ns: int) -> tuple[int, ...]:
+        """Ticks after the time since the frame before, at these speeds."""
+        period_s = self._frames.period_s
+        since_s = (stamp_ns - self._last_ns) / 1e9 if self._last_ns is not None else period_s
+        self._last_ns = stamp_ns
+        elapsed_s = since_s if 0.0 < since_s < 10 * period_s else period_s
+        for wheel, speed in enumerate(speeds):
+            self._added_up[wheel] += speed * elapsed_s * SPEED_TICKS_PER_RAD
+        return tuple([round(ticks) % SPEED_MODULUS for ticks in self._added_up])
+
+    def _read_error(self, frame: Frame) -> None:
+        self._errors += 1
+        state = state_in(frame.identifier & ID_MASK, frame.data)
+        if state is BusState.OFF:
+            self.broken = BusFault(self._plugin, "the computer's CAN controller is bus off")
+        if state is BusState.PASSIVE:
+            self._warn("the CAN bus is error passive: does another node acknowledge frames?")
+
+    def _read_status(self, data: bytes) -> None:
+        codec = self._frames.status
+        if codec is None:
+            return
+        try:
+            values = codec.decode(data)
+        except BadFrame:
+            self._rejected += 1
+            return
+        told = dict(zip(self._frames.status_fields, map(int, values), strict=False))
+        self.status = ControllerStatus(**told)
+        self.statuses += 1
+        self.has_failed = self.status.state in self._frames.failed

@@ -1,0 +1,118 @@
+"""How the ramps' velocity becomes one that the base can drive, and how fast it may go where.
+
+A base that cannot drive sideways turns towards where it wants to go. It drives with the share of its wish that points
+along its own axis, and slower the less it faces that way, so that it turns on the spot where the way bends sharply.
+"""
+
+import math
+
+from robrain.plugins.unit.driver.path import Ramp, speed_to_stop
+from robrain.plugins.unit.lookout import Lookout
+from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
+
+SLOW_M_S = 0.05
+"""Below this it does not matter where the robot still drifts."""
+SPARE_M = 0.04
+"""So much of the stop distance may be used up before it brakes hard."""
+
+
+class Steering:
+    """Moves the ramps of a driver.
+
+    Args:
+        lookout: what lies ahead.
+        way: the ramp of the body's velocity, frame odom.
+        turn: the ramp of its turn rate.
+        turn_rate_rad_s: greatest turn rate.
+        braking_m_s2: for obstacles too near for a smooth stop.
+        period_s: of the commands.
+        delay_s: until a command takes effect.
+        is_holonomic: whether the base can drive sideways.
+
+    """
+
+    def __init__(
+        self,
+        lookout: Lookout,
+        way: Ramp,
+        turn: Ramp,
+        *,
+        turn_rate_rad_s: float,
+        braking_m_s2: float,
+        period_s: float,
+        delay_s: float,
+        is_holonomic: bool,
+    ) -> None:
+        self.is_holonomic = is_holonomic
+        self._lookout, self._way, self._turn = lookout, way, turn
+        self._turn_rate_rad_s, self._braking_m_s2 = turn_rate_rad_s, braking_m_s2
+        self._period_s, self._delay_s = period_s, delay_s
+
+    def go_towards(self, pose: Pose2D, heading_rad: float, speed_m_s: float, free_m: float, ahead_m: float) -> None:
+        """Go on by a period towards this velocity, frame odom, or slower if what is ahead demands it.
+
+        Args:
+            pose: where the robot is, frame odom.
+            heading_rad: direction of the velocity.
+            speed_m_s: at most.
+            free_m: room in that direction.
+            ahead_m: way that is driven there before a wish to slow down has its effect, see `Ramp.ahead`.
+
+        """
+        way, acceleration = self._way, self._way.limits.acceleration
+        if self.goes_too_fast(pose):
+            way.brake(self._braking_m_s2)
+            return
+        if not self.is_holonomic:
+            speed_m_s = speed_m_s * self._share(pose, heading_rad)
+            is_back = math.cos(heading_rad - pose.yaw_rad) < 0.0
+            axis_rad = wrap_angle_rad(pose.yaw_rad + math.pi) if is_back else pose.yaw_rad
+            free_m = min(free_m, self._lookout.free_m(pose, axis_rad))
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        to_stop_m_s = speed_to_stop(free_m - ahead_m, acceleration, self._delay_s)
+        way.follow(min(speed_m_s, to_stop_m_s) * cos, min(speed_m_s, to_stop_m_s) * sin)
+
+    def go(self, pose: Pose2D, velocity_m_s: tuple[float, float]) -> float:
+        """Go on by a period towards a velocity (x, y), frame odom; returns its direction."""
+        x_m_s, y_m_s = velocity_m_s
+        heading_rad = math.atan2(y_m_s, x_m_s)
+        share = 1.0 if self.is_holonomic else self._share(pose, heading_rad)
+        self._way.follow(share * x_m_s, share * y_m_s)
+        return heading_rad
+
+    def goes_too_fast(self, pose: Pose2D) -> bool:
+        """Whether it cannot stop as smoothly as it should before what lies where it really goes, as past a corner."""
+        way = self._way
+        if math.hypot(way.x, way.y) < SLOW_M_S:
+            return False
+        free_m = self._lookout.free_m(pose, math.atan2(way.y, way.x))
+        return way.stopping(self._delay_s) > free_m + SPARE_M
+
+    def turn_by(self, angle_rad: float) -> None:
+        """Go on by a period with a turn of which so much is left."""
+        turn = self._turn
+        left_rad = abs(angle_rad) - turn.ahead(math.copysign(1.0, angle_rad), 0.0)
+        stop_rad_s = speed_to_stop(left_rad, turn.limits.acceleration, self._delay_s)
+        turn.follow(math.copysign(min(self._turn_rate_rad_s, stop_rad_s), angle_rad), 0.0)
+
+    def twist(self, pose: Pose2D, *, may_reverse: bool = False) -> Twist2D:
+        """The ramps' velocity in the body frame, as the base can drive it.
+
+        Args:
+            pose: where the robot is.
+            may_reverse: whether a base that cannot drive sideways may drive backwards.
+
+        """
+        way, rate_rad_s = self._way, self._turn.x
+        # The command holds for a period, in which the body turns: it is meant for the middle of it.
+        yaw_rad = pose.yaw_rad + 0.5 * self._period_s * rate_rad_s
+        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+        if self.is_holonomic:
+            return Twist2D(cos * way.x + sin * way.y, cos * way.y - sin * way.x, rate_rad_s)
+        way.keep_along(cos, sin, may_reverse=may_reverse)
+        return Twist2D(cos * way.x + sin * way.y, 0.0, rate_rad_s)
+
+    def _share(self, pose: Pose2D, heading_rad: float) -> float:
+        """Share of a speed that it drives while it does not face that way yet, or faces away from it."""
+        facing = math.cos(heading_rad - pose.yaw_rad)
+        return facing * facing

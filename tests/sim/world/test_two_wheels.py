@@ -1,0 +1,61 @@
+"""Robots with two driven wheels: the same plugins, other frames on the bus, no way sideways."""
+
+import math
+
+import pytest
+
+from robrain import Scenario
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.world.robot_specs import RobotSpec, RobotType
+
+TWO = Scenario.builtin("arena_small").replace(robots=1, motes=0, roster=(RobotSpec(type=RobotType.TWO_WHEELS),))
+
+
+def test_odometry_of_two_wheels_is_exact_and_the_hull_never_slides_sideways() -> None:
+    run = LockstepRun(TWO.replace(seed=3).world())
+    (robot,), start, sideways_m = run.arena._robots, run.arena._robots[0].body.pose, 0.0
+    for _ in range(500):
+        run.tick()
+        sideways_m += abs(robot.body.left_m)
+    device = run.hosts[0].manager.get("mocdevice").plugin
+    true, found = robot.body.pose, start.compose(device.pose())
+    assert robot.body.distance_m > 3.0
+    assert found.distance_m(true) < 0.01
+    assert math.remainder(found.yaw_rad - true.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.002)
+    assert sideways_m < 0.01
+    counters = device.counters()
+    assert (counters.rejected, counters.foreign) == (0, 0)
+    assert not device.is_holonomic()
+    run.close()
+
+
+def test_a_mixed_team_explores_without_collisions_in_equal_runs_alike() -> None:
+    specs = (RobotSpec(type=RobotType.TWO_WHEELS), RobotSpec(), RobotSpec(type=RobotType.TWO_WHEELS))
+    mixed = Scenario.builtin("depot").replace(robots=3, motes=0, roster=specs, seed=5)
+    first, again = mixed.run(), mixed.run()
+    assert (first.ended, first.collisions) == ("explored", 0)
+    assert first.digest == again.digest
+
+
+def test_wheels_stop_when_commands_cease_and_a_failed_power_stage_is_told_and_acknowledged() -> None:
+    run = LockstepRun(TWO.world())
+    robot, plugin = run.arena._robots[0], run.hosts[0].manager.get("mocdevice")
+    controller = robot.two_wheels
+    assert controller is not None
+    for _ in range(200):
+        run.tick()
+        if any(controller.wheel_speeds_rad_s):
+            break
+    assert any(controller.wheel_speeds_rad_s)
+    controller.has_failed = True
+    for _ in range(20):
+        run.tick()
+    assert controller.wheel_speeds_rad_s == (0.0, 0.0, 0.0)
+    assert "its power stage has failed" in plugin.why
+    controller.has_failed = False
+    for _ in range(400):
+        run.tick()
+        if any(controller.wheel_speeds_rad_s):
+            break
+    assert any(controller.wheel_speeds_rad_s)
+    run.close()
