@@ -35,6 +35,11 @@ class Board:
         """Dead reckoning; mocdevice writes it, and goes on from it after a restart."""
         self.wheel_ticks: tuple[int, ...] | None = None
         """Counts of the wheel encoders at that pose."""
+        self.odometry: tuple[tuple[int, Pose2D], ...] = ()
+        """Dead reckoning of the last 0.6 s: time of measurement (ns, robot's clock) and T_odom_robot, the oldest first;
+        mocdevice writes it, at each look, if somebody wants it."""
+        self.wants_odometry = False
+        """Whether a lidar needs `odometry`, as the robot moves while it turns; scan writes it."""
         self.has_scanned = False
         """Whether the lidar has ever spoken; scan writes it."""
         self.doubted_scan: list[int] | None = None

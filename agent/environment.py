@@ -18,6 +18,8 @@ if TYPE_CHECKING:  # imported when a plugin asks for them
     import can
     import numpy as np
 
+    from robrain.protocol.serial_lines.serial_line import SerialLine
+
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
@@ -187,6 +189,22 @@ class Environment:
         self.end("the plugin has gone")
         self.abandon()
         self.wire.close()
+
+    def open_serial(self, port: str, baud: int) -> "SerialLine":
+        """Open a serial line; `zenoh:NAME` is one of the simulator's, whose bytes wake the plugin.
+
+        Raises:
+            HardwareAbsent: it cannot be opened.
+
+        """
+        from robrain.protocol.serial_lines.serial_line import SIMULATED, PortLine, SimulatedLine
+
+        if port.startswith(SIMULATED):
+            return SimulatedLine(self.wire, self.robot, port.removeprefix(SIMULATED), self.hurry)
+        try:
+            return PortLine(port, baud)
+        except (OSError, ValueError) as error:
+            raise HardwareAbsent(self.plugin, f"no serial line at {port}: {error}") from error
 
     def open_can(self, interface: str, channel: str, **options: Any) -> "can.BusABC":
         """Open a python-can bus; `interface = "zenoh"` is the simulator's.

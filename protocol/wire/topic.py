@@ -68,6 +68,7 @@ class Urgency(StrEnum):
 JSON = "application/json"
 CAN_FRAME = "application/vnd.robrain.can-frame"
 TINYOS_PACKET = "application/vnd.robrain.tinyos-packet"
+SERIAL_BYTES = "application/octet-stream"
 PNG = "image/png"
 ANSWER_S = 2.0
 """How long a reply is waited for unless a query says otherwise."""

@@ -29,6 +29,7 @@ from robrain.protocol.wire.standing_topics import STANDING_ROWS
 from robrain.protocol.wire.topic import (
     CAN_FRAME,
     PNG,
+    SERIAL_BYTES,
     TINYOS_PACKET,
     Delivery,
     Q,
@@ -398,6 +399,14 @@ ARENA_RADIO_TX: Topic[bytes] = Topic(
     by=Role.ROBOT,
     encoding=TINYOS_PACKET,
     max_bytes=4096,
+)
+ARENA_SERIAL: Topic[bytes] = Topic(
+    name="arena_serial",
+    pattern="arena/{robot}/serial/{line}",
+    doc="Bytes that a simulated robot's sensor sends on a serial line",
+    by=Role.ARENA,
+    encoding=SERIAL_BYTES,
+    max_bytes=65_536,
 )
 ARENA_SCAN = Topic(
     name="arena_scan",

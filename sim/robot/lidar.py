@@ -10,6 +10,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays_of
 from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.sim.firmware.lidar_line import LidarProtocol
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
@@ -30,6 +31,8 @@ class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Standard deviation of a range."""
     dropout: float = 0.0
     """Share of the beams, drawn at random, that return nothing: black or wet surfaces, or flat angles."""
+    protocol: LidarProtocol = LidarProtocol.WIRE
+    """What it speaks; the robot's file then has the plugin for that."""
     outlier: float = 0.0
     """Share of the beams, drawn at random, with a random range: mixed pixels, stray reflections."""
 
@@ -37,6 +40,11 @@ class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         check_above_zero(self, "rays", "rate_hz", "range_max_m")
         check_not_negative(self, "noise_m")
         check_within(self, 0, 1, "dropout", "outlier")
+
+    @property
+    def is_imperfect(self) -> bool:
+        """Whether a beam may return nothing although there is a wall, or lie beside where it was measured."""
+        return bool(self.dropout) or self.protocol is not LidarProtocol.WIRE
 
 
 class Lidar:
@@ -83,14 +91,7 @@ class Lidar:
         if self.is_frozen and self._last is not None:
             return self._last
         spec = self.spec
-        if self._surfaces is None:
-            ranges_m = cast_rays_of(self._walls, self._geometry, pose, self._angles_rad, spec.range_max_m, robots)
-        else:
-            ranges_m = self._surfaces.cast(pose, self._angles_rad, spec.range_max_m, robots)
-        noisy_m = ranges_m + spec.noise_m * self._rng.standard_normal(spec.rays)
-        noisy_m[(ranges_m >= spec.range_max_m) | (noisy_m >= spec.range_max_m)] = 0.0
-        if spec.outlier or spec.dropout:
-            self._spoil(noisy_m)
+        noisy_m = self.measure(pose, robots, self._angles_rad)
         ranges_mm = np.rint(1000.0 * noisy_m).astype(np.int64)
         ranges_mm[(ranges_mm < 1) & (noisy_m != 0.0)] = 1
         self._last = Scan(
@@ -102,12 +103,27 @@ class Lidar:
         )
         return self._last
 
+    def measure(
+        self, pose: Pose2D, robots: NDArray[np.float64], angles_rad: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Ranges (N,) from `pose` in these directions (N,) of the robot's frame; 0 if nothing came back."""
+        spec = self.spec
+        if self._surfaces is None:
+            ranges_m = cast_rays_of(self._walls, self._geometry, pose, angles_rad, spec.range_max_m, robots)
+        else:
+            ranges_m = self._surfaces.cast(pose, angles_rad, spec.range_max_m, robots)
+        noisy_m = ranges_m + spec.noise_m * self._rng.standard_normal(len(angles_rad))
+        noisy_m[(ranges_m >= spec.range_max_m) | (noisy_m >= spec.range_max_m)] = 0.0
+        if spec.outlier or spec.dropout:
+            self._spoil(noisy_m)
+        return noisy_m
+
     def _spoil(self, ranges_m: NDArray[np.float64]) -> None:
         """Apply outliers, then dropouts, in place; a range of 0 means no return."""
-        spec = self.spec
+        spec, rays = self.spec, len(ranges_m)
         if spec.outlier:
-            is_outlier = self._rng.random(spec.rays) < spec.outlier
-            anywhere_m = self._rng.uniform(NEAREST_OUTLIER_M, spec.range_max_m, spec.rays)
+            is_outlier = self._rng.random(rays) < spec.outlier
+            anywhere_m = self._rng.uniform(NEAREST_OUTLIER_M, spec.range_max_m, rays)
             ranges_m[is_outlier] = anywhere_m[is_outlier]
         if spec.dropout:
-            ranges_m[self._rng.random(spec.rays) < spec.dropout] = 0.0
+            ranges_m[self._rng.random(rays) < spec.dropout] = 0.0

@@ -52,6 +52,7 @@ class RobotTeam:
         turns = math.lcm(*[robot.ranges.period_ticks for robot in robots])
         self._ranging = [[robot for robot in robots if robot.ranges.measures_at(tick)] for tick in range(turns)]
         """Whose range sensors measure in a tick, by its remainder."""
+        self._sweeping = [robot for robot in robots if robot.line is not None]
         self._two_wheels = [robot for robot in robots if robot.two_wheels is not None]
         self._three_wheels = [(row, robot.bus) for row, robot in enumerate(robots) if robot.two_wheels is None]
         """Rows and buses of the robots whose encoder frames are made together."""
@@ -108,11 +109,13 @@ class RobotTeam:
         """Measure the ranges and scan with the lidars that are due; then pass on what was late."""
         due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
         ranging = self._ranging[tick % len(self._ranging)]
-        if due or ranging:
+        if due or ranging or self._sweeping:
             self._at[:, 0], self._at[:, 1] = self.bodies.state["x_m"], self.bodies.state["y_m"]
             for robot in ranging:
                 robot.ranges.measure(robot.body.pose, self._hulls)
             for robot in due:
                 robot.scan(self._hulls)
+            for robot in self._sweeping:
+                robot.sweep(self._hulls)
         for robot in self._late:
             robot.deliver()

@@ -10,11 +10,12 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.topics import ARENA_SCAN
+from robrain.protocol.wire.topics import ARENA_SCAN, ARENA_SERIAL
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.battery import Battery
 from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps
+from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
 from robrain.sim.firmware.two_wheel_controller import DBC, FRAMES, TwoWheelController
@@ -95,6 +96,12 @@ class SimulatedRobot:
         self.battery = Battery(spec.battery)
         self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
         self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
+        self.line: LidarLine | None = None
+        """The lidar's serial line, if it has one."""
+        self._hulls: NDArray[np.float64] = np.zeros((0, 3))
+        if spec.lidar.protocol is not LidarProtocol.WIRE:
+            line = endpoint.publisher(ARENA_SERIAL, robot=spec.name, line=LINE)
+            self.line = LidarLine(spec.lidar.protocol, spec.lidar.rate_hz, tick_s, self._measure, line.put_bytes)
         self.scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
         self.scan_phase = index % self.scan_period_ticks if spec.has_lidar else -1
         """A turn of the lidar is complete with each tick that leaves this when it is divided by the period."""
@@ -120,6 +127,15 @@ class SimulatedRobot:
             self._scans.put(turn)
         else:
             self._late_scans.put(turn)
+
+    def sweep(self, hulls: NDArray[np.float64]) -> None:
+        """Let a lidar on a serial line turn for a tick; `hulls` as for `scan`."""
+        if self.line is not None:
+            self._hulls = hulls
+            self.line.turn()
+
+    def _measure(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.lidar.measure(self.body.pose, self._hulls, angles_rad)
 
     def deliver(self) -> None:
         """Pass on late frames and scans that have arrived; scans keep their time of measurement."""

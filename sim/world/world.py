@@ -16,10 +16,12 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.coordinator.recording.writer.provenance import MAP_ATTACHMENT
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.serial_lines.serial_line import SIMULATED
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
 from robrain.sim.firmware.two_wheel_controller import FRAMES
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
@@ -114,7 +116,7 @@ class World:
                 "width_m": geometry.width * geometry.resolution_m,
                 "height_m": geometry.height * geometry.resolution_m,
                 "closure_slack_m": slack_cells * geometry.resolution_m,
-                **({} if robot.lidar.dropout else {"submap": {"misses_min": 1}}),
+                **({} if robot.lidar.is_imperfect else {"submap": {"misses_min": 1}}),
             },
             "battery": {"capacity_wh": robot.battery.capacity_wh},
             "mocdevice": {
@@ -122,16 +124,16 @@ class World:
                 **_base(robot),
                 **_stamped_at(self.disturbance),
             },
+            **_lidar(robot),
             **_range_sensors(robot),
             **_home(self.chargers),
             "obstacle_distance": {"radius_m": robot.radius_m},
             **_gateway(self.network, robot.name),
             **(self.links.idle_parameters(start) if self.links is not None and is_known and not connect else {}),
         }
+        load = None if robot.load is None else list(robot.load)
         return RobotFile(
-            robot=RobotTable(
-                robot.name, team, load=None if robot.load is None else list(robot.load), consensus=robot.consensus
-            ),
+            robot=RobotTable(robot.name, team, load=load, roles=_roles(robot), consensus=robot.consensus),
             zenoh=ZenohTable(connect=list(connect)),
             parameters=merged(of_world, robot.plugins),
         )
@@ -266,6 +268,18 @@ def _base(robot: ArenaRobot) -> dict[str, Any]:
     if robot.chassis is None:
         return {"base": msgspec.to_builtins(robot.base)}
     return {"base": msgspec.to_builtins(robot.chassis), "frames": msgspec.to_builtins(FRAMES)}
+
+
+def _roles(robot: ArenaRobot) -> dict[str, str]:
+    protocol = robot.lidar.protocol
+    return {} if protocol is LidarProtocol.WIRE else {LIDAR_PLUGIN: protocol.value}
+
+
+def _lidar(robot: ArenaRobot) -> dict[str, dict[str, Any]]:
+    """Parameters of a lidar on a serial line."""
+    if robot.lidar.protocol is LidarProtocol.WIRE:
+        return {}
+    return {LIDAR_PLUGIN: {"port": f"{SIMULATED}{LINE}", "range_max_m": robot.lidar.range_max_m}}
 
 
 def manifest_texts(world: World, team: str = DEFAULT_TEAM) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """Dead reckoning from the counts of the wheels, with the last five seconds of it kept."""
 
+import itertools
 from bisect import bisect_left
 from collections import deque
 from operator import itemgetter
@@ -13,6 +14,7 @@ ENCODER_MODULUS = 1 << 16
 ENCODER_PERIOD_S = 0.02
 HISTORY_FRAMES = 256
 """Number of frames kept, five seconds: scans and frames may wait while the computer is busy."""
+RECENT_FRAMES = 32
 JUMP_SLACK = 2.0
 """Wheels that seem to have turned this many times as far as they can have not: the counter has."""
 
@@ -107,6 +109,12 @@ class WheelOdometry:
             self._history.pop()
         self._history.append((stamp_ns, self.pose))
         return not has_jumped
+
+    def recent(self, offset_ns: int) -> tuple[tuple[int, Pose2D], ...]:
+        """The last `RECENT_FRAMES` times, plus the offset, and poses; the oldest first."""
+        history = self._history
+        first = max(0, len(history) - RECENT_FRAMES)
+        return tuple([(stamp_ns + offset_ns, pose) for stamp_ns, pose in itertools.islice(history, first, None)])
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last five seconds, between the frames before and after it.

@@ -29,6 +29,10 @@ ACKNOWLEDGE_NS = to_ns(0.1)
 """A status that left the controller before it heard an acknowledgement is not held against it."""
 
 
+FAST_PERIOD_S = 0.02
+"""Period of the step for a lidar that needs the odometry while it turns."""
+
+
 class OpenLink(NamedTuple):
     """A connection, and how its counts are to be read."""
 
@@ -112,6 +116,9 @@ class WheelDevice(Device):
         try:
             self._catch_up()
             self._check(self._link)
+            if self.env.board.wants_odometry:
+                self.period_s = FAST_PERIOD_S
+                self.env.board.odometry = self._odometry.recent(self._frame_clock.offset_ns)
         except MotionFault as fault:
             self.condition.notify(Condition(False, str(fault)))
             raise

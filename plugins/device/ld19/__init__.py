@@ -1,0 +1,1 @@
+"""LDROBOT's LD06 and LD19, on a serial line."""

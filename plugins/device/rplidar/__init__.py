@@ -1,0 +1,1 @@
+"""Slamtec's RPLIDAR A-series, on a serial line."""

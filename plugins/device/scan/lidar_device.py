@@ -1,0 +1,113 @@
+"""What all lidar devices have in common: the last turn, silence, and turns that cannot be true.
+
+A lidar that falls silent is a fault of this device, and so is one that a user doubts, as the driver does when the
+ranges stay equal while the robot moves. Both are told to the team. A turn that was doubted is not handed on again, also
+after a restart, so that no map is made of it.
+"""
+
+import math
+
+import msgspec
+
+from robrain.agent.errors import PluginError
+from robrain.agent.event import Event
+from robrain.agent.plugin import Device, external
+from robrain.agent.silence import Silence
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+
+class LidarFault(PluginError):
+    """The lidar is silent or unplugged, or what it says cannot be true."""
+
+
+class LidarDevice(Device):
+    """Hands on each turn of a lidar; subclasses take the turns in with `take_turns`."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """When a lidar counts as gone."""
+
+        silent_s: float = 3.0
+        """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
+
+        def __post_init__(self) -> None:
+            check_positive(self, "silent_s")
+
+    interface = ScanInterface
+    parameters: Parameters
+    scanned = Event[LaserScan]()
+    trouble = Event[str](outside=True)
+    """Why the lidar is at fault, before the device faults."""
+
+    def init(self) -> None:
+        self._latest: LaserScan | None = None
+        self._ranges_mm: list[int] = []
+        self._doubt = ""
+
+    def activate(self) -> None:
+        self._silence = Silence(to_ns(self.parameters.silent_s))
+        self._heard_ns = self.env.clock.now_ns()
+        self.begin()
+
+    def begin(self) -> None:
+        """Open the line to the lidar."""
+        raise NotImplementedError
+
+    def take_turns(self, now_ns: int) -> None:
+        """Call `note` with each turn that has arrived."""
+        raise NotImplementedError
+
+    def note(self, scan: LaserScan, ranges_mm: list[int], now_ns: int) -> None:
+        """Hand on a turn, unless it is one that was doubted.
+
+        Args:
+            scan: the turn.
+            ranges_mm: its ranges, to know it again.
+            now_ns: the time.
+
+        """
+        board = self.env.board
+        if ranges_mm == board.doubted_scan:
+            return
+        board.doubted_scan = None
+        board.has_scanned = True
+        self._heard_ns = now_ns
+        self._ranges_mm = ranges_mm
+        self._latest = scan
+        self.scanned.notify(scan)
+
+    def step(self) -> None:
+        board, now_ns = self.env.board, self.env.clock.now_ns()
+        self.take_turns(now_ns)
+        if self._doubt:
+            board.doubted_scan = self._ranges_mm
+            self.fail(self._doubt)
+        if not board.has_scanned or now_ns - self._heard_ns <= self._silence.begins_ns:
+            return
+        silent_ns = self._silence.since(self._heard_ns, now_ns)
+        if silent_ns >= self._silence.limit_ns:
+            silent_s = silent_ns / NS_PER_S
+            what = "no turn" if board.doubted_scan is None else "nothing but the turn that it froze in"
+            self.fail(f"the lidar has sent {what} for {silent_s:.1f} s")
+
+    def latest(self) -> LaserScan | None:
+        """The last scan; None before the first."""
+        return self._latest
+
+    def doubt(self, why: str) -> None:
+        """Say that the last scan cannot be true: the device faults, and hands no such turn on again."""
+        self._doubt = why
+
+    @external
+    def nearest_m(self) -> float | None:
+        """Distance to the nearest object in sight; null if there is none, and before the first scan."""
+        if self._latest is None:
+            return None
+        nearest_m = min(self._latest.beam_ranges_m, default=math.inf)
+        return nearest_m if nearest_m < self._latest.range_max_m else None
+
+    def fail(self, why: str) -> None:
+        """Tell the team, and fault."""
+        self.trouble.notify(why)
+        raise LidarFault(self.env.plugin, why)

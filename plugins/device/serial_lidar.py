@@ -1,0 +1,171 @@
+"""A lidar on a serial line: LD06, LD19 and RPLIDAR differ by their decoder."""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from operator import itemgetter
+
+import msgspec
+
+from robrain.agent.plugin import external
+from robrain.plugins.device.lidar_mount import Mount, Placed, ScanMaker
+from robrain.plugins.device.scan.lidar_device import LidarDevice
+from robrain.protocol.lidar.points import LidarDecoder, LineCounts, Piece, Point
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.serial_lines.serial_line import SerialLine
+from robrain.protocol.wire.clock import to_ns
+
+POLL_S = 0.02
+"""Period of the look for bytes; a turn takes 0.1 s or more."""
+ASK_NS = to_ns(1.0)
+"""A sensor that has to be asked, and has sent nothing for so long, is asked again."""
+POINTS_MAX = 8_000
+"""Most points of a turn; more are dropped and counted (chosen: twice what any of these sensors measures)."""
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+WAIT_NS = to_ns(0.06)
+"""A turn waits so long for the odometry of its end; counts come every 20 ms."""
+
+
+class SerialLidar(LidarDevice):
+    """Reads a lidar's line; subclasses name its protocol.
+
+    Points are moved to where the robot is at the end of the turn, by the odometry on the board: at 0.6 m/s and five
+    turns a second they would be up to 0.12 m off, and while it turns at 1.5 rad/s, 17°.
+    """
+
+    class Parameters(LidarDevice.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """The line, and how the lidar is mounted."""
+
+        port: str = "/dev/lidar"
+        """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:lidar` is the simulator's."""
+        baud: int = 230_400
+        silent_s: float = 1.0
+        """Time without a turn after which the lidar faults."""
+        range_max_m: float = 8.0
+        """Points beyond it count as nothing."""
+        beams: int = 240
+        """Of a scan, all around."""
+        mount: Mount = Mount()
+        """Where and how it sits on the robot."""
+
+        def __post_init__(self) -> None:
+            check_positive(self, "silent_s", "range_max_m", "beams", "baud", below=10_000_000)
+            if self.beams > 4_000:
+                raise ValueError(f"expected beams <= 4000, got {self.beams}")
+
+    period_s = POLL_S
+    parameters: Parameters
+
+    def decoder(self) -> LidarDecoder:
+        """A decoder for the bytes of this kind of lidar."""
+        raise NotImplementedError
+
+    def init(self) -> None:
+        super().init()
+        self._line: SerialLine | None = None
+        self._decoder = self.decoder()
+        self._dropped = 0
+
+    def begin(self) -> None:
+        wanted = self.parameters
+        self._decoder = self.decoder()
+        self._maker = ScanMaker(wanted.beams, wanted.range_max_m, wanted.mount)
+        self._seen: list[tuple[int, list[Point]]] = []
+        """Points of this turn, with the time when they came."""
+        self._ended: list[tuple[int, list[Point]]] = []
+        """Those of the last turn, while it waits for its odometry."""
+        self._before: list[tuple[int, list[Point]]] = []
+        """Those of the turn that was handed on last."""
+        self.env.board.wants_odometry = True
+        self._points = 0
+        self._is_whole = False
+        """Whether the turn began at the sensor's front."""
+        self._line = self.env.open_serial(wanted.port, wanted.baud)
+        self._asked_ns = self.env.clock.now_ns()
+
+    def deactivate(self) -> None:
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+
+    def take_turns(self, now_ns: int) -> None:
+        line = self._line
+        if line is None:
+            return
+        try:
+            pieces = self._decoder.feed(line.read())
+            if pieces:
+                self._asked_ns = now_ns
+            elif now_ns - self._asked_ns > ASK_NS:
+                self._asked_ns = now_ns
+                self._decoder.ask_again()
+            if wanted := self._decoder.to_write():
+                line.write(wanted)
+        except OSError as error:
+            self.fail(f"the lidar's line {self.parameters.port} is lost: {error}")
+        for piece in pieces:
+            self._add(piece, now_ns)
+            if piece.ends_turn:
+                self._end_turn(now_ns)
+        if self._ended and (self._is_known(self._ended[-1][0]) or now_ns - self._ended[-1][0] > WAIT_NS):
+            self._hand_on(now_ns)
+
+    def _add(self, piece: Piece, now_ns: int) -> None:
+        room = max(0, POINTS_MAX - self._points)
+        points = piece.points[:room]
+        self._dropped += len(piece.points) - len(points)
+        self._points += len(points)
+        if points and self._seen and self._seen[-1][0] == now_ns:
+            self._seen[-1][1].extend(points)
+        elif points:
+            self._seen.append((now_ns, list(points)))
+
+    def _end_turn(self, now_ns: int) -> None:
+        if self._ended:  # the one before still waits
+            self._hand_on(now_ns)
+        seen, self._seen, self._points = self._seen, [], 0
+        was_whole, self._is_whole = self._is_whole, True
+        if was_whole and seen:  # else it began somewhere on the way
+            self._ended = seen
+
+    def _is_known(self, stamp_ns: int) -> bool:
+        """Whether the odometry of a time is there."""
+        odometry = self.env.board.odometry
+        return bool(odometry) and odometry[-1][0] >= stamp_ns
+
+    def _hand_on(self, now_ns: int) -> None:
+        """Move the points to where the robot was when the last one was measured."""
+        seen, self._ended = self._ended, []
+        before, self._before = self._before, seen
+        odometry, stamp_ns = self.env.board.odometry, seen[-1][0]
+        here = _pose_at(odometry, stamp_ns).inverse()
+
+        def moved(turn: list[tuple[int, list[Point]]]) -> list[Placed]:
+            return [(here.compose(_pose_at(odometry, seen_ns)), points) for seen_ns, points in turn]
+
+        scan = self._maker.scan(moved(seen), moved(before), stamp_ns)
+        self.note(scan, [round(1000 * range_m) for range_m in scan.beam_ranges_m], now_ns)
+
+    @external
+    def line_counts(self) -> LineCounts:
+        """Packets, wrong checksums and stray bytes since the line was opened."""
+        return self._decoder.counts
+
+    @external
+    def dropped_points(self) -> int:
+        """Points beyond the most that a turn may have."""
+        return self._dropped
+
+
+def _pose_at(odometry: Sequence[tuple[int, Pose2D]], stamp_ns: int) -> Pose2D:
+    """T_odom_robot at a time, between the measurements before and after it; the nearest one outside them."""
+    index = bisect_left(odometry, stamp_ns, key=itemgetter(0))
+    if index == 0 or index == len(odometry):
+        return odometry[min(index, len(odometry) - 1)][1] if odometry else ORIGIN
+    (before_ns, before), (after_ns, after) = odometry[index - 1], odometry[index]
+    share = (stamp_ns - before_ns) / (after_ns - before_ns)
+    return Pose2D(
+        before.x_m + share * (after.x_m - before.x_m),
+        before.y_m + share * (after.y_m - before.y_m),
+        wrap_angle_rad(before.yaw_rad + share * wrap_angle_rad(after.yaw_rad - before.yaw_rad)),
+    )

@@ -1,0 +1,46 @@
+"""What all lidar protocols have in common."""
+
+from typing import NamedTuple, Protocol
+
+import msgspec
+
+
+class Point(NamedTuple):
+    """One measurement, as the sensor tells it."""
+
+    angle_rad: float
+    """Counter-clockwise from the sensor's front, not wrapped to any interval."""
+    range_m: float
+    """0 if nothing came back."""
+
+
+class Piece(NamedTuple):
+    """Points that were measured one after the other."""
+
+    points: list[Point]
+    ends_turn: bool
+    """Whether the sensor passes its front after them."""
+
+
+class LineCounts(msgspec.Struct, frozen=True):
+    """What a decoder has met with."""
+
+    packets: int = 0
+    bad_checksums: int = 0
+    stray_bytes: int = 0
+    """Bytes that belong to no packet."""
+
+
+class LidarDecoder(Protocol):
+    """Bytes in, points out."""
+
+    counts: LineCounts
+
+    def feed(self, data: bytes) -> list[Piece]:
+        """Take in bytes as they came; the points that they complete."""
+
+    def ask_again(self) -> None:
+        """The sensor is silent: ask once more, if it has to be asked."""
+
+    def to_write(self) -> bytes:
+        """What the sensor has to be told now; empty if nothing."""

@@ -1,0 +1,1 @@
+"""Serial lines: those of the computer, and those of the simulator."""

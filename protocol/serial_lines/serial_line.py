@@ -1,0 +1,84 @@
+"""A line that bytes come over and go out on, without waiting."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import serial
+
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ARENA_SERIAL
+
+CHUNK_BYTES = 65_536
+SIMULATED = "zenoh:"
+"""A port that begins with this is a line of the simulator, such as `zenoh:lidar`."""
+
+
+class SerialLine(Protocol):
+    """A line; reading and writing raise OSError when it is lost, as when its plug is pulled."""
+
+    def read(self) -> bytes:
+        """What has arrived, at most `CHUNK_BYTES`; empty if nothing has."""
+
+    def write(self, data: bytes) -> None:
+        """Send these bytes; what the line does not take at once is dropped."""
+
+    def close(self) -> None:
+        """Leave it."""
+
+
+class PortLine:
+    """A serial port of this computer, or a pty.
+
+    Args:
+        port: such as `/dev/ttyUSB0`, or a URL of pyserial's.
+        baud: bits a second.
+
+    Raises:
+        OSError: it cannot be opened (pyserial's errors are such).
+        ValueError: it cannot be as fast, or the URL is none.
+
+    """
+
+    def __init__(self, port: str, baud: int) -> None:
+        self._port = serial.serial_for_url(port, baud, timeout=0, write_timeout=0)
+
+    def read(self) -> bytes:
+        """As SerialLine."""
+        data: bytes = self._port.read(CHUNK_BYTES)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """As SerialLine."""
+        self._port.write(data)
+
+    def close(self) -> None:
+        """As SerialLine."""
+        self._port.close()
+
+
+class SimulatedLine:
+    """A line of the simulator's: samples on the wire, in both drives; from the sensor to the robot only.
+
+    Args:
+        wire: the plugin's own endpoint, with which the line ends.
+        robot: whose it is.
+        name: of the line, such as `lidar`.
+        wake: called when bytes have arrived.
+
+    """
+
+    def __init__(self, wire: Endpoint, robot: str, name: str, wake: Callable[[], None]) -> None:
+        self._inbox = Inbox(capacity=256)
+        self._inbox.on_arrival = wake
+        wire.subscribe(self._inbox, ARENA_SERIAL, robot=robot, line=name)
+
+    def read(self) -> bytes:
+        """As SerialLine."""
+        return b"".join(data for _, _, data in self._inbox.drain_raw()) if self._inbox.has_some else b""
+
+    def write(self, data: bytes) -> None:
+        """As SerialLine: simulated sensors need no word."""
+
+    def close(self) -> None:
+        """The endpoint's owner closes it."""

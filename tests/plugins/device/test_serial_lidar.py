@@ -1,0 +1,268 @@
+"""LD19 and RPLIDAR on a pty: scans in the robot's frame, a line that is pulled out and plugged in again."""
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robrain.agent.errors import HardwareAbsent
+from robrain.agent.host.agent_host import stock_place
+from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.lifecycle.plugin_folders import PluginFolders
+from robrain.agent.manifest import read_manifest
+from robrain.plugins.device.ld19.ld19 import Ld19
+from robrain.plugins.device.lidar_mount import Mount
+from robrain.plugins.device.rplidar.rplidar import Rplidar
+from robrain.plugins.device.scan.interface import LaserScan
+from robrain.plugins.device.scan.lidar_device import LidarFault
+from robrain.plugins.device.serial_lidar import POINTS_MAX, SerialLidar
+from robrain.protocol.lidar.ld19 import encode_ld19
+from robrain.protocol.lidar.rplidar import DESCRIPTOR, SCAN, STOP, encode_rplidar
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.serial_lines.serial_line import PortLine
+from tests.plugins.device.bare_device import BareDevice
+
+
+class OnPty(BareDevice):
+    """A lidar device whose line is a pty; the test is the sensor."""
+
+    def __init__(self, device_class: type[SerialLidar], folder: Path, **parameters: Any) -> None:
+        self.path = folder / "lidar"
+        self.plug_in()
+        super().__init__(device_class, port=str(self.path), **parameters)
+
+    def plug_in(self) -> None:
+        self._master, slave = os.openpty()
+        os.set_blocking(self._master, False)
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(slave))
+        self._slave = slave
+
+    def pull_out(self) -> None:
+        os.close(self._master)
+        os.close(self._slave)
+        self.path.unlink()
+
+    def open_serial(self, port: str, baud: int) -> PortLine:
+        try:
+            return PortLine(port, baud)
+        except OSError as error:
+            raise HardwareAbsent(self.plugin, str(error)) from error
+
+    def send(self, data: bytes) -> None:
+        os.write(self._master, data)
+
+    def heard(self) -> bytes:
+        try:
+            return os.read(self._master, 100)
+        except BlockingIOError:
+            return b""
+
+    def steps(self, count: int) -> None:
+        for _ in range(count):
+            self.step(0.02)
+
+    def wait_for(self, turns: int = 1, send: bytes = b"") -> LaserScan:
+        """Step until so many turns were handed on; the kernel passes bytes on when it likes."""
+        stamps = {scan.stamp_ns for scan in [self.it.latest()] if scan is not None}
+        before = len(stamps)
+        if send:
+            self.send(send)
+        for _ in range(2_000):
+            self.step(0.02)
+            if (scan := self.it.latest()) is not None:
+                stamps.add(scan.stamp_ns)
+                if len(stamps) >= before + turns:
+                    return scan
+            os.sched_yield()
+        raise AssertionError("no turn comes")
+
+
+@pytest.fixture
+def lidar(tmp_path: Path) -> Iterator[Any]:
+    made: list[OnPty] = []
+
+    def make(device_class: type[SerialLidar] = Ld19, **parameters: Any) -> OnPty:
+        made.append(OnPty(device_class, tmp_path, **parameters))
+        made[-1].it.activate()
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.it.deactivate()
+
+
+def ld19_turns(count: int, at_left_m: float = 2.0, elsewhere_m: float = 3.0) -> bytes:
+    """Turns that see something within 30° of the robot's left, which is 270° clockwise."""
+    angles = [packet * 12.0 + point for packet in range(30) for point in range(12)]
+    ranges = [at_left_m if abs(angle - 270.0) < 30.0 else elsewhere_m for angle in angles]
+    packets = [encode_ld19(n * 12.0, 1.0, ranges[12 * n : 12 * n + 12], 3600, n) for n in range(30)]
+    return b"".join(packets) * count
+
+
+def at(scan: LaserScan, degrees: float) -> float:
+    """Range in a direction of the robot's frame."""
+    return min(
+        zip(scan.beam_angles_rad, scan.beam_ranges_m, strict=True),
+        key=lambda beam: abs(math.remainder(beam[0] - math.radians(degrees), math.tau)),
+    )[1]
+
+
+def test_turn_is_a_scan_counter_clockwise_in_the_robots_frame(lidar: Any) -> None:
+    one = lidar()
+    scan = one.wait_for(send=ld19_turns(3))
+    assert at(scan, 90.0) == 2.0
+    assert {at(scan, degrees) for degrees in (0.0, 180.0, -90.0)} == {3.0}
+    assert len(scan.beam_ranges_m) == 240
+    assert list(scan.beam_angles_rad) == sorted(scan.beam_angles_rad)
+    assert one.it.line_counts().bad_checksums == 0
+
+
+@pytest.mark.parametrize(
+    ("mount", "left_is_at"),
+    [
+        (Mount(yaw_rad=math.pi / 2), 180.0),
+        (Mount(yaw_rad=-math.pi / 2), 0.0),
+        (Mount(upside_down=True), -90.0),
+        (Mount(upside_down=True, yaw_rad=math.pi), 90.0),
+    ],
+)
+def test_scan_is_turned_as_the_lidar_is_mounted(lidar: Any, mount: Mount, left_is_at: float) -> None:
+    scan = lidar(mount=mount).wait_for(send=ld19_turns(3))
+    assert at(scan, left_is_at) == 2.0
+    assert at(scan, left_is_at + 180.0) == 3.0
+
+
+def test_lidar_that_sits_ahead_of_the_centre_sees_from_there_and_not_the_robot_itself(lidar: Any) -> None:
+    scan = lidar(mount=Mount(x_m=0.5)).wait_for(send=ld19_turns(3))
+    assert at(scan, 0.0) == pytest.approx(3.5, abs=0.01)
+    assert at(scan, 180.0) == pytest.approx(2.5, abs=0.01)
+    hidden = lidar(mount=Mount(hidden_within_m=2.5)).wait_for(send=ld19_turns(3))
+    assert at(hidden, 90.0) > 2.5
+
+
+def test_points_are_moved_to_where_the_robot_is_at_the_end_of_the_turn(lidar: Any) -> None:
+    one = lidar()
+    ms, begin_ns = 1_000_000, one.clock.now_ns()
+    # It drives at 1 m/s: one second of odometry, a pose each 20 ms.
+    one.board.odometry = tuple((begin_ns + n * 20 * ms, Pose2D(0.02 * n, 0.0, 0.0)) for n in range(2000))
+    packets = [ld19_turns(1)[47 * n : 47 * n + 47] for n in range(30)]
+    seen: set[int] = set()
+    for _ in range(3):
+        for packet in packets:
+            one.send(packet)
+            for _ in range(200):  # the kernel passes it on
+                before = one.it.line_counts().packets
+                one.it.step()
+                if one.it.line_counts().packets > before:
+                    break
+            one.wait(0.01)
+    scan = one.it.latest()
+    assert scan is not None
+    seen.add(scan.stamp_ns)
+    # The front was measured 0.3 s before the end of the turn: the wall ahead is 0.3 m nearer now.
+    assert at(scan, -2.0) == pytest.approx(2.7, abs=0.03)
+    assert at(scan, 2.0) == pytest.approx(3.0, abs=0.03)
+
+
+def test_rplidar_is_asked_to_scan_and_its_nodes_are_the_same_scan(lidar: Any) -> None:
+    one = lidar(Rplidar)
+    for _ in range(500):
+        one.step(0.02)
+        if one.heard() == STOP + SCAN:
+            break
+    else:
+        raise AssertionError("it was not asked")
+    ranges = [2.0 if abs(angle - 270) < 30 else 3.0 for angle in range(360)]
+    nodes = encode_rplidar(range(360), ranges)
+    scan = one.wait_for(send=DESCRIPTOR + 3 * nodes)
+    assert (at(scan, 90.0), at(scan, -90.0)) == (2.0, 3.0)
+
+
+def test_silent_rplidar_is_asked_again_before_it_counts_as_gone(lidar: Any) -> None:
+    one = lidar(Rplidar, silent_s=5.0)
+    heard = b""
+    for _ in range(150):
+        one.step(0.02)
+        heard += one.heard()
+    for _ in range(200):
+        heard += one.heard()
+    assert heard.count(STOP + SCAN) >= 3
+
+
+def test_line_that_is_pulled_out_is_a_fault_and_is_used_again_when_it_is_back(lidar: Any) -> None:
+    one = lidar()
+    one.wait_for(send=ld19_turns(3))
+    troubles = one.told(one.it.trouble)
+    one.pull_out()
+    with pytest.raises(LidarFault, match=f"the lidar's line {one.path} is lost"):
+        one.steps(100)
+    assert f"the lidar's line {one.path} is lost" in troubles[0]
+    one.it.deactivate()
+    with pytest.raises(HardwareAbsent):  # as the host tries, once a second
+        one.it.activate()
+    one.plug_in()
+    one.it.activate()
+    assert at(one.wait_for(send=ld19_turns(3)), 90.0) == 2.0
+
+
+def test_silence_is_a_fault(lidar: Any) -> None:
+    one = lidar()
+    one.wait_for(send=ld19_turns(3))
+    with pytest.raises(LidarFault, match=r"the lidar has sent no turn for 1\.0 s"):
+        one.steps(100)
+
+
+def test_noise_between_packets_costs_no_scan(lidar: Any) -> None:
+    one = lidar()
+    turns = ld19_turns(4)
+    noisy = b"".join(
+        turns[at : at + 47] + (b"T,\x54noise" if at % 470 == 0 else b"") for at in range(0, len(turns), 47)
+    )
+    scan = one.wait_for(send=noisy)
+    assert at(scan, 90.0) == 2.0
+    assert one.it.line_counts().stray_bytes > 0
+
+
+def test_a_robot_that_turns_with_its_lidar_has_no_blind_gap_and_claims_nothing_of_what_it_never_saw(lidar: Any) -> None:
+    one = lidar()
+    ms, begin_ns = 1_000_000, one.clock.now_ns()
+    one.board.odometry = tuple((begin_ns + n * 20 * ms, Pose2D(0.0, 0.0, -0.06 * n)) for n in range(2000))
+    packets = [ld19_turns(1, 3.0)[47 * n : 47 * n + 47] for n in range(30)]
+    sizes = []
+    for _ in range(4):
+        for packet in packets:
+            before = one.it.line_counts().packets
+            one.send(packet)
+            for _ in range(200):
+                one.it.step()
+                if one.it.line_counts().packets > before:
+                    break
+            one.wait(0.01)
+        if (scan := one.it.latest()) is not None:
+            sizes.append(len(scan.beam_ranges_m))
+            assert set(scan.beam_ranges_m) == {3.0}
+    # 0.9 rad of a turn lie twice in view, and 0.9 rad not at all; only the first turn lacks them.
+    assert sizes[0] == pytest.approx(240 * (1 - 0.9 / math.tau), abs=4)
+    assert sizes[-1] == 240
+
+
+def test_turn_that_never_ends_is_bounded_and_what_is_beyond_is_counted(lidar: Any) -> None:
+    one = lidar()
+    turn = ld19_turns(1)[: 47 * 20]
+    for _ in range(60):
+        for piece in one.it._decoder.feed(turn):
+            one.it._add(piece._replace(ends_turn=False), one.clock.now_ns())
+    assert sum(len(points) for _, points in one.it._seen) == POINTS_MAX
+    assert one.it.dropped_points() == 60 * 240 - POINTS_MAX
+
+
+def test_both_take_the_place_of_scan_in_a_robots_file() -> None:
+    for name in ("ld19", "rplidar"):
+        table = RobotTable("r1", roles={"scan": name}, load=["driver"])
+        found = PluginFolders([stock_place()], RobotFile(robot=table).robot.roles).find()
+        manifest = read_manifest(found["scan"])
+        assert (manifest.path.stem, manifest.name) == (name, "scan")

@@ -1,0 +1,134 @@
+"""Lidar protocols: specified bytes, and any noise between them."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robrain.protocol.lidar.ld19 import PACKET_BYTES, Ld19Decoder, crc8, encode_ld19
+from robrain.protocol.lidar.points import Piece
+from robrain.protocol.lidar.rplidar import DESCRIPTOR, SCAN, STOP, RplidarDecoder, encode_rplidar
+
+# A packet of LDROBOT's LD19 development manual, section "Communication protocol".
+MANUAL = bytes.fromhex(
+    "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2 C7 00 E9 C5 00 E5 C2"
+    " 00 E5 C0 00 E5 BE 82 3A 1A 50"
+)
+
+
+def ld19_turn(range_m: float = 1.5) -> bytes:
+    """A turn of 360 points."""
+    return b"".join(encode_ld19(packet * 12.0, 1.0, [range_m] * 12, 3600, packet) for packet in range(30))
+
+
+def points_in(pieces: list[Piece]) -> list[tuple[float, float]]:
+    return [(point.angle_rad, point.range_m) for piece in pieces for point in piece.points]
+
+
+def test_packet_of_the_manual_has_its_speed_angles_and_distances() -> None:
+    decoder = Ld19Decoder()
+    (piece,) = decoder.feed(MANUAL)
+    assert len(MANUAL) == PACKET_BYTES
+    assert decoder.speed_deg_s == 2152
+    assert len(piece.points) == 12
+    assert math.degrees(piece.points[0].angle_rad) == pytest.approx(-324.27)
+    assert math.degrees(piece.points[-1].angle_rad) == pytest.approx(-334.7)
+    assert [point.range_m for point in piece.points[:3]] == [0.224, 0.220, 0.217]
+    assert decoder.counts.packets == 1
+
+
+def test_turn_ends_where_the_sensor_passes_its_front() -> None:
+    decoder = Ld19Decoder()
+    pieces = decoder.feed(3 * ld19_turn())
+    ends = [number for number, piece in enumerate(pieces) if piece.ends_turn]
+    assert len(ends) == 2
+    between = points_in(pieces[ends[0] + 1 : ends[1] + 1])
+    assert len(between) == 360
+    assert between[0][0] > between[-1][0]  # clockwise
+
+
+@settings(max_examples=200)
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=40), st.data())
+def test_points_are_the_same_in_whatever_parts_the_bytes_come(parts: list[int], data: st.DataObject) -> None:
+    for encoded, decoder, other in (
+        (ld19_turn(), Ld19Decoder(), Ld19Decoder()),
+        (DESCRIPTOR + encode_rplidar(range(0, 360, 2), [2.0] * 180), RplidarDecoder(), RplidarDecoder()),
+    ):
+        whole, found, at = points_in(decoder.feed(encoded)), [], 0
+        for part in parts:
+            found += points_in(other.feed(encoded[at : at + part]))
+            at += part
+        found += points_in(other.feed(encoded[at:]))
+        assert found == whole
+        assert other.counts.bad_checksums == other.counts.stray_bytes == 0
+
+
+@settings(max_examples=300)
+@given(st.binary(max_size=200), st.integers(0, 37), st.binary(min_size=1, max_size=30))
+def test_noise_costs_no_more_than_the_packets_that_it_hits(before: bytes, where: int, noise: bytes) -> None:
+    packets = [encode_ld19(packet * 9.6, 0.8, [1.0] * 12, 3600, packet) for packet in range(38)]
+    data = before + b"".join(packets[:where]) + noise + b"".join(packets[where:])
+    decoder = Ld19Decoder()
+    points = points_in(decoder.feed(data))
+    decoder.feed(b"\0" * PACKET_BYTES)
+    assert decoder.counts.packets >= 36  # a header in the noise may take the packet behind it
+    assert len(points) >= 36 * 12
+    assert decoder.counts.stray_bytes >= len(before) + len(noise) - 2 * PACKET_BYTES
+
+
+@pytest.mark.parametrize("at", range(PACKET_BYTES))
+def test_a_wrong_bit_anywhere_in_a_packet_is_noticed(at: int) -> None:
+    packet = bytearray(encode_ld19(10.0, 0.8, [1.0] * 12, 3600, 5))
+    packet[at] ^= 4
+    decoder = Ld19Decoder()
+    assert points_in(decoder.feed(bytes(packet) + encode_ld19(20.0, 0.8, [2.0] * 12, 3600, 6))) != []
+    assert decoder.counts.packets == 1
+    assert {point[1] for point in points_in(decoder.feed(encode_ld19(30.0, 0.8, [2.0] * 12, 3600, 7)))} == {2.0}
+
+
+def test_angles_beyond_a_turn_or_a_wide_packet_are_no_points_although_the_checksum_is_right() -> None:
+    decoder = Ld19Decoder()
+    for first, last in ((40_000, 100), (100, 20_000)):
+        body = bytearray(encode_ld19(0.0, 0.8, [1.0] * 12, 3600, 0)[:-1])
+        body[4:6], body[42:44] = first.to_bytes(2, "little"), last.to_bytes(2, "little")
+        assert decoder.feed(bytes(body) + bytes((crc8(bytes(body)),))) == []
+
+
+def test_rplidar_is_asked_for_a_scan_once_and_again_when_it_is_silent() -> None:
+    decoder = RplidarDecoder()
+    assert decoder.to_write() == STOP + SCAN
+    assert decoder.to_write() == b""
+    decoder.ask_again()
+    assert decoder.to_write() == STOP + SCAN
+
+
+def test_rplidar_nodes_are_clockwise_degrees_and_quarters_of_a_millimetre() -> None:
+    decoder = RplidarDecoder()
+    # From the notes: quality 0x2F, S, then 90° and 1.5 m: 90 × 64 = 5760, 1500 × 4 = 6000.
+    node = bytes((0x2F << 2 | 1, (5760 << 1 | 1) & 0xFF, 5760 << 1 >> 8, 6000 & 0xFF, 6000 >> 8))
+    ends, rest = decoder.feed(b"\x01\x02" + DESCRIPTOR + node)
+    assert ends.ends_turn
+    assert rest.points[0].angle_rad == pytest.approx(-math.pi / 2)
+    assert rest.points[0].range_m == 1.5
+    assert decoder.counts.stray_bytes == 2
+
+
+@settings(max_examples=200)
+@given(st.integers(5, 170), st.binary(min_size=1, max_size=14))
+def test_rplidar_finds_its_nodes_again_after_noise(where: int, noise: bytes) -> None:
+    nodes = encode_rplidar(range(0, 360, 2), [2.0] * 180)
+    decoder = RplidarDecoder()
+    first = points_in(decoder.feed(DESCRIPTOR + nodes[: 5 * where] + noise + nodes[5 * where :]))
+    after = points_in(decoder.feed(nodes))
+    assert len(first) + len(after) >= 360 - 12
+    assert [one for one in after[-170:] if one[1] != 2.0] == []
+
+
+@settings(max_examples=300)
+@given(st.lists(st.binary(max_size=300), max_size=20))
+def test_no_bytes_at_all_break_a_decoder_or_fill_its_memory(chunks: list[bytes]) -> None:
+    for decoder in (Ld19Decoder(), RplidarDecoder()):
+        for chunk in chunks:
+            decoder.feed(chunk)
+        assert len(decoder._left) < 100
