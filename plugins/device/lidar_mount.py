@@ -57,8 +57,8 @@ class ScanMaker:
         Args:
             seen: points of the turn, in the sensor's frame, with where the robot was when they were measured, in its
                 frame at the time of the scan.
-            before: those of the turn before, for beams that this one has no points of: a robot that turns with its
-                lidar leaves a gap of some degrees.
+            before: those of the turn before, for beams that this one has no points of: a robot that turns against
+                its lidar leaves a gap of some degrees.
             stamp_ns: robot's time of the scan.
 
         """

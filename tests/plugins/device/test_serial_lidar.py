@@ -227,10 +227,10 @@ def test_noise_between_packets_costs_no_scan(lidar: Any) -> None:
     assert one.it.line_counts().stray_bytes > 0
 
 
-def test_a_robot_that_turns_with_its_lidar_has_no_blind_gap_and_claims_nothing_of_what_it_never_saw(lidar: Any) -> None:
+def test_a_robot_that_turns_against_its_lidar_has_no_blind_gap_and_claims_nothing_of_what_it_never_saw(lidar: Any) -> None:
     one = lidar()
     ms, begin_ns = 1_000_000, one.clock.now_ns()
-    one.board.odometry = tuple((begin_ns + n * 20 * ms, Pose2D(0.0, 0.0, -0.06 * n)) for n in range(2000))
+    one.board.odometry = tuple((begin_ns + n * 20 * ms, Pose2D(0.0, 0.0, 0.06 * n)) for n in range(2000))
     packets = [ld19_turns(1, 3.0)[47 * n : 47 * n + 47] for n in range(30)]
     sizes = []
     for _ in range(4):
@@ -245,7 +245,7 @@ def test_a_robot_that_turns_with_its_lidar_has_no_blind_gap_and_claims_nothing_o
         if (scan := one.it.latest()) is not None:
             sizes.append(len(scan.beam_ranges_m))
             assert set(scan.beam_ranges_m) == {3.0}
-    # 0.9 rad of a turn lie twice in view, and 0.9 rad not at all; only the first turn lacks them.
+    # It turns against its lidar: 0.9 rad are not in view in a turn; only the first one lacks them.
     assert sizes[0] == pytest.approx(240 * (1 - 0.9 / math.tau), abs=4)
     assert sizes[-1] == 240
 
