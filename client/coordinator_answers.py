@@ -1,5 +1,9 @@
 """What a team's coordinator is asked about the team as a whole, and about tasks that are not submitted."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
 from robrain.client.requests import Requests
 from robrain.client.submission import dry_submission_of
 from robrain.protocol.model.tasks.task import Task
@@ -9,6 +13,8 @@ from robrain.protocol.wire.messages.team.standing_messages import LeadRequest
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD
 from robrain.protocol.wire.topics import COORDINATOR_LEFT_NOW, TASK_DRY_RUN
 
+NO_FIELDS: Mapping[str, Any] = MappingProxyType({})
+
 
 class CoordinatorAnswers:
     """Part of `Team`; see there."""
@@ -16,13 +22,13 @@ class CoordinatorAnswers:
     by: str
     _requests: Requests
 
-    def dry_run(self, task: str | Task, *, id: str | None = None, **fields: object) -> TaskDryRun:
+    def dry_run(self, task: str | Task, *, fields: Mapping[str, Any] = NO_FIELDS, id: str | None = None) -> TaskDryRun:
         """Return what would follow if a task were submitted now. Nothing is submitted.
 
         Args:
             task: a kind, such as `visit`, with the fields below; or a whole task.
+            fields: fields and parameters of that kind, named as in the messages, such as `{"place": (3, 4)}`.
             id: the task's name; None for one that no task has.
-            fields: fields and parameters of that kind, named as in the messages, such as `place=(3, 4)`.
 
         Raises:
             BadTask: a field is missing or invalid.
