@@ -41,7 +41,7 @@ class Said(NamedTuple):
 
 
 VISIT = {"kind": "visit", "x_m": 2.0, "y_m": 1.0}
-FAR = {"kind": "visit", "x_m": 3.0, "y_m": 2.0, "service_s": 600.0}
+LONG = {"kind": "visit", "x_m": 1.0, "y_m": 2.0, "service_s": 600.0}
 LATER = {"kind": "visit", "x_m": 1.0, "y_m": 1.0, "earliest_in_s": 3000.0}
 SWITCH = {"robot": "r1", "plugin": "lamp", "function": "switch", "arguments": {"on": True}}
 OUTSIDE = {"kind": "visit", "x_m": 900.0, "y_m": 1.0}
@@ -54,19 +54,19 @@ SCRIPT = [
     Said("robot_state", {"robot": "r9"}, "refused", "there are: r1, r2", "team"),
     Said("list_plugins", {"robot": "r1"}, "looked", "switch(on: bool)"),
     Said("list_kinds", {}, "looked", "visit"),
-    Said("list_tasks", {}, "looked", "there are no such tasks"),
+    Said("list_tasks", {"states": ["running", "done"]}, "looked", "there are no such tasks"),
     Said("show_map", {}, "looked", "y upwards"),
     # -- a task, from its dry run to its end
     Said("dry_run", VISIT, "looked", "would accept"),
     Said("dry_run", OUTSIDE, "refused", "outside of the map"),
     Said("submit_task", VISIT, "rehearsed", "nothing has been done yet"),
-    Said("list_tasks", {}, "looked", "there are no such tasks"),
+    Said("list_tasks", {"states": ["running", "done"]}, "looked", "there are no such tasks"),
     Said("submit_task", {**VISIT, "confirm": TOKEN}, "done", "submitted visit-"),
     Said("why_task", {"task": LAST}, "looked", "it is"),
     Said("list_tasks", {"states": ["queued", "offered", "running", "done"]}, "looked", "by assistant:ann"),
     Said("submit_task", {**VISIT, "confirm": TOKEN}, "refused", "used already", "no_token"),
-    Said("submit_task", FAR, "rehearsed", "r1"),
-    Said("submit_task", {**FAR, "confirm": TOKEN}, "done", "submitted visit-"),
+    Said("submit_task", LONG, "rehearsed", "r1"),
+    Said("submit_task", {**LONG, "confirm": TOKEN}, "done", "submitted visit-"),
     Said("cancel_task", {"task": LAST, "reason": "not needed"}, "rehearsed", "would end unfinished"),
     Said("why_task", {"task": LAST}, "looked", "it is"),
     Said("cancel_task", {"task": LAST, "reason": "not needed", "confirm": TOKEN}, "done", "cancelled visit-"),
@@ -127,6 +127,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
         with Team.connect(endpoint, by="operator:ben", patience_s=PATIENCE_S) as team:
             until(lambda: [robot.name for robot in team.state().robots if robot.up] == ["r1", "r2"])
             until(lambda: "visit" in [kind.kind for kind in team.kinds()])
+            until(lambda: team.state().known_area_m2)
             team.load("r1", lamp)
             team.submit("visit", id="gate", place=(1.0, 2.0), earliest_s=3000.0)
             log = folder / "log" / "assistant.jsonl"
@@ -144,6 +145,15 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 def words_of(result: CallToolResult) -> str:
     return "\n".join(one.text for one in result.content if isinstance(one, TextContent))
+
+
+def is_as_said(said: Said, result: CallToolResult) -> bool:
+    values = result.structured_content or {}
+    return (
+        (values.get("verdict"), values.get("code", "")) == (said.verdict, said.code)
+        and said.words in words_of(result)
+        and result.is_error == (said.verdict in ("refused", "failed"))
+    )
 
 
 async def _give(bench: Bench, script: list[Said]) -> list[CallToolResult]:
@@ -166,12 +176,12 @@ async def _give(bench: Bench, script: list[Said]) -> list[CallToolResult]:
 def test_fifty_instructions_are_answered_and_the_unsafe_ones_refused_with_the_reason(bench: Bench) -> None:
     assert len(SCRIPT) == 50
     results = anyio.run(_give, bench, SCRIPT)
-    for number, (said, result) in enumerate(zip(SCRIPT, results, strict=True)):
-        values = result.structured_content or {}
-        told = f"{number} {said.tool}: {values.get('verdict')} {values.get('code')} {words_of(result)}"
-        assert (values.get("verdict"), values.get("code", "")) == (said.verdict, said.code), told
-        assert said.words in words_of(result), told
-        assert result.is_error == (said.verdict in ("refused", "failed")), told
+    wrong = [
+        f"{number} {said.tool} {said.arguments}: {result.structured_content} {words_of(result)}"
+        for number, (said, result) in enumerate(zip(SCRIPT, results, strict=True))
+        if not is_as_said(said, result)
+    ]
+    assert not wrong, "\n".join(wrong)
     unsafe = ("resume", "plugins", "lead", "drive", "text_form", "not_yours")
     assert sum(said.code in unsafe for said in SCRIPT) + 2 == UNSAFE  # and two that would overrule by priority, number
 
