@@ -113,11 +113,13 @@ class Assistant:
         try:
             found = self._answer(call, number)
         except Refused as error:
-            found = answer(Verdict.REFUSED, [str(error)], code=str(error.ban))
+            found = _refused(error)
+        except NobodyThere as error:
+            found = _refused(Refused(Ban.NOBODY, str(error)))
         except CallError as error:
-            found = _failed(error, error.code in NOT_SURE)
-        except RobrainError as error:  # nobody there, a name that is none, a task that is none
-            found = _failed(error, not isinstance(error, NobodyThere))
+            found = _unsure(error) if error.code in NOT_SURE else _refused(Refused(Ban.TEAM, str(error)))
+        except RobrainError as error:
+            found = _unsure(error)
         except BaseException as error:  # a bug, or the end of the process: logged as well
             self._log_end(call, number, answer(Verdict.FAILED, [f"{type(error).__name__}: {error}"]), began_s)
             raise
@@ -189,11 +191,13 @@ class Assistant:
             self._log.write(record)
 
 
-def _failed(error: RobrainError, is_unsure: bool) -> Answer:
-    """A call that the team did not answer as asked."""
-    if is_unsure:
-        return answer(Verdict.FAILED, [f"failed, and it may have been done: {error}"])
-    return answer(Verdict.REFUSED, [f"the team refuses: {error}"], code=str(Ban.TEAM))
+def _refused(error: Refused) -> Answer:
+    return answer(Verdict.REFUSED, [str(error)], code=str(error.ban))
+
+
+def _unsure(error: RobrainError) -> Answer:
+    """A call that the team may have carried out, and did not answer as asked."""
+    return answer(Verdict.FAILED, [f"failed, and it may have been done: {error}"])
 
 
 def _tools(team: Team, new_id: Callable[[], str]) -> list[Tool[Any]]:

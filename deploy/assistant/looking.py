@@ -11,6 +11,7 @@ from robrain.deploy.assistant.map_picture import DRAWN_MAX, DrawnRobot, DrawnTas
 from robrain.deploy.assistant.policy import OUTSIDE, why_no_call
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
@@ -20,6 +21,8 @@ from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
 MAP_TIMEOUT_S = 5.0
 OPEN = [state for state in TaskState if not state.ended]
 SHOWN_CHANGES = 20
+OLD_S = 2.0
+"""A state that is older than this is told with its age; robots send ten in a second."""
 
 
 class Looking:
@@ -57,7 +60,11 @@ class Looking:
     def robot_state(self, asked: OfRobot) -> Answer:
         """Tell where a robot is, what it does, and how its battery and plugins are."""
         state = self._team.state(asked.robot)
-        return answer(Verdict.LOOKED, _state_lines(state), {"state": state})
+        age_s = self._team.now_s - to_seconds(state.stamp_ns)
+        lines = _state_lines(state)
+        if age_s > OLD_S:
+            lines.append(f"it said this {age_s:.0f} s ago, and nothing since")
+        return answer(Verdict.LOOKED, lines, {"state": state, "age_s": round(age_s, 1)})
 
     def team_state(self, _: Arguments) -> Answer:
         """Tell how the whole team is: tasks, map, exploration, halt."""

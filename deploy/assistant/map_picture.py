@@ -20,7 +20,9 @@ ROBOT_PX_MIN = 6.0
 DRAWN_MAX = 200
 """Most robots, and most tasks, that are drawn."""
 LABEL_MAX = 24
-STEPS_M = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+FAR_M = 10_000.0
+"""What lies farther out is not drawn."""
+STEPS_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 LINES_MAX = 12
 GRID = (120, 128, 140)
 TEXT = (255, 255, 255)
@@ -68,7 +70,8 @@ def map_png(floor: MapView, robots: Sequence[DrawnRobot], tasks: Sequence[DrawnT
         A PNG, its longer side at most 900 pixels, y upwards, with lines at whole metres and their coordinates.
 
     """
-    robots, tasks = robots[:DRAWN_MAX], tasks[:DRAWN_MAX]
+    robots = [one for one in robots[:DRAWN_MAX] if _is_near(one.pose.x_m, one.pose.y_m)]
+    tasks = [one for one in tasks[:DRAWN_MAX] if _is_near(one.place.x_m, one.place.y_m)]
     bounds = floor.known_bounds_m() or _around([(one.pose.x_m, one.pose.y_m) for one in robots])
     x0_m, y0_m, x1_m, y1_m = bounds[0] - MARGIN_M, bounds[1] - MARGIN_M, bounds[2] + MARGIN_M, bounds[3] + MARGIN_M
     px_per_m = min(PX_PER_M_MAX, SIDE_PX / max(x1_m - x0_m, y1_m - y0_m))
@@ -87,9 +90,13 @@ def map_png(floor: MapView, robots: Sequence[DrawnRobot], tasks: Sequence[DrawnT
     return written.getvalue()
 
 
+def _is_near(x_m: float, y_m: float) -> bool:
+    return abs(x_m) < FAR_M and abs(y_m) < FAR_M  # not of NaN
+
+
 def _around(places: Iterable[tuple[float, float]]) -> tuple[float, float, float, float]:
     """Bounds of places, and of the origin if there is none."""
-    found = [(x_m, y_m) for x_m, y_m in places if math.isfinite(x_m) and math.isfinite(y_m)] or [(0.0, 0.0)]
+    found = list(places) or [(0.0, 0.0)]
     xs_m, ys_m = [x_m for x_m, _ in found], [y_m for _, y_m in found]
     return min(xs_m), min(ys_m), max(xs_m), max(ys_m)
 
@@ -112,16 +119,14 @@ def _draw_floor(picture: Image.Image, floor: MapView, frame: _Frame) -> None:
 def _draw_scale(draw: ImageDraw.ImageDraw, frame: _Frame, size: tuple[int, int]) -> None:
     span_m = max(size) / frame.px_per_m
     step_m = next((step for step in STEPS_M if span_m / step <= LINES_MAX), STEPS_M[-1])
-    x_m = math.ceil(frame.x0_m / step_m) * step_m
-    while (x_px := frame.at(x_m, 0.0)[0]) < size[0]:
+    first_m, last_m = math.ceil(frame.x0_m / step_m) * step_m, math.floor(frame.y1_m / step_m) * step_m
+    for number in range(LINES_MAX + 1):
+        x_m, y_m = first_m + number * step_m, last_m - number * step_m
+        x_px, y_px = frame.at(x_m, y_m)
         draw.line([(x_px, 0), (x_px, size[1])], fill=GRID)
         draw.text((x_px + 2, size[1] - 12), f"{x_m:g}", fill=TEXT)
-        x_m += step_m
-    y_m = math.floor(frame.y1_m / step_m) * step_m
-    while (y_px := frame.at(0.0, y_m)[1]) < size[1]:
         draw.line([(0, y_px), (size[0], y_px)], fill=GRID)
         draw.text((2, y_px + 1), f"{y_m:g}", fill=TEXT)
-        y_m -= step_m
 
 
 def _draw_task(draw: ImageDraw.ImageDraw, frame: _Frame, task: DrawnTask) -> None:
@@ -129,8 +134,9 @@ def _draw_task(draw: ImageDraw.ImageDraw, frame: _Frame, task: DrawnTask) -> Non
     if task.begun:
         draw.rectangle([x_px - 5, y_px - 5, x_px + 5, y_px + 5], fill=FRONTIER, outline=NOSE)
     else:
-        for one in (-1, 1):
-            draw.line([(x_px - 6, y_px - 6 * one), (x_px + 6, y_px + 6 * one)], fill=TASK_WAITING, width=3)
+        for width, color in ((6, NOSE), (3, TASK_WAITING)):  # the outline first
+            for one in (-1, 1):
+                draw.line([(x_px - 6, y_px - 6 * one), (x_px + 6, y_px + 6 * one)], fill=color, width=width)
     _label(draw, (x_px + 8, y_px + 2), task.name)
 
 
@@ -145,4 +151,5 @@ def _draw_robot(draw: ImageDraw.ImageDraw, frame: _Frame, robot: DrawnRobot, ind
 
 
 def _label(draw: ImageDraw.ImageDraw, at: tuple[float, float], text: str) -> None:
-    draw.text(at, cut(text, LABEL_MAX), fill=TEXT, stroke_width=2, stroke_fill=NOSE)
+    plain = cut(text, LABEL_MAX).encode("ascii", "replace").decode()  # whatever font there is
+    draw.text(at, plain, fill=TEXT, stroke_width=2, stroke_fill=NOSE)

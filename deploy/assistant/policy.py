@@ -59,6 +59,8 @@ class Ban(StrEnum):
     """The token is for other arguments, or for another client."""
     TEAM = "team"
     """The team refuses it; its words say why."""
+    NOBODY = "nobody"
+    """The robot or the coordinator that is asked does not answer."""
 
 
 class Order(StrEnum):

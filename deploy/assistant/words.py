@@ -30,6 +30,7 @@ WORDS = MappingProxyType(
         Ban.EXPIRED: "the time to confirm this order is over: call again without `confirm`",
         Ban.ANOTHER_ORDER: "this token confirms other arguments; it is void now: call again without `confirm`",
         Ban.TEAM: "the team refuses",
+        Ban.NOBODY: "nobody answers",
     }
 )
 

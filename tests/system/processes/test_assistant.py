@@ -51,7 +51,7 @@ SCRIPT = [
     Said("team_state", {}, "looked", "2 of 2 robots are up"),
     Said("robot_state", {"robot": "r1"}, "looked", "battery"),
     Said("robot_state", {"robot": "r2"}, "looked", "heading"),
-    Said("robot_state", {"robot": "r9"}, "refused", "there are: r1, r2", "team"),
+    Said("robot_state", {"robot": "r9"}, "refused", "there are: r1, r2", "nobody"),
     Said("list_plugins", {"robot": "r1"}, "looked", "switch(on: bool)"),
     Said("list_kinds", {}, "looked", "visit"),
     Said("list_tasks", {"states": ["running", "done"]}, "looked", "there are no such tasks"),
