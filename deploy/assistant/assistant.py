@@ -162,13 +162,13 @@ class Assistant:
 
     @staticmethod
     def _rehearsed(found: Rehearsal, confirmations: Confirmations[Rehearsal], client: str, order: bytes) -> Answer:
-        token = confirmations.keep(client, order, found)
+        token, valid_s = confirmations.keep(client, order, found), confirmations.life_s
         lines = [
             "nothing has been done yet; this would happen:",
             *found.words,
-            f"to have it done, call again with the same arguments and confirm={token}, within {confirmations.life_s:.0f} s",
+            f"to have it done, call again with the same arguments and confirm={token}, within {valid_s:.0f} s",
         ]
-        return answer(Verdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": confirmations.life_s})
+        return answer(Verdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": valid_s})
 
     def _write(self, call: Call, number: int, found: Answer, took_ms: float) -> None:
         try:
