@@ -22,7 +22,7 @@ class CoordinatorAnswers:
     by: str
     _requests: Requests
 
-    def dry_run(self, task: str | Task, *, fields: Mapping[str, Any] = NO_FIELDS, id: str | None = None) -> TaskDryRun:
+    def dry_run(self, task: str | Task, fields: Mapping[str, Any] = NO_FIELDS, *, id: str | None = None) -> TaskDryRun:
         """Return what would follow if a task were submitted now. Nothing is submitted.
 
         Args:

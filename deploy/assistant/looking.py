@@ -9,13 +9,14 @@ from robrain.deploy.assistant.answer import Answer, Verdict, answer
 from robrain.deploy.assistant.arguments import Arguments, ListTasks, NewTask, OfRobot, OfTask
 from robrain.deploy.assistant.map_picture import DRAWN_MAX, DrawnRobot, DrawnTask, map_png
 from robrain.deploy.assistant.policy import OUTSIDE, why_no_call
+from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun, TaskFilter, TaskRecord
 from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
 
 MAP_TIMEOUT_S = 5.0
@@ -148,7 +149,7 @@ class Looking:
 
     def foresee(self, asked: NewTask, task_id: str | None = None) -> TaskDryRun:
         """The coordinator's dry run of a task."""
-        return self._team.dry_run(asked.kind, fields=asked.fields, id=task_id)
+        return self._team.dry_run(asked.kind, asked.fields, id=task_id)
 
     def show_map(self, _: Arguments) -> Answer:
         """Draw the map that the team knows, with robots (discs with a nose) and open tasks (crosses, squares)."""
@@ -200,34 +201,6 @@ def task_line(record: TaskRecord) -> str:
     why = f": {record.why}" if record.why else ""
     where = f"({task.place.x_m:g}, {task.place.y_m:g})"
     return f"{task.id}: {task.kind} at {where}, {record.state}{at}, by {record.by or 'nobody'}{why}"
-
-
-def verdict_line(verdict: RobotVerdict) -> str:
-    """What a task takes a robot, or why it is excluded, in one line."""
-    if verdict.why_not:
-        return f"  {verdict.robot}: {verdict.why_not}"
-    words = ["chosen"] if verdict.chosen else []
-    words += [f"{verdict.distance_m:.1f} m away"] if verdict.distance_m is not None else []
-    words += [f"{verdict.time_s:.0f} s"] if verdict.time_s is not None else []
-    words += [f"{verdict.energy_j:.0f} J"] if verdict.energy_j is not None else []
-    return f"  {verdict.robot}: {', '.join(words) or 'can do it'}"
-
-
-def dry_run_lines(found: TaskDryRun) -> list[str]:
-    """What would follow from a task, in words."""
-    if found.refused:
-        return [f"the team would refuse it: {found.refused}"]
-    if found.known is not None:
-        return [f"it was submitted before, and is {found.known}: nothing would change"]
-    task = found.task
-    lines = [f"the team would accept a task to {task.kind} at ({task.place.x_m:g}, {task.place.y_m:g})"]
-    if found.waits:
-        lines.append(f"it would wait: {found.waits}")
-    if found.ahead:
-        lines.append(f"{found.ahead} open tasks are at least as urgent")
-    if found.robots:
-        lines += ["by a straight line, so at least:", *map(verdict_line, found.robots)]
-    return lines
 
 
 def _state_lines(state: RobotState) -> list[str]:

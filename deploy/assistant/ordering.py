@@ -11,8 +11,9 @@ from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.deploy.assistant.answer import Answer, Verdict, answer
 from robrain.deploy.assistant.arguments import CallPlugin, CancelTask, HaltRobots, SubmitTask
 from robrain.deploy.assistant.errors import Refused
-from robrain.deploy.assistant.looking import OPEN, Looking, dry_run_lines, task_line
+from robrain.deploy.assistant.looking import OPEN, Looking, task_line
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, why_no_call, why_no_cancel
+from robrain.deploy.tasks.dry_run_words import dry_run_lines
 from robrain.protocol.model.tasks.task import BadParameters
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter

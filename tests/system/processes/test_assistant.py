@@ -4,8 +4,13 @@ import base64
 import io
 import json
 import os
+import signal
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
+from contextlib import closing
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +21,10 @@ from mcp_types import CallToolResult, ImageContent, Implementation, TextContent
 from PIL import Image
 
 from robrain import TaskState, Team
+from robrain.deploy.pki.folder import folder_of
+from robrain.deploy.pki.issuing import init, issue
+from robrain.deploy.pki.router import SecuredRouter
+from robrain.protocol.wire.access.member import member
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from tests.system.conftest import Commands
 from tests.system.processes.test_team import LAMP, MANIFEST, start_team
@@ -57,7 +66,7 @@ SCRIPT = [
     Said("list_tasks", {"states": ["running", "done"]}, "looked", "there are no such tasks"),
     Said("show_map", {}, "looked", "y upwards"),
     # -- a task, from its dry run to its end
-    Said("dry_run", VISIT, "looked", "would accept"),
+    Said("dry_run", VISIT, "looked", "would be accepted"),
     Said("dry_run", OUTSIDE, "refused", "outside of the map"),
     Said("submit_task", VISIT, "rehearsed", "nothing has been done yet"),
     Said("list_tasks", {"states": ["running", "done"]}, "looked", "there are no such tasks"),
@@ -77,7 +86,7 @@ SCRIPT = [
     Said("submit_task", OUTSIDE, "refused", "outside of the map", "team"),
     Said("submit_task", {"kind": "juggle", "x_m": 1.0, "y_m": 1.0}, "refused", "no robot of the team does", "team"),
     Said("submit_task", {"kind": "visit", "x_m": "north", "y_m": 1.0}, "refused", "x_m", "bad_arguments"),
-    Said("submit_task", {**VISIT, "robots": 2}, "rehearsed", "would accept"),
+    Said("submit_task", {**VISIT, "robots": 2}, "rehearsed", "would be accepted"),
     # -- a plugin that its manifest opens
     Said("call_plugin", SWITCH, "rehearsed", "r1 lamp.switch(on: bool) -> str would be called"),
     Said("call_plugin", {**SWITCH, "confirm": TOKEN}, "done", 'returned "on"'),
@@ -109,7 +118,7 @@ UNSAFE = 10
 class Bench(NamedTuple):
     """A live team with a lamp at r1 and a person's task `gate`, and an assistant's server to start."""
 
-    team: Team
+    team: Team | None
     server: StdioServerParameters
     log: Path
 
@@ -191,6 +200,7 @@ def test_fifty_instructions_are_answered_and_the_unsafe_ones_refused_with_the_re
         assert (image.format, max(image.size)) == ("PNG", max(image.size))
         assert len(image.getcolors(maxcolors=100_000) or ()) > 4
 
+    assert bench.team is not None
     # What the team saw: two tasks of the assistant, one of them cancelled; a person's task untouched; a halt.
     mine = [record for record in bench.team.list() if record.by == "assistant:ann"]
     assert [record.state for record in mine].count(TaskState.CANCELLED) == 1
@@ -208,6 +218,75 @@ def test_fifty_instructions_are_answered_and_the_unsafe_ones_refused_with_the_re
     assert {line["code"] for line in refused} >= {*unsafe, "bad_arguments", "no_token", "another_order"}
     assert bench.log.stat().st_mode & 0o077 == 0
     bench.team.resume()
+
+
+def test_a_server_on_http_is_on_this_machine_alone_and_ends_when_told(bench: Bench, commands: Commands) -> None:
+    assert bench.server.args[2] == "assistant"
+    process = commands.start(*bench.server.args[2:], "--port", "0")
+    url = commands.line_with(process, "assistant: of team default").split(", on ")[1].split(";")[0]
+    assert url.startswith("http://127.0.0.1:")
+
+    async def look() -> str:
+        async with Client(url, client_info=CLIENT) as client:
+            return words_of(await client.call_tool("list_robots", {}))
+
+    async def look_when_up() -> str:
+        with anyio.fail_after(PATIENCE_S):
+            while True:
+                try:
+                    return await look()
+                except Exception:  # noqa: BLE001 - whatever the client raises while nobody listens yet
+                    await anyio.sleep(0.1)
+
+    assert "r1" in anyio.run(look_when_up)
+    with pytest.raises(urllib.error.HTTPError) as caught:  # as a page of another site would come, by its name
+        urllib.request.urlopen(urllib.request.Request(url, headers={"Host": "evil.example"}), timeout=PATIENCE_S)
+    assert caught.value.code == 421
+    caught.value.close()
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(PATIENCE_S) in (0, -signal.SIGTERM)
+
+
+def test_a_certificate_allows_an_assistant_what_its_role_may(tmp_path: Path, commands: Commands) -> None:
+    router, hq, vic, desk = (
+        member(role, "blue", name)
+        for role, name in (("router", "site"), ("coordinator", "hq"), ("viewer", "vic"), ("dashboard", "desk"))
+    )
+    pki = tmp_path / "pki"
+    init(pki, "blue", datetime.now(UTC))
+    for who in (router, hq, vic, desk):
+        issue(pki, who, datetime.now(UTC))
+    with closing(SecuredRouter(folder_of(pki, router), "tls/127.0.0.1:0")) as at:
+        words = ("--team", "blue", "--connect", at.endpoint)
+        coordinator = commands.start("--tls", str(folder_of(pki, hq)), "coordinator", *words)
+        commands.line_with(coordinator, "coordinator: of team blue")
+        call = Said("call_plugin", {"robot": "r1", "plugin": "counter", "function": "seconds"}, "refused", "", "role")
+        scripts = {
+            vic: [
+                Said("team_state", {}, "looked", "0 of 0 robots"),
+                Said("dry_run", VISIT, "looked", "would be accepted"),
+                Said("submit_task", VISIT, "refused", "viewer:vic", "role"),
+                Said("halt", {}, "refused", "viewer:vic", "role"),
+                call,
+            ],
+            desk: [
+                Said("submit_task", VISIT, "rehearsed"),
+                Said("submit_task", {**VISIT, "confirm": TOKEN}, "done", "by dashboard:desk"),
+                Said("cancel_task", {"task": LAST}, "rehearsed"),
+                Said("cancel_task", {"task": LAST, "confirm": TOKEN}, "done", "cancelled"),
+                call,
+            ],
+        }
+        for who, script in scripts.items():
+            server = StdioServerParameters(
+                command=sys.executable,
+                args=["-m", "robrain.cli", "--tls", str(folder_of(pki, who)), "assistant", *words, "--log", "log"],
+                env=dict(os.environ),
+                cwd=tmp_path,
+            )
+            results = anyio.run(_give, Bench(None, server, tmp_path / "log"), script)
+            told = [words_of(result) for result in results]
+            assert [is_as_said(said, one) for said, one in zip(script, results, strict=True)] == [True] * 5, told
 
 
 def test_a_client_that_hangs_up_ends_the_server(bench: Bench) -> None:
