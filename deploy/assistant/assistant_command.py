@@ -65,8 +65,8 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
     from robrain.protocol.wire.access.identity import member_on
 
     who = f"{PREFIX}:{check_name('assistant', by or os.environ.get('USER', '') or 'unknown')}"
-    free = None if port is None else _free_port(HOST, port)
     with ExitStack() as closing_all:
+        listening = None if port is None else closing_all.enter_context(closing(_listening(HOST, port)))
         audit = closing_all.enter_context(closing(AuditLog(log or default_log())))
         client = closing_all.enter_context(Team.connect(connect, team=team, by=who))
         halting = closing_all.enter_context(Team.connect(connect, team=team, by=who))
@@ -84,12 +84,12 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
                 note=note,
             )
         )
-        where = "stdin and stdout" if free is None else f"http://{HOST}:{free}/mcp"
+        where = "stdin and stdout" if listening is None else f"http://{HOST}:{listening.getsockname()[1]}/mcp"
         note(f"assistant: of team {team} as {client.by}, on {where}; log {audit.path}")
-        if free is None:
+        if listening is None:
             anyio.run(served.on_stdio)
         else:
-            anyio.run(served.on_http, free)
+            anyio.run(served.on_http, listening)
 
 
 def default_log() -> Path:
@@ -98,15 +98,11 @@ def default_log() -> Path:
     return Path(base).expanduser() / "robrain" / "assistant.jsonl"
 
 
-def _free_port(host: str, port: int) -> int:
-    """The port, or a free one for 0 (PortTaken if another process listens there)."""
+def _listening(host: str, port: int) -> socket.socket:
+    """A socket that listens at the port, or at a free one for 0 (PortTaken if another process does)."""
     from robrain.protocol.wire.errors import PortTaken
 
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError as error:
-            raise PortTaken(f"port taken: another process listens on {host}:{port}; give another, or 0") from error
-        found: int = probe.getsockname()[1]
-        return found
+    try:
+        return socket.create_server((host, port))
+    except OSError as error:
+        raise PortTaken(f"port taken: another process listens on {host}:{port}; give another, or 0") from error

@@ -8,7 +8,7 @@ from robrain.coordinator.drawing.map_view import MapView
 from robrain.deploy.assistant.answer import Answer, Verdict, answer
 from robrain.deploy.assistant.arguments import Arguments, ListTasks, NewTask, OfRobot, OfTask
 from robrain.deploy.assistant.map_picture import DRAWN_MAX, DrawnRobot, DrawnTask, map_png
-from robrain.deploy.assistant.policy import OUTSIDE, why_no_call
+from robrain.deploy.assistant.policy import OUTSIDE, Ban, why_no_call
 from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.tasks.task import TaskState
@@ -23,7 +23,7 @@ MAP_TIMEOUT_S = 5.0
 OPEN = [state for state in TaskState if not state.ended]
 SHOWN_CHANGES = 20
 OLD_S = 2.0
-"""A state that is older than this is told with its age; robots send ten in a second."""
+"""A state that is older than this is told with its age; robots send ten in a second, coordinators two."""
 
 
 class Looking:
@@ -39,7 +39,8 @@ class Looking:
 
     def list_robots(self, _: Arguments) -> Answer:
         """List the robots that are present, and what each of them does."""
-        found = {one.name: one for one in self._team.state().robots}
+        state = self._team.state()
+        found = {one.name: one for one in state.robots}
         names = sorted({*found, *self._team.robots})
         lines: list[str] = []
         robots: list[dict[str, object]] = []
@@ -56,16 +57,15 @@ class Looking:
             robots.append(
                 {"name": name, "up": one.up, "halted": one.halted, "task": one.task, "soc": one.soc, "why": one.why}
             )
-        return answer(Verdict.LOOKED, lines or ["no robot is there"], {"robots": robots})
+        return answer(
+            Verdict.LOOKED, [*(lines or ["no robot is there"]), *self._age_lines(state.stamp_ns)], {"robots": robots}
+        )
 
     def robot_state(self, asked: OfRobot) -> Answer:
         """Tell where a robot is, what it does, and how its battery and plugins are."""
         state = self._team.state(asked.robot)
-        age_s = self._team.now_s - to_seconds(state.stamp_ns)
-        lines = _state_lines(state)
-        if age_s > OLD_S:
-            lines.append(f"it said this {age_s:.0f} s ago, and nothing since")
-        return answer(Verdict.LOOKED, lines, {"state": state, "age_s": round(age_s, 1)})
+        lines = [*_state_lines(state), *self._age_lines(state.stamp_ns)]
+        return answer(Verdict.LOOKED, lines, {"state": state, "age_s": self._age_s(state.stamp_ns)})
 
     def team_state(self, _: Arguments) -> Answer:
         """Tell how the whole team is: tasks, map, exploration, halt."""
@@ -79,7 +79,9 @@ class Looking:
         ]
         if state.halt is not None and state.halt.halted:
             lines.append(f"the team is halted by {', '.join(state.halt.by)}: {state.halt.reason or 'no reason given'}")
+        lines += self._age_lines(state.stamp_ns)
         values = {
+            "age_s": self._age_s(state.stamp_ns),
             "halt": state.halt,
             "robots": len(state.robots),
             "robots_up": up,
@@ -143,9 +145,10 @@ class Looking:
     def dry_run(self, asked: NewTask) -> Answer:
         """Tell what would follow from a task, without submitting it."""
         found = self.foresee(asked)
-        verdict = Verdict.REFUSED if found.refused else Verdict.LOOKED
         values = {"refused": found.refused, "waits": found.waits, "robots": found.robots}
-        return answer(verdict, dry_run_lines(found), values)
+        if found.refused:
+            return answer(Verdict.REFUSED, dry_run_lines(found), values, code=Ban.TEAM)
+        return answer(Verdict.LOOKED, dry_run_lines(found), values)
 
     def foresee(self, asked: NewTask, task_id: str | None = None) -> TaskDryRun:
         """The coordinator's dry run of a task."""
@@ -172,6 +175,14 @@ class Looking:
         lines += [f"task {one.name} at ({one.place.x_m:.1f}, {one.place.y_m:.1f})" for one in tasks]
         lines += [f"{name} does not tell its map" for name in silent]
         return answer(Verdict.LOOKED, lines, {"bounds_m": bounds_m}, png=map_png(floor, robots, tasks))
+
+    def _age_s(self, stamp_ns: int) -> float:
+        return round(self._team.now_s - to_seconds(stamp_ns), 1)
+
+    def _age_lines(self, stamp_ns: int) -> list[str]:
+        """That a message is old, if it is."""
+        age_s = self._age_s(stamp_ns)
+        return [f"this was said {age_s:.0f} s ago, and nothing since"] if age_s > OLD_S else []
 
     def _state(self, name: str) -> RobotState | None:
         try:

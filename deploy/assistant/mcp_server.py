@@ -1,6 +1,7 @@
 """The assistant as an MCP server: on stdin and stdout, or over HTTP on this machine alone."""
 
 import base64
+import socket
 from importlib.metadata import version
 from typing import Any
 
@@ -57,18 +58,18 @@ class McpServer:
         async with stdio_server() as (read, write):
             await self.server.run(read, write, self.server.create_initialization_options())
 
-    async def on_http(self, port: int) -> None:
+    async def on_http(self, listening: socket.socket) -> None:
         """Serve HTTP clients of this machine, at /mcp, until the process is told to end.
 
         Args:
-            port: on 127.0.0.1, free.
+            listening: at an address of loopback; closed at the end.
 
         """
         app = self.server.streamable_http_app(
             host=HOST, max_sessions=SESSIONS_MAX, max_request_body_size=BODY_BYTES_MAX
         )
-        config = uvicorn.Config(app, host=HOST, port=port, log_level="warning", access_log=False)
-        await uvicorn.Server(config).serve()
+        config = uvicorn.Config(app, log_level="warning", access_log=False)
+        await uvicorn.Server(config).serve(sockets=[listening])
 
     async def _list_tools(
         self, _context: ServerRequestContext[Any], _asked: types.PaginatedRequestParams | None

@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import os
+import re
 import signal
 import sys
 import urllib.error
@@ -67,7 +68,7 @@ SCRIPT = [
     Said("show_map", {}, "looked", "y upwards"),
     # -- a task, from its dry run to its end
     Said("dry_run", VISIT, "looked", "would be accepted"),
-    Said("dry_run", OUTSIDE, "refused", "outside of the map"),
+    Said("dry_run", OUTSIDE, "refused", "outside of the map", "team"),
     Said("submit_task", VISIT, "rehearsed", "nothing has been done yet"),
     Said("list_tasks", {"states": ["running", "done"]}, "looked", "there are no such tasks"),
     Said("submit_task", {**VISIT, "confirm": TOKEN}, "done", "submitted visit-"),
@@ -230,19 +231,14 @@ def test_a_server_on_http_is_on_this_machine_alone_and_ends_when_told(bench: Ben
         async with Client(url, client_info=CLIENT) as client:
             return words_of(await client.call_tool("list_robots", {}))
 
-    async def look_when_up() -> str:
-        with anyio.fail_after(PATIENCE_S):
-            while True:
-                try:
-                    return await look()
-                except Exception:  # noqa: BLE001 - whatever the client raises while nobody listens yet
-                    await anyio.sleep(0.1)
-
-    assert "r1" in anyio.run(look_when_up)
+    assert "r1" in anyio.run(look)
     with pytest.raises(urllib.error.HTTPError) as caught:  # as a page of another site would come, by its name
         urllib.request.urlopen(urllib.request.Request(url, headers={"Host": "evil.example"}), timeout=PATIENCE_S)
     assert caught.value.code == 421
     caught.value.close()
+    taken = commands.run(*bench.server.args[2:], "--port", url.split(":")[2].removesuffix("/mcp"))
+    assert (taken.returncode, taken.stdout) == (2, "")
+    assert re.fullmatch(r"robrain: port taken: another process listens on 127\.0\.0\.1:\d+; .*\n", taken.stderr)
     process.send_signal(signal.SIGTERM)
     assert process.wait(PATIENCE_S) in (0, -signal.SIGTERM)
 
