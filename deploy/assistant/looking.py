@@ -20,6 +20,9 @@ from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun, TaskF
 from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
 
 MAP_TIMEOUT_S = 5.0
+"""Of one robot's map."""
+MAP_BUDGET_S = 10.0
+"""After this no further robot is asked for its map and its place: a model does not wait for minutes."""
 OPEN = [state for state in TaskState if not state.ended]
 SHOWN_CHANGES = 20
 OLD_S = 2.0
@@ -157,8 +160,9 @@ class Looking:
     def show_map(self, _: Arguments) -> Answer:
         """Draw the map that the team knows, with robots (discs with a nose) and open tasks (crosses, squares)."""
         names = self._team.robots[:DRAWN_MAX]
-        floor, silent = self._floor(names)
-        states = [state for name in names if (state := self._state(name)) is not None]
+        ends_s = self._team.transport.elapsed_s() + MAP_BUDGET_S
+        floor, silent = self._floor(names, ends_s)
+        states = [state for name in names if (state := self._state(name, ends_s)) is not None]
         robots = [
             DrawnRobot(one.robot, one.pose, one.radius_m, one.halted)
             for one in states
@@ -184,18 +188,23 @@ class Looking:
         age_s = self._age_s(stamp_ns)
         return [f"this was said {age_s:.0f} s ago, and nothing since"] if age_s > OLD_S else []
 
-    def _state(self, name: str) -> RobotState | None:
+    def _state(self, name: str, ends_s: float) -> RobotState | None:
+        if self._team.transport.elapsed_s() > ends_s:
+            return None
         try:
             return self._team.state(name)
         except NobodyThere:
             return None
 
-    def _floor(self, names: Sequence[str]) -> tuple[MapView, list[str]]:
-        """The robots' maps, composed, and the robots that did not answer or whose map does not fit."""
+    def _floor(self, names: Sequence[str], ends_s: float) -> tuple[MapView, list[str]]:
+        """The robots' maps, composed, and the robots that did not answer in time or whose map does not fit."""
         floor, silent = MapView(), []
         transport = self._team.transport
         with closing(Endpoint(transport.session, transport.team, transport.clock, transport.drive)) as wire:
             for name in names:
+                if transport.elapsed_s() > ends_s:
+                    silent.append(name)
+                    continue
                 try:
                     patch = wire.ask(ROBOT_MAP_WHOLE, None, timeout_s=MAP_TIMEOUT_S, robot=name)
                     if patch is not None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from robrain.client.team import Team
+from robrain.deploy.assistant import looking
 from robrain.deploy.assistant.answer import WORDS_MAX, Answer, Verdict, answer, harmless
 from robrain.deploy.assistant.assistant import Assistant, Call
 from robrain.deploy.assistant.audit_log import AuditLog
@@ -236,6 +237,14 @@ def test_the_map_is_drawn_with_the_robots(desk: Desk) -> None:
     assert found.png.startswith(b"\x89PNG")
     assert "r1 at (" in found.words
     assert "r2 at (" in found.words
+
+
+def test_a_map_is_drawn_of_what_has_come_when_the_time_is_over(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(looking, "MAP_BUDGET_S", -1.0)
+    found = desk.call("show_map", {})
+    assert found.png.startswith(b"\x89PNG")
+    assert "r1 does not tell its map" in found.words
+    assert "r1 at (" not in found.words
 
 
 def test_text_of_the_team_is_cut_and_cannot_steer_a_terminal() -> None:
