@@ -53,7 +53,7 @@ async def listen() -> None:
             task = values.get("task", task)
             if token := values.get("confirm"):
                 waiting = tool, {**arguments, "confirm": token}
-            said = answer.content[0].text.split("\nto have it done")[0].replace("\n", "\n       ")
+            said = answer.content[0].text.rpartition("this would happen:\n")[2].replace("\n", "\n       ")
             print(f"  say: {said}{' Shall I?' if waiting else ''}", flush=True)
 
 

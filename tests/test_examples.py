@@ -48,7 +48,7 @@ SAYS = {
     ],
     "10_voice": [
         r"r1: .*, charge \d+%",
-        r"heard: send somebody to two one\n  say: nothing has been done yet(.|\n)*Shall I\?",
+        r"heard: send somebody to two one\n  say: task visit-(.|\n)*Shall I\?",
         r"heard: no thanks\n  say: I did not understand; nothing is done",
         r"heard: yes\n  say: I did not understand; nothing is done\n",  # nothing is waiting any more
         r"heard: Yes\.\n  say: submitted visit-\w+: visit at \(2, 1\.5\).* by assistant:ann",

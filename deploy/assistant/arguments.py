@@ -16,12 +16,13 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.errors import BadName
-from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.keys import check_name, is_name
 
 BYTES_MAX = 8192
 """Of all arguments of a call as JSON."""
 DEPTH_MAX = 8
 WORDS_MAX = 300
+REASON_MAX = 200
 A = TypeVar("A", bound="Arguments")
 
 Name = Annotated[str, Meta(min_length=1, max_length=63, description="Letters, digits, _ - and .")]
@@ -29,7 +30,7 @@ Confirm = Annotated[
     str,
     Meta(max_length=64, description="Token of the rehearsal, with otherwise the same arguments; empty to rehearse."),
 ]
-Reason = Annotated[str, Meta(max_length=200, description="Reason, for the record.")]
+Reason = Annotated[str, Meta(max_length=REASON_MAX, description="Reason, for the record.")]
 Metres = Annotated[float, Meta(ge=-10_000.0, le=10_000.0, description="Metres, arena frame.")]
 Day = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 JsonObject = Annotated[dict[str, Any], Meta(max_length=16)]
@@ -148,6 +149,18 @@ def arguments_of(given: object, type_: type[A]) -> A:
     except (msgspec.ValidationError, BadName) as error:
         raise Refused(Ban.BAD_ARGUMENTS, cut(safe_text(str(error)), WORDS_MAX)) from error
     return found
+
+
+def halt_arguments(given: object) -> HaltRobots:
+    """Whom to halt. Nothing about the arguments keeps a halt from being carried out: what is no robot's name means all.
+
+    >>> halt_arguments({"robot": "r1 and r2", "reason": 7})
+    HaltRobots(robot='', reason='7')
+    """
+    found = given if isinstance(given, dict) else {}
+    robot, reason = found.get("robot", ""), found.get("reason", "")
+    is_one = isinstance(robot, str) and is_name(robot)
+    return HaltRobots(robot=robot if is_one else "", reason=safe_text(str(reason), REASON_MAX))
 
 
 def order_text(tool: str, arguments: Arguments) -> bytes:

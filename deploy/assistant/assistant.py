@@ -1,5 +1,6 @@
 """One assistant at one team: checks, rehearses, confirms, carries out and logs every call of a tool."""
 
+import itertools
 import threading
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -21,6 +22,7 @@ from robrain.deploy.assistant.arguments import (
     OfTask,
     SubmitTask,
     arguments_of,
+    halt_arguments,
     order_text,
 )
 from robrain.deploy.assistant.audit_log import AuditLog, AuditRecord
@@ -95,7 +97,7 @@ class Assistant:
         self._elapsed_s = elapsed_s
         self._note = note
         self._by = team.by
-        self._calls = 0
+        self._numbers = itertools.count(1)
         self._lock = threading.Lock()
         self._log_lock = threading.Lock()
         self.tools: Mapping[str, Tool[Any]] = {tool.name: tool for tool in _tools(team, new_id)}
@@ -107,19 +109,15 @@ class Assistant:
     def answer(self, call: Call) -> Answer:
         """Answer a call, and log it."""
         began_s = self._elapsed_s()
-        with self._log_lock:
-            self._calls += 1
-            number = self._calls
+        number = next(self._numbers)
         try:
             found = self._answer(call, number)
         except Refused as error:
             found = _refused(error)
         except NobodyThere as error:
             found = _refused(Refused(Ban.NOBODY, str(error)))
-        except CallError as error:
-            found = _unsure(error) if error.code in NOT_SURE else _refused(Refused(Ban.TEAM, str(error)))
         except RobrainError as error:
-            found = _unsure(error)
+            found = _refused(Refused(Ban.TEAM, str(error)))
         except BaseException as error:  # a bug, or the end of the process: logged as well
             self._log_end(call, number, answer(Verdict.FAILED, [f"{type(error).__name__}: {error}"]), began_s)
             raise
@@ -138,9 +136,9 @@ class Assistant:
             raise Refused(why_no_tool(call.tool))
         if not self.may(tool.name):
             raise Refused(Ban.ROLE, f"it is that of {self._member}")
+        if tool.arguments is HaltRobots:  # without a lock, and whatever its arguments are
+            return ordering.halt(self._halting, halt_arguments(call.arguments))
         asked = arguments_of(call.arguments, tool.arguments)
-        if isinstance(asked, HaltRobots):
-            return ordering.halt(self._halting, asked)
         with self._lock:
             if tool.look is not None:
                 return tool.look(asked)
@@ -158,15 +156,23 @@ class Assistant:
             self._write(call, number, Answer(Verdict.BEGUN, "", {}), 0.0)
         except AuditError as error:
             raise Refused(Ban.NOT_LOGGED, str(error)) from error
-        return found.carry_out()
+        try:
+            return found.carry_out()
+        except NobodyThere as error:
+            return _unsure(error)
+        except CallError as error:
+            if error.code in NOT_SURE:
+                return _unsure(error)
+            raise
 
     @staticmethod
     def _rehearsed(found: Rehearsal, confirmations: Confirmations[Rehearsal], client: str, order: bytes) -> Answer:
         token, valid_s = confirmations.keep(client, order, found), confirmations.life_s
         lines = [
-            "nothing has been done yet; this would happen:",
+            f"nothing has been done yet; to have it done, repeat the call within {valid_s:.0f} s, and add",
+            f"confirm={token}",
+            "this would happen:",
             *found.words,
-            f"to have it done, call again with the same arguments and confirm={token}, within {valid_s:.0f} s",
         ]
         return answer(Verdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": valid_s})
 
@@ -196,7 +202,7 @@ def _refused(error: Refused) -> Answer:
 
 
 def _unsure(error: RobrainError) -> Answer:
-    """A call that the team may have carried out, and did not answer as asked."""
+    """An order that the team may have carried out, and did not answer."""
     return answer(Verdict.FAILED, [f"failed, and it may have been done: {error}"])
 
 

@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from contextlib import closing
 
+from robrain.client.errors import BadTask
 from robrain.client.team import Team
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.deploy.assistant.answer import Answer, Verdict, answer
 from robrain.deploy.assistant.arguments import Arguments, ListTasks, NewTask, OfRobot, OfTask
+from robrain.deploy.assistant.errors import Refused
 from robrain.deploy.assistant.map_picture import DRAWN_MAX, DrawnRobot, DrawnTask, map_png
 from robrain.deploy.assistant.policy import OUTSIDE, Ban, why_no_call
 from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
@@ -154,8 +156,11 @@ class Looking:
         return answer(Verdict.LOOKED, dry_run_lines(found), values)
 
     def foresee(self, asked: NewTask, task_id: str | None = None) -> TaskDryRun:
-        """The coordinator's dry run of a task."""
-        return self._team.dry_run(asked.kind, asked.fields, id=task_id)
+        """The coordinator's dry run of a task (Refused if it is no valid task)."""
+        try:
+            return self._team.dry_run(asked.kind, asked.fields, id=task_id)
+        except BadTask as error:
+            raise Refused(Ban.BAD_ARGUMENTS, str(error)) from error
 
     def show_map(self, _: Arguments) -> Answer:
         """Draw the map that the team knows, with robots (discs with a nose) and open tasks (crosses, squares)."""

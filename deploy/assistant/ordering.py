@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.client.errors import BadTask
 from robrain.client.team import Team
 from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.deploy.assistant.answer import Answer, Verdict, answer
@@ -15,6 +14,7 @@ from robrain.deploy.assistant.looking import OPEN, Looking, task_line
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, why_no_call, why_no_cancel
 from robrain.deploy.tasks.dry_run_words import dry_run_lines
 from robrain.protocol.model.tasks.task import BadParameters
+from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 
@@ -51,10 +51,7 @@ class Ordering:
         if is_full:
             raise Refused(Ban.TOO_MANY_TASKS)
         task_id = f"{asked.kind}-{self._new_id()}"
-        try:
-            found = self._looking.foresee(asked, task_id)
-        except BadTask as error:
-            raise Refused(Ban.BAD_ARGUMENTS, str(error)) from error
+        found = self._looking.foresee(asked, task_id)
         if found.refused:
             raise Refused(Ban.TEAM, found.refused)
 
@@ -114,7 +111,10 @@ def halt(team: Team, asked: HaltRobots) -> Answer:
         asked: whom to halt.
 
     """
-    report = team.halt(asked.robot or None, reason=asked.reason)
+    try:
+        report = team.halt(asked.robot or None, reason=asked.reason)
+    except NobodyThere as error:  # a halt of the team was sent all the same
+        return answer(Verdict.FAILED, [str(error)])
     lines = [f"{name}: halted" for name in report.confirmed]
     lines += [f"{name}: NOT halted: {why}" for name, why in report.unconfirmed.items()]
     lines.append("a person ends this with `robrain resume`")

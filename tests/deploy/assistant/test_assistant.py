@@ -222,6 +222,47 @@ def test_an_order_whose_answer_is_lost_is_said_to_be_unsure(desk: Desk, monkeypa
     assert "it may have been done" in found.words
 
 
+def test_a_look_that_is_not_answered_is_refused_and_not_called_unsure(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late() -> None:
+        raise CallError(ErrorCode.TIMEOUT, "no answer in time")
+
+    monkeypatch.setattr(desk.team, "kinds", late)
+    found = desk.call("list_kinds", {})
+    assert (found.verdict, found.code) == (Verdict.REFUSED, Ban.TEAM)
+    found = desk.call("dry_run", {**VISIT, "kind": "relay"})
+    assert (found.verdict, found.code) == (Verdict.REFUSED, Ban.BAD_ARGUMENTS)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{}, None, [], {"robot": "r1 and r2"}, {"robot": 7, "reason": "x" * 10_000}, {"reason": "a\nline"}, {"now": True}],
+)
+def test_a_halt_is_carried_out_whatever_its_arguments_are(desk: Desk, team: Team, arguments: object) -> None:
+    found = desk.call("halt", arguments)
+    assert found.verdict is Verdict.DONE
+    assert found.values["confirmed"] == ["r1", "r2"]
+    team.resume()
+
+
+def test_a_halt_waits_neither_for_other_calls_nor_for_the_log(
+    desk: Desk, team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[bool] = []
+    monkeypatch.setattr(desk.log, "write", lambda _: written.append(team.state("r1").halted))
+    with desk.assistant._lock:  # held by a call that takes long
+        assert desk.call("halt", {"robot": "r1"}).verdict is Verdict.DONE
+    assert written == [True]
+    team.resume()
+
+
+def test_the_token_is_told_however_long_the_rehearsal_is(desk: Desk) -> None:
+    asked = {"robot": "r1", "plugin": "snw_exploration", "function": "set_duty"}
+    found = desk.call("call_plugin", {**asked, "arguments": {"mote": "m" * 100, "period_s": 1.0}})
+    assert found.words.splitlines()[1] == f"confirm={found.values['confirm']}"
+
+
 def test_a_mistake_in_the_code_is_logged_before_it_is_raised(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> None:
         raise ZeroDivisionError("oops")
