@@ -70,6 +70,22 @@ def submission_of(
     return submission
 
 
+def dry_submission_of(task: str | Task, id: str | None, fields: Mapping[str, Any], by: str) -> TaskSubmission:
+    """What is asked of the coordinator for a dry run; see `Team.dry_run`.
+
+    Raises:
+        BadTask: a field is missing or invalid, or a whole task has further fields.
+
+    """
+    if isinstance(task, str):
+        asked = submission_of(task, {**fields, "id": f"{task}-dry-run" if id is None else id})
+        return msgspec.structs.replace(asked, by=by)
+    if fields or id is not None:
+        names = ", ".join(sorted([*fields, *(["id"] if id is not None else [])]))
+        raise BadTask(f"task {task.id} is whole already: leave out {names}")
+    return TaskSubmission(task=task, by=by)
+
+
 def _typed(path: str, typed: Mapping[str, str]) -> str:
     field, dot, rest = path.partition(".")
     return f"{typed.get(field, field)}{dot}{rest}"

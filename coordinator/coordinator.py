@@ -21,6 +21,7 @@ from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.rule_desk import RuleDesk
 from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.standing.offer_fence import OfferFence
+from robrain.coordinator.tasks.dry_run import DryRuns
 from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
@@ -148,8 +149,14 @@ class Coordinator:
         self._look_due_ns = 0
         self._summary_due_ns = 0
         self._own_tasks = self._term
+        reasons = lifecycle.reasons
         self._requests = TaskRequests(
-            wire, self.tasks, self.team_map, self.capabilities, self.lifecycle.reasons.explain
+            wire,
+            self.tasks,
+            self.team_map,
+            self.capabilities,
+            reasons.explain,
+            DryRuns(self.tasks, self.roster, reasons),
         )
         if self.tasks.journal.copied_by:
             self._begin_feed()  # the process that has a copy may be leading: offers are held back as before

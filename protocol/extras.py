@@ -27,6 +27,10 @@ EXTRAS = {
     "distributed": "sweep",
     "foxglove": "foxglove",
     "cryptography": "security",
+    "anyio": "mcp",
+    "mcp": "mcp",
+    "mcp_types": "mcp",
+    "uvicorn": "mcp",
     "ortools": "bench",
     "vrplib": "bench",
 }

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bench.commands import bench_app
 from robrain.deploy.bridge.bridge_command import bridge
 from robrain.deploy.commands.extras import missing_extra
@@ -273,6 +274,7 @@ def replay(
     replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start, paused=paused)
 
 
+app.command()(assistant)
 app.command()(fork)
 app.command()(bridge)
 app.command()(machine_files)

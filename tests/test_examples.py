@@ -6,10 +6,16 @@
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+
+from robrain import Team
+from tests.system.conftest import Commands
+from tests.system.processes.test_team import start_team
+from tests.waiting import PATIENCE_S, until
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
@@ -40,8 +46,32 @@ SAYS = {
         r"r2: \S.*sweep",
         r"sweep-\d done by r1: .*'lanes': 3",
     ],
+    "10_voice": [
+        r"r1: .*, charge \d+%",
+        r"heard: send somebody to two one\n  say: task visit-(.|\n)*Shall I\?",
+        r"heard: no thanks\n  say: I did not understand; nothing is done",
+        r"heard: yes\n  say: I did not understand; nothing is done\n",  # nothing is waiting any more
+        r"heard: Yes\.\n  say: submitted visit-\w+: visit at \(2, 1\.5\).* by assistant:ann",
+        r"heard: cancel that task\n  say: .*(.|\n)*Shall I\?\nheard: do it\n  say: cancelled visit-",
+        r"heard: resume\n  say: refused: an assistant never ends a halt",
+        r"heard: STOP IT!\n  say: r1: halted",
+    ],
 }
 """What each prints, as patterns."""
+HEARD = """\
+Who is there?
+send somebody to two one
+no thanks
+yes
+send a robot to two and one point five
+Yes.
+cancel that task
+do it
+resume
+STOP IT!
+"""
+"""What a recogniser prints for the example that listens to one."""
+LISTENS = "10_voice"
 
 
 README = EXAMPLES.parent / "README.md"
@@ -62,11 +92,32 @@ def test_example_is_short_and_begins_with_what_it_shows(script: Path) -> None:
     assert text.startswith('"""')
 
 
+@pytest.fixture
+def options_of_a_live_team(tmp_path: Path) -> Iterator[list[str]]:
+    """For `robrain assistant`, at a team of its own."""
+    commands = Commands(tmp_path)
+    try:
+        endpoint = start_team(commands)
+        with Team.connect(endpoint, patience_s=PATIENCE_S) as team:
+            until(lambda: "visit" in [kind.kind for kind in team.kinds()] and team.state().known_area_m2)
+        yield ["--connect", endpoint, "--by", "ann", "--log", str(tmp_path / "assistant.jsonl")]
+    finally:
+        commands.stop_all()
+
+
 @pytest.mark.system
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_example_runs_and_says_what_it_should(script: Path, tmp_path: Path) -> None:
+def test_example_runs_and_says_what_it_should(script: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    is_spoken_to = script.stem == LISTENS
+    options = request.getfixturevalue("options_of_a_live_team") if is_spoken_to else []
     done = subprocess.run(
-        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=590
+        [sys.executable, str(script), *options],
+        cwd=tmp_path,
+        input=HEARD if is_spoken_to else "",
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=590,
     )
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr

@@ -188,6 +188,11 @@ class TaskExplanation:
                 return AfterOpen(name, other.state)
         return None
 
+    def standing_of_new(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
+        """What a task that is not in the book would wait for before any robot could begin it; None if for nothing."""
+        reason = self.waits(record, now_ns) or self.nobody_can(record)
+        return reason or (None if self._roster.up(now_ns) else NobodyThere())
+
     def avoid(self, task_id: str, member: str, reason: RobotReason, now_ns: int) -> None:
         """Exclude a member that did a task from it for a while."""
         self._backoff.note(task_id, member, reason, now_ns)

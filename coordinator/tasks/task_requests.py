@@ -1,4 +1,4 @@
-"""Answers queries about tasks: submit, cancel, list, get, why."""
+"""Answers queries about tasks: submit, dry run, cancel, list, get, why."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -9,14 +9,17 @@ from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.tasks.admission import why_impossible
+from robrain.coordinator.tasks.dry_run import DryRuns
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.tasks.task_messages import (
+    TaskDryRun,
     TaskFilter,
     TaskRecord,
     TaskRequest,
@@ -24,7 +27,15 @@ from robrain.protocol.wire.messages.tasks.task_messages import (
     TaskWhy,
 )
 from robrain.protocol.wire.reasons.tasks import Cancelled, TaskReason
-from robrain.protocol.wire.topics import TASK_CANCEL, TASK_GET, TASK_KINDS, TASK_LIST, TASK_SUBMIT, TASK_WHY
+from robrain.protocol.wire.topics import (
+    TASK_CANCEL,
+    TASK_DRY_RUN,
+    TASK_GET,
+    TASK_KINDS,
+    TASK_LIST,
+    TASK_SUBMIT,
+    TASK_WHY,
+)
 
 T = TypeVar("T")
 
@@ -41,6 +52,7 @@ class TaskRequests:
         team_map: the known map.
         capabilities: what robots of the team offer.
         explain: why a task stands as it does.
+        dry_runs: what would follow from a task.
 
     """
 
@@ -51,6 +63,7 @@ class TaskRequests:
         team_map: TeamMap,
         capabilities: Capabilities,
         explain: Callable[[TaskRecord, int], TaskWhy],
+        dry_runs: DryRuns,
     ) -> None:
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
@@ -62,7 +75,9 @@ class TaskRequests:
         self._map = team_map
         self._capabilities = capabilities
         self._explain = explain
+        self._dry_runs = dry_runs
         wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
+        wire.answer(TASK_DRY_RUN, self._dry_run, serve=Serve.IN_STEP)
         wire.answer(TASK_CANCEL, self._cancel, serve=Serve.IN_STEP)
         wire.answer(TASK_LIST, self._list, serve=Serve.IN_STEP)
         wire.answer(TASK_GET, self._get, serve=Serve.IN_STEP)
@@ -76,12 +91,38 @@ class TaskRequests:
         if known is None:
             self._traces.note(asked.task.id, request.trace)
         if known is not None:
-            differs = asked.differs_from(self._book.journal.asked(asked.task.id))
-            if differs or known.own:
-                text = f"there is another task {asked.task.id}: {differs or 'one of the coordinator itself'}"
-                raise CallError(ErrorCode.REFUSED, text, differs)
+            if (text := self._another(asked, known)) is not None:
+                raise CallError(ErrorCode.REFUSED, *text)
             return self._once_on_disk(known)
         return self._once_on_disk(self.admit(asked, asked.by or request.by, asked.word))
+
+    def _another(self, asked: TaskSubmission, known: TaskRecord) -> tuple[str, str] | None:
+        """Words and differences if the known task of a submission's id is another one; None if it is the same."""
+        differs = asked.differs_from(self._book.journal.asked(asked.task.id))
+        if not (differs or known.own):
+            return None
+        return f"there is another task {asked.task.id}: {differs or 'one of the coordinator itself'}", differs
+
+    def _dry_run(self, request: Request[TaskSubmission]) -> TaskDryRun:
+        """What would follow if a task were submitted now. Changes nothing, and is not written down."""
+        asked = request.asked
+        known = self._book.find(asked.task.id)
+        if known is not None:
+            another = self._another(asked, known)
+            return TaskDryRun(
+                task=known.task, known=known.state, refused="" if another is None else cut(another[0], TEXT_MAX)
+            )
+        task = self._stamped(asked)
+        if why := self.why_impossible(task):
+            return TaskDryRun(task=task, refused=cut(why, TEXT_MAX))
+        return self._dry_runs.of(task, asked.by or request.by, self._clock.now_ns())
+
+    def _stamped(self, asked: TaskSubmission) -> Task:
+        """The task with stamps in place of times that count from now (CallError if that is impossible)."""
+        try:
+            return asked.task_at(self._clock.now_ns())
+        except (ValueError, msgspec.ValidationError) as error:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"task {asked.task.id}: {error}") from error
 
     def admit(
         self,
@@ -105,10 +146,7 @@ class TaskRequests:
             CallError: it is refused, in words.
 
         """
-        try:
-            task = asked.task_at(self._clock.now_ns())
-        except (ValueError, msgspec.ValidationError) as error:
-            raise CallError(ErrorCode.BAD_ARGUMENTS, f"task {asked.task.id}: {error}") from error
+        task = self._stamped(asked)
         why = self.why_impossible(task)
         if why:
             raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {why}", why)

@@ -65,6 +65,9 @@ def add(
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="Any parameter of the kind, as JSON; may be repeated."),
     ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Submit nothing; print what would follow. Exit status 2 if refused.")
+    ] = False,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
@@ -77,6 +80,9 @@ def add(
         needs=needs, after=after, robots=robots, mote=mote, robot=robot, duration=duration, interval=interval,
         quantity=quantity, look_at=look_at, until_soc=until_soc, parameters=parameters,
     )  # fmt: skip
+    if dry_run:
+        _dry_run(tasks, connect, team, as_json=as_json)
+        return
     records, refused = [], []
     with connect_team(connect, team) as client:
         for kind, fields in tasks:
@@ -92,6 +98,22 @@ def add(
     for text in refused:
         sys.stderr.write(f"robrain: {text}\n")
     if refused:
+        raise typer.Exit(EXIT_REFUSED)
+
+
+def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_json: bool) -> None:
+    """Print what would follow from each task if it came now, without those before it in the file."""
+    from robrain.deploy.tasks.dry_run_words import dry_run_lines
+
+    with connect_team(connect, team) as client:
+        found = [client.dry_run(kind, fields, id=fields.pop("id", None)) for kind, fields in tasks]
+    for one in found:
+        if as_json:
+            print_json(one)
+            continue
+        for line in dry_run_lines(one):
+            say(line)
+    if any(one.refused for one in found):
         raise typer.Exit(EXIT_REFUSED)
 
 

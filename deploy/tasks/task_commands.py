@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, TeamOption, connect_team, print_json, say
+from robrain.deploy.tasks.dry_run_words import verdict_line
 from robrain.deploy.tasks.task_adding import add
 from robrain.deploy.tasks.task_terminal import IdArgument, JsonOption, line_of, show_table, words_of
 from robrain.protocol.model.tasks.objective import Objective
@@ -151,11 +152,7 @@ def why(
         return
     say(f"{task_id}: {found.now}")
     for verdict in found.robots:
-        words = [f"{verdict.distance_m:.1f} m away"] if verdict.distance_m is not None else []
-        words += [f"{verdict.time_s:.0f} s"] if verdict.time_s is not None else []
-        words += [f"{verdict.energy_j:.0f} J"] if verdict.energy_j is not None else []
-        words += ["chosen"] if verdict.chosen else [verdict.why_not] if verdict.why_not else []
-        say(f"  {verdict.robot}: {', '.join(words)}")
+        say(verdict_line(verdict))
     first_ns = found.changes[0].stamp_ns if found.changes else 0
     for change in found.changes:
         say(f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {words_of(change)}")

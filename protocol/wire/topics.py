@@ -17,6 +17,7 @@ from robrain.protocol.wire.messages.tasks import consensus_messages, offer_messa
 from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.messages.tasks.task_messages import (
     KnownKind,
+    TaskDryRun,
     TaskFilter,
     TaskRecord,
     TaskRequest,
@@ -250,6 +251,8 @@ def _task_query(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_
 
 
 TASK_SUBMIT = _task_query("submit", TaskSubmission, TaskRecord, "Do this: replies its record, or why not")
+TASK_DRY_RUN = _task_query("dry_run", TaskSubmission, TaskDryRun, "What would follow if it were submitted now",
+                           reads_only=True)  # fmt: skip
 TASK_CANCEL = _task_query("cancel", TaskRequest, TaskRecord, "End a task unfinished: replies its record")
 TASK_LIST = _task_query("list", TaskFilter, list[TaskRecord], "Which tasks there are", reads_only=True)
 TASK_GET = _task_query("get", TaskRequest, TaskRecord, "How a task stands", reads_only=True)

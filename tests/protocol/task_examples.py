@@ -51,4 +51,13 @@ EXAMPLES = [
         changes=[task_messages.TaskChange(number=41, stamp_ns=1_500_000_000, state=TaskState.DONE)],
         trace="4bf92f3577b34da6a3ce929d0e0e4736",
     ),
+    task_messages.TaskDryRun(
+        task=TASK,
+        refused="there is another task task-7: priority is 2.0, not 3.0",
+        known=TaskState.DONE,
+        waits="it may not begin before 4.0 s from now",
+        reason=tasks.NotBefore(4.0),
+        robots=[task_messages.RobotVerdict(robot="r1", distance_m=1.5, energy_j=20.0, time_s=3.0)],
+        ahead=2,
+    ),
 ]  # fmt: skip

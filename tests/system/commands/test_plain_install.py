@@ -55,6 +55,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("task charges", [], WORKS),
     ("record", [], "team"),
     ("foxglove", [], "foxglove"),
+    ("assistant", [], "mcp"),
     ("info", ["run.mcap"], "team"),
     ("check", ["run.mcap"], "team"),
     ("diff", ["run.mcap", "run.mcap"], "team"),

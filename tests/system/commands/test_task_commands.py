@@ -42,6 +42,16 @@ def team(commands) -> Iterator[LiveTeam]:
     return LiveTeam(commands)
 
 
+def test_a_dry_run_prints_what_would_follow_and_submits_nothing(team: LiveTeam) -> None:
+    dry = team.task("add", "visit", "--at", "2,1", "--dry-run")
+    assert (dry.returncode, dry.stderr) == (0, "")
+    assert dry.stdout.startswith("a task to visit at (2, 1) would be accepted\n")
+    refused = team.task("add", "visit", "--at", "2,1", "--deadline", "1", "--service", "60", "--dry-run", "--json")
+    assert refused.returncode == 2
+    assert "there are 1.0 s to its deadline" in json.loads(refused.stdout)["refused"]
+    assert team.task("list").stdout.splitlines()[1:] == []
+
+
 def test_a_task_goes_from_the_command_line_to_the_robot_and_is_done(team: LiveTeam) -> None:
     added = team.task("add", "visit", "--at", "2,1", "--id", "my-1", "--priority", "5", "--deadline", "100", "--json")
     assert added.returncode == 0, added.stderr

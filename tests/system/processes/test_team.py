@@ -117,6 +117,20 @@ def test_a_task_is_named_done_and_told_of(team: Team) -> None:
     assert task.task.id in [record.task.id for record in team.list(TaskFilter(states=[TaskState.DONE]))]
 
 
+def test_a_dry_run_submits_nothing(team: Team) -> None:
+    before = [record.task.id for record in team.list()]
+    found = team.dry_run("visit", {"place": (2, 1), "service_s": 5.0})
+    assert (found.refused, found.known, found.task.place) == ("", None, Point2D(2.0, 1.0))
+    assert [one.robot for one in found.robots] == ["r1", "r2"]
+    whole = Task(id="whole", kind="visit", place=Point2D(2.0, 1.0), deadline_ns=1)
+    assert "its deadline was" in team.dry_run(whole).refused
+    assert [record.task.id for record in team.list()] == before
+    with pytest.raises(BadTask, match="task whole is whole already: leave out id, place"):
+        team.dry_run(whole, {"place": (1, 1)}, id="other")
+    with pytest.raises(BadTask, match="a task to visit needs place"):
+        team.dry_run("visit")
+
+
 def test_each_client_gets_ids_that_no_other_has(bench: Bench) -> None:
     later = {"place": (2, 1), "earliest_s": 900.0}
     taken = [client.submit("visit", **later).task.id for client in (bench.team, bench.other, bench.team, bench.other)]

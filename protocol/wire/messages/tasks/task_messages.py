@@ -214,6 +214,26 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     """Its trace, as the log lines of its robots have it; empty if the coordinator is of an earlier version."""
 
 
+class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
+    """What would follow from a submission if it came now. Nothing follows from asking."""
+
+    task: Task
+    """As it would enter the book; if the book has it already, as it stands there."""
+    refused: Text = ""
+    """Why it would be refused, in words; empty if it would be accepted."""
+    known: TaskState | None = None
+    """State of the same task in the book: submitting it again would change nothing. None if it is new."""
+    waits: Text = ""
+    """What it would wait for before any robot can begin it, in words; empty if nothing."""
+    reason: TaskReason | None = None
+    """The same as a value."""
+    robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
+    """Each robot, by name: why it is excluded now; or time and energy by its own model for the straight line to the
+    place and the service time there, which is what it would take at least."""
+    ahead: Count = 0
+    """Open tasks of at least its priority that no robot has begun."""
+
+
 def _flat(value: object, name: str = "") -> dict[str, object]:
     if not isinstance(value, dict):
         return {name: value}

@@ -1,0 +1,185 @@
+"""Arguments of an assistant's tools: bounded in their types, and checked here once.
+
+They come from a language model, which may repeat whatever it has read somewhere.
+"""
+
+import math
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from robrain.client.submission import COMMON, RELATIVE
+from robrain.deploy.assistant.errors import Refused
+from robrain.deploy.assistant.policy import PRIORITY_MAX, Ban
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.border.safe_text import safe_text
+from robrain.protocol.wire.errors import BadName
+from robrain.protocol.wire.keys import check_name, is_name
+
+BYTES_MAX = 8192
+"""Of all arguments of a call as JSON."""
+DEPTH_MAX = 8
+WORDS_MAX = 300
+REASON_MAX = 200
+A = TypeVar("A", bound="Arguments")
+
+Name = Annotated[str, Meta(min_length=1, max_length=63, description="Letters, digits, _ - and .")]
+Confirm = Annotated[
+    str,
+    Meta(max_length=64, description="Token of the rehearsal, with otherwise the same arguments; empty to rehearse."),
+]
+Reason = Annotated[str, Meta(max_length=REASON_MAX, description="Reason, for the record.")]
+Metres = Annotated[float, Meta(ge=-10_000.0, le=10_000.0, description="Metres, arena frame.")]
+Day = Annotated[float, Meta(ge=0.0, le=86_400.0)]
+JsonObject = Annotated[dict[str, Any], Meta(max_length=16)]
+
+
+class Arguments(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a tool takes; by itself nothing."""
+
+
+class OfRobot(Arguments, frozen=True, kw_only=True):
+    """A robot."""
+
+    robot: Name
+
+
+class OfTask(Arguments, frozen=True, kw_only=True):
+    """A task."""
+
+    task: Name
+
+
+class ListTasks(Arguments, frozen=True, kw_only=True):
+    """Which tasks are listed."""
+
+    states: Annotated[list[TaskState], Meta(max_length=8, description="Only these states; any if empty.")] = []
+    limit: Annotated[int, Meta(ge=1, le=100, description="At most this many, the last ones.")] = 30
+
+
+class NewTask(Arguments, frozen=True, kw_only=True):
+    """A task that is not submitted."""
+
+    kind: Annotated[str, Meta(min_length=1, max_length=63, description="Kind of task; see list_kinds.")]
+    x_m: Metres
+    y_m: Metres
+    priority: Annotated[float, Meta(gt=0.0, le=PRIORITY_MAX, description="Reward for doing it.")] = PRIORITY_MAX
+    earliest_in_s: Annotated[Day | None, Meta(description="Earliest start, seconds from its acceptance.")] = None
+    deadline_in_s: Annotated[Day | None, Meta(description="Latest end, seconds from its acceptance.")] = None
+    service_s: Annotated[float, Meta(ge=0.0, le=3600.0, description="Seconds at its place.")] = 0.0
+    robots: Annotated[int, Meta(ge=1, le=16, description="Robots that work on it at the same time.")] = 1
+    needs: Annotated[list[Name], Meta(max_length=8, description="Plugins that its robot must have.")] = []
+    after: Annotated[list[Name], Meta(max_length=16, description="Tasks that must be done before.")] = []
+    parameters: Annotated[JsonObject, Meta(description="Parameters of its kind; see list_kinds.")] = {}
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """As `Team.submit` and `Team.dry_run` take them, besides the kind and the id.
+
+        Raises:
+            Refused: a parameter has the name of a field that every task has.
+
+        """
+        if smuggled := sorted(self.parameters.keys() & (COMMON | {*RELATIVE, "kind"})):
+            raise Refused(Ban.BAD_ARGUMENTS, f"parameters: {smuggled[0]} is a field of every task, and no parameter")
+        given = {
+            **self.parameters,
+            "place": [self.x_m, self.y_m],
+            "priority": self.priority,
+            "earliest_in_s": self.earliest_in_s,
+            "deadline_in_s": self.deadline_in_s,
+            "service_s": self.service_s or None,
+            "needs": self.needs or None,
+            "after": self.after or None,
+            "robots": self.robots if self.robots > 1 else None,
+        }
+        return {name: value for name, value in given.items() if value is not None}
+
+
+class SubmitTask(NewTask, frozen=True, kw_only=True):
+    """A task to be submitted."""
+
+    confirm: Confirm = ""
+
+
+class CancelTask(OfTask, frozen=True, kw_only=True):
+    """A task to be cancelled."""
+
+    reason: Reason = ""
+    confirm: Confirm = ""
+
+
+class CallPlugin(OfRobot, frozen=True, kw_only=True):
+    """A call of a plugin's function."""
+
+    plugin: Name
+    function: Name
+    arguments: Annotated[JsonObject, Meta(description="Arguments by name.")] = {}
+    confirm: Confirm = ""
+
+
+class HaltRobots(Arguments, frozen=True, kw_only=True):
+    """Whom to halt."""
+
+    robot: Annotated[str, Meta(max_length=63, description="This robot only; the whole team if empty.")] = ""
+    reason: Reason = ""
+
+
+def arguments_of(given: object, type_: type[A]) -> A:
+    """A tool's arguments as its type.
+
+    Raises:
+        Refused: they are too large, nested too deep, no JSON, or out of their ranges; the words name the argument.
+
+    """
+    try:
+        written = msgspec.json.encode(given)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise Refused(Ban.BAD_ARGUMENTS, cut(safe_text(str(error)), WORDS_MAX)) from error
+    if len(written) > BYTES_MAX:
+        raise Refused(Ban.BAD_ARGUMENTS, f"expected at most {BYTES_MAX} bytes of JSON, got {len(written)}")
+    _check_values(given, "arguments", DEPTH_MAX)
+    try:
+        found = msgspec.convert(given, type_)
+        for field in ("robot", "task", "plugin", "function", "kind"):
+            if name := getattr(found, field, ""):
+                check_name(field, name)
+    except (msgspec.ValidationError, BadName) as error:
+        raise Refused(Ban.BAD_ARGUMENTS, cut(safe_text(str(error)), WORDS_MAX)) from error
+    return found
+
+
+def halt_arguments(given: object) -> HaltRobots:
+    """Whom to halt. Nothing about the arguments keeps a halt from being carried out: what is no robot's name means all.
+
+    >>> halt_arguments({"robot": "r1 and r2", "reason": 7})
+    HaltRobots(robot='', reason='7')
+    """
+    found = given if isinstance(given, dict) else {}
+    robot, reason = found.get("robot", ""), found.get("reason", "")
+    is_one = isinstance(robot, str) and is_name(robot)
+    return HaltRobots(robot=robot if is_one else "", reason=safe_text(str(reason), REASON_MAX))
+
+
+def order_text(tool: str, arguments: Arguments) -> bytes:
+    """A tool and its arguments without the token, written in one way only."""
+    fields = {name: value for name, value in msgspec.to_builtins(arguments).items() if name != "confirm"}
+    return msgspec.json.encode([tool, fields], order="deterministic")
+
+
+def _check_values(value: object, where: str, depth: int) -> None:
+    if depth < 0:
+        raise Refused(Ban.BAD_ARGUMENTS, f"nested deeper than {DEPTH_MAX}")
+    if isinstance(value, str) and safe_text(value) != value:
+        raise Refused(Ban.BAD_ARGUMENTS, f"{where}: expected text without control or invisible characters")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise Refused(Ban.BAD_ARGUMENTS, f"{where}: expected a finite number, got {value}")
+    if isinstance(value, dict):
+        for name, one in value.items():
+            _check_values(name, "a name of an argument", depth - 1)
+            _check_values(one, cut(str(name), 63), depth - 1)
+    elif isinstance(value, list | tuple):
+        for one in value:
+            _check_values(one, where, depth - 1)

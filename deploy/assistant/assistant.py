@@ -1,0 +1,233 @@
+"""One assistant at one team: checks, rehearses, confirms, carries out and logs every call of a tool."""
+
+import itertools
+import threading
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import msgspec
+
+from robrain.client.team import Team
+from robrain.deploy.assistant import ordering
+from robrain.deploy.assistant.answer import Answer, Verdict, answer
+from robrain.deploy.assistant.arguments import (
+    Arguments,
+    CallPlugin,
+    CancelTask,
+    HaltRobots,
+    ListTasks,
+    NewTask,
+    OfRobot,
+    OfTask,
+    SubmitTask,
+    arguments_of,
+    halt_arguments,
+    order_text,
+)
+from robrain.deploy.assistant.audit_log import AuditLog, AuditRecord
+from robrain.deploy.assistant.confirmations import Confirmations
+from robrain.deploy.assistant.errors import AuditError, Refused
+from robrain.deploy.assistant.looking import Looking
+from robrain.deploy.assistant.ordering import Ordering, Rehearsal
+from robrain.deploy.assistant.policy import Ban, Order, why_no_order, why_no_tool
+from robrain.protocol.wire.access.member import Member
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, RobrainError
+
+A = TypeVar("A", bound=Arguments)
+NOT_SURE = frozenset((ErrorCode.TIMEOUT, ErrorCode.FAILED, ErrorCode.UNLOADED))
+"""Errors after which an order may have been carried out all the same."""
+
+
+class Tool(NamedTuple, Generic[A]):
+    """One tool."""
+
+    name: str
+    doc: str
+    arguments: type[A]
+    look: Callable[[A], Answer] | None = None
+    """Of a tool that changes nothing."""
+    rehearse: Callable[[A], Rehearsal] | None = None
+    """Of an order that is confirmed before it is carried out. Of neither: the halt."""
+
+
+class Call(NamedTuple):
+    """A call as it came."""
+
+    client: str
+    """Name and version that the MCP client gives of itself, and its session."""
+    tool: str
+    arguments: object
+
+
+class Assistant:
+    """Answers calls of tools. All but halts are answered one at a time.
+
+    Args:
+        team: a connection to the team, for all but halts.
+        halting: another one, so that a halt waits for nothing.
+        member: whom the certificate names; None in a team that is not secured.
+        log: of all calls.
+        confirmations: orders that wait for their confirmation.
+        new_id: see `Ordering`.
+        now: the time of day, for the log.
+        elapsed_s: a clock that never goes back, seconds.
+        note: prints a line for the person at this process.
+
+    """
+
+    def __init__(
+        self,
+        team: Team,
+        halting: Team,
+        member: Member | None,
+        log: AuditLog,
+        confirmations: Confirmations[Rehearsal],
+        *,
+        new_id: Callable[[], str],
+        now: Callable[[], datetime],
+        elapsed_s: Callable[[], float],
+        note: Callable[[str], None],
+    ) -> None:
+        self._halting = halting
+        self._member = member
+        self._log = log
+        self._confirmations = confirmations
+        self._now = now
+        self._elapsed_s = elapsed_s
+        self._note = note
+        self._by = team.by
+        self._numbers = itertools.count(1)
+        self._lock = threading.Lock()
+        self._log_lock = threading.Lock()
+        self.tools: Mapping[str, Tool[Any]] = {tool.name: tool for tool in _tools(team, new_id)}
+
+    def may(self, tool: str) -> bool:
+        """Whether the certificate allows a tool."""
+        return tool not in tuple(Order) or why_no_order(Order(tool), self._member) is None
+
+    def answer(self, call: Call) -> Answer:
+        """Answer a call, and log it."""
+        began_s = self._elapsed_s()
+        number = next(self._numbers)
+        try:
+            found = self._answer(call, number)
+        except Refused as error:
+            found = _refused(error)
+        except NobodyThere as error:
+            found = _refused(Refused(Ban.NOBODY, str(error)))
+        except RobrainError as error:
+            found = _refused(Refused(Ban.TEAM, str(error)))
+        except BaseException as error:  # a bug, or the end of the process: logged as well
+            self._log_end(call, number, answer(Verdict.FAILED, [f"{type(error).__name__}: {error}"]), began_s)
+            raise
+        self._log_end(call, number, found, began_s)
+        return found
+
+    def _log_end(self, call: Call, number: int, found: Answer, began_s: float) -> None:
+        try:
+            self._write(call, number, found, 1000.0 * (self._elapsed_s() - began_s))
+        except AuditError as error:  # what was done is done; `_carry_out` had logged that it was to be
+            self._note(f"assistant: {error}")
+
+    def _answer(self, call: Call, number: int) -> Answer:
+        tool = self.tools.get(call.tool)
+        if tool is None:
+            raise Refused(why_no_tool(call.tool))
+        if not self.may(tool.name):
+            raise Refused(Ban.ROLE, f"it is that of {self._member}")
+        if tool.arguments is HaltRobots:  # without a lock, and whatever its arguments are
+            return ordering.halt(self._halting, halt_arguments(call.arguments))
+        asked = arguments_of(call.arguments, tool.arguments)
+        with self._lock:
+            if tool.look is not None:
+                return tool.look(asked)
+            assert tool.rehearse is not None
+            order = order_text(tool.name, asked)
+            if asked.confirm:
+                return self._carry_out(call, number, asked.confirm, order)
+            return self._rehearsed(tool.rehearse(asked), self._confirmations, call.client, order)
+
+    def _carry_out(self, call: Call, number: int, token: str, order: bytes) -> Answer:
+        found = self._confirmations.take(token, call.client, order)
+        if isinstance(found, Ban):
+            raise Refused(found)
+        try:
+            self._write(call, number, Answer(Verdict.BEGUN, "", {}), 0.0)
+        except AuditError as error:
+            raise Refused(Ban.NOT_LOGGED, str(error)) from error
+        try:
+            return found.carry_out()
+        except NobodyThere as error:
+            return _unsure(error)
+        except CallError as error:
+            if error.code in NOT_SURE:
+                return _unsure(error)
+            raise
+
+    @staticmethod
+    def _rehearsed(found: Rehearsal, confirmations: Confirmations[Rehearsal], client: str, order: bytes) -> Answer:
+        token, valid_s = confirmations.keep(client, order, found), confirmations.life_s
+        lines = [
+            f"nothing has been done yet; to have it done, repeat the call within {valid_s:.0f} s, and add",
+            f"confirm={token}",
+            "this would happen:",
+            *found.words,
+        ]
+        return answer(Verdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": valid_s})
+
+    def _write(self, call: Call, number: int, found: Answer, took_ms: float) -> None:
+        try:
+            arguments = msgspec.json.encode(call.arguments, enc_hook=repr).decode()
+        except (TypeError, ValueError, RecursionError):
+            arguments = "not JSON"
+        record = AuditRecord(
+            stamp=self._now().astimezone(UTC).isoformat(timespec="milliseconds"),
+            call=number,
+            by=self._by,
+            client=call.client,
+            tool=call.tool,
+            arguments=arguments,
+            verdict=found.verdict,
+            code=found.code,
+            words=found.words,
+            took_ms=round(took_ms, 1),
+        )
+        with self._log_lock:
+            self._log.write(record)
+
+
+def _refused(error: Refused) -> Answer:
+    return answer(Verdict.REFUSED, [str(error)], code=str(error.ban))
+
+
+def _unsure(error: RobrainError) -> Answer:
+    """An order that the team may have carried out, and did not answer."""
+    return answer(Verdict.FAILED, [f"failed, and it may have been done: {error}"])
+
+
+def _tools(team: Team, new_id: Callable[[], str]) -> list[Tool[Any]]:
+    look = Looking(team)
+    order = Ordering(team, look, new_id)
+
+    def looks(run: Callable[[A], Answer], arguments: type[A]) -> Tool[A]:
+        return Tool(run.__name__, run.__doc__ or "", arguments, look=run)
+
+    def orders(name: Order, run: Callable[[A], Rehearsal], arguments: type[A]) -> Tool[A]:
+        return Tool(name, run.__doc__ or "", arguments, rehearse=run)
+
+    return [
+        looks(look.list_robots, Arguments),
+        looks(look.robot_state, OfRobot),
+        looks(look.team_state, Arguments),
+        looks(look.list_plugins, OfRobot),
+        looks(look.list_kinds, Arguments),
+        looks(look.list_tasks, ListTasks),
+        looks(look.why_task, OfTask),
+        looks(look.show_map, Arguments),
+        looks(look.dry_run, NewTask),
+        orders(Order.SUBMIT, order.submit_task, SubmitTask),
+        orders(Order.CANCEL, order.cancel_task, CancelTask),
+        orders(Order.CALL, order.call_plugin, CallPlugin),
+        Tool(Order.HALT, "Stop all robots at once, or one. Only a person ends a halt.", HaltRobots),
+    ]

@@ -1,0 +1,244 @@
+"""Tools of an assistant that change nothing."""
+
+from collections.abc import Sequence
+from contextlib import closing
+
+from robrain.client.errors import BadTask
+from robrain.client.team import Team
+from robrain.coordinator.drawing.map_view import MapView
+from robrain.deploy.assistant.answer import Answer, Verdict, answer
+from robrain.deploy.assistant.arguments import Arguments, ListTasks, NewTask, OfRobot, OfTask
+from robrain.deploy.assistant.errors import Refused
+from robrain.deploy.assistant.map_picture import DRAWN_MAX, DrawnRobot, DrawnTask, map_png
+from robrain.deploy.assistant.policy import OUTSIDE, Ban, why_no_call
+from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
+from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun, TaskFilter, TaskRecord
+from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
+
+MAP_TIMEOUT_S = 5.0
+"""Of one robot's map."""
+MAP_BUDGET_S = 10.0
+"""After this no further robot is asked for its map and its place: a model does not wait for minutes."""
+OPEN = [state for state in TaskState if not state.ended]
+SHOWN_CHANGES = 20
+OLD_S = 2.0
+"""A state that is older than this is told with its age; robots send ten in a second, coordinators two."""
+
+
+class Looking:
+    """Looks at a team.
+
+    Args:
+        team: a connection to it, used by one thread at a time.
+
+    """
+
+    def __init__(self, team: Team) -> None:
+        self._team = team
+
+    def list_robots(self, _: Arguments) -> Answer:
+        """List the robots that are present, and what each of them does."""
+        state = self._team.state()
+        found = {one.name: one for one in state.robots}
+        names = sorted({*found, *self._team.robots})
+        lines: list[str] = []
+        robots: list[dict[str, object]] = []
+        for name in names:
+            one = found.get(name)
+            if one is None:
+                lines.append(f"{name}: the coordinator does not know it yet")
+                robots.append({"name": name})
+                continue
+            at_work = f"at task {one.task}" if one.task else one.behavior or "idle"
+            doing = "absent" if not one.up else "halted" if one.halted else at_work
+            charge = "" if one.soc is None else f", charge {one.soc:.0%}"
+            lines.append(f"{name}: {doing}{charge}{f': {one.why}' if one.why else ''}")
+            robots.append(
+                {"name": name, "up": one.up, "halted": one.halted, "task": one.task, "soc": one.soc, "why": one.why}
+            )
+        return answer(
+            Verdict.LOOKED, [*(lines or ["no robot is there"]), *self._age_lines(state.stamp_ns)], {"robots": robots}
+        )
+
+    def robot_state(self, asked: OfRobot) -> Answer:
+        """Tell where a robot is, what it does, and how its battery and plugins are."""
+        state = self._team.state(asked.robot)
+        lines = [*_state_lines(state), *self._age_lines(state.stamp_ns)]
+        return answer(Verdict.LOOKED, lines, {"state": state, "age_s": self._age_s(state.stamp_ns)})
+
+    def team_state(self, _: Arguments) -> Answer:
+        """Tell how the whole team is: tasks, map, exploration, halt."""
+        state = self._team.state()
+        up = sum(one.up for one in state.robots)
+        lines = [
+            f"{up} of {len(state.robots)} robots are up",
+            f"{state.tasks_open} tasks are open, {state.tasks_done} were done",
+            f"{state.known_area_m2:.0f} m² are known; "
+            + ("exploration is complete" if state.all_explored else f"{len(state.frontiers)} frontiers are left"),
+        ]
+        if state.halt is not None and state.halt.halted:
+            lines.append(f"the team is halted by {', '.join(state.halt.by)}: {state.halt.reason or 'no reason given'}")
+        lines += self._age_lines(state.stamp_ns)
+        values = {
+            "age_s": self._age_s(state.stamp_ns),
+            "halt": state.halt,
+            "robots": len(state.robots),
+            "robots_up": up,
+            "tasks_open": state.tasks_open,
+            "tasks_done": state.tasks_done,
+            "known_area_m2": state.known_area_m2,
+            "all_explored": state.all_explored,
+        }
+        return answer(Verdict.LOOKED, lines, values)
+
+    def list_plugins(self, asked: OfRobot) -> Answer:
+        """List a robot's plugins that are open to the outside, with the functions that call_plugin may call."""
+        plugins = self._team.plugins(asked.robot)
+        lines, found = [], []
+        for one in plugins:
+            open_functions = [
+                function for function in one.functions if why_no_call(one.name, function.name, plugins) is None
+            ]
+            state = f"{one.name} ({one.level}): {one.state}{f', {one.why}' if one.why else ''}"
+            lines.append(state if OUTSIDE in one.visibility else f"{state}, not open to the outside")
+            lines += [f"  {function.name}{function.signature}" for function in open_functions]
+            names = [function.name for function in open_functions]
+            found.append({"name": one.name, "level": one.level, "state": one.state, "functions": names})
+        return answer(Verdict.LOOKED, lines, {"plugins": found})
+
+    def list_kinds(self, _: Arguments) -> Answer:
+        """List the kinds of task that robots of the team do, with their parameters."""
+        kinds = self._team.kinds()
+        lines = []
+        for one in kinds:
+            names = one.parameters.get("properties", {})
+            needed = one.parameters.get("required", [])
+            shown = ", ".join(name if name in needed else f"[{name}]" for name in names) or "none"
+            lines.append(f"{one.kind}: {one.doc.partition(chr(10))[0]} parameters: {shown} ({', '.join(one.robots)})")
+        found = [{"kind": one.kind, "parameters": one.parameters} for one in kinds]
+        return answer(Verdict.LOOKED, lines or ["no robot has announced its kinds yet"], {"kinds": found})
+
+    def list_tasks(self, asked: ListTasks) -> Answer:
+        """List tasks with their states, the coordinator's own left out."""
+        records = self._team.list(TaskFilter(states=asked.states, limit=asked.limit))
+        lines = [task_line(record) for record in records] or ["there are no such tasks"]
+        tasks = [{"id": one.task.id, "state": one.state, "robot": one.robot, "by": one.by} for one in records]
+        return answer(Verdict.LOOKED, lines, {"tasks": tasks})
+
+    def why_task(self, asked: OfTask) -> Answer:
+        """Explain how a task stands: what it waits for, what it would take each robot, what has happened so far."""
+        why = self._team.why(asked.task)
+        lines = [f"{asked.task}: {why.now}", *map(verdict_line, why.robots)]
+        lines += [f"  then {change.state}: {change.why}" for change in why.changes[-SHOWN_CHANGES:] if change.why]
+        record = why.record
+        values = {
+            "state": record.state,
+            "robot": record.robot,
+            "by": record.by,
+            "reason": why.reason,
+            "robots": why.robots,
+            "result": record.result,
+        }
+        return answer(Verdict.LOOKED, lines, values)
+
+    def dry_run(self, asked: NewTask) -> Answer:
+        """Tell what would follow from a task, without submitting it."""
+        found = self.foresee(asked)
+        values = {"refused": found.refused, "waits": found.waits, "robots": found.robots}
+        if found.refused:
+            return answer(Verdict.REFUSED, dry_run_lines(found), values, code=Ban.TEAM)
+        return answer(Verdict.LOOKED, dry_run_lines(found), values)
+
+    def foresee(self, asked: NewTask, task_id: str | None = None) -> TaskDryRun:
+        """The coordinator's dry run of a task (Refused if it is no valid task)."""
+        try:
+            return self._team.dry_run(asked.kind, asked.fields, id=task_id)
+        except BadTask as error:
+            raise Refused(Ban.BAD_ARGUMENTS, str(error)) from error
+
+    def show_map(self, _: Arguments) -> Answer:
+        """Draw the map that the team knows, with robots (discs with a nose) and open tasks (crosses, squares)."""
+        names = self._team.robots[:DRAWN_MAX]
+        ends_s = self._team.transport.elapsed_s() + MAP_BUDGET_S
+        floor, silent = self._floor(names, ends_s)
+        states = [state for name in names if (state := self._state(name, ends_s)) is not None]
+        robots = [
+            DrawnRobot(one.robot, one.pose, one.radius_m, one.halted)
+            for one in states
+            if one.pose is not None and one.frame == ARENA
+        ]
+        records = self._team.list(TaskFilter(states=OPEN, limit=DRAWN_MAX))
+        tasks = [DrawnTask(one.task.id, one.task.place, one.state is TaskState.RUNNING) for one in records]
+        bounds_m = floor.known_bounds_m()
+        lines = [f"{floor.known_area_m2:.0f} m² are known"]
+        if bounds_m is not None:
+            x0_m, y0_m, x1_m, y1_m = bounds_m
+            lines.append(f"x from {x0_m:.1f} to {x1_m:.1f} m, y from {y0_m:.1f} to {y1_m:.1f} m, y upwards")
+        lines += [f"{one.name} at ({one.pose.x_m:.1f}, {one.pose.y_m:.1f})" for one in robots]
+        lines += [f"task {one.name} at ({one.place.x_m:.1f}, {one.place.y_m:.1f})" for one in tasks]
+        lines += [f"{name} does not tell its map" for name in silent]
+        return answer(Verdict.LOOKED, lines, {"bounds_m": bounds_m}, png=map_png(floor, robots, tasks))
+
+    def _age_s(self, stamp_ns: int) -> float:
+        return round(self._team.now_s - to_seconds(stamp_ns), 1)
+
+    def _age_lines(self, stamp_ns: int) -> list[str]:
+        """That a message is old, if it is."""
+        age_s = self._age_s(stamp_ns)
+        return [f"this was said {age_s:.0f} s ago, and nothing since"] if age_s > OLD_S else []
+
+    def _state(self, name: str, ends_s: float) -> RobotState | None:
+        if self._team.transport.elapsed_s() > ends_s:
+            return None
+        try:
+            return self._team.state(name)
+        except NobodyThere:
+            return None
+
+    def _floor(self, names: Sequence[str], ends_s: float) -> tuple[MapView, list[str]]:
+        """The robots' maps, composed, and the robots that did not answer in time or whose map does not fit."""
+        floor, silent = MapView(), []
+        transport = self._team.transport
+        with closing(Endpoint(transport.session, transport.team, transport.clock, transport.drive)) as wire:
+            for name in names:
+                if transport.elapsed_s() > ends_s:
+                    silent.append(name)
+                    continue
+                try:
+                    patch = wire.ask(ROBOT_MAP_WHOLE, None, timeout_s=MAP_TIMEOUT_S, robot=name)
+                    if patch is not None:
+                        floor.merge(patch)
+                except (CallError, NobodyThere, ValueError):
+                    silent.append(name)
+        return floor, silent
+
+
+def task_line(record: TaskRecord) -> str:
+    """A task in one line."""
+    task = record.task
+    at = f" at {record.robot}" if record.robot else ""
+    why = f": {record.why}" if record.why else ""
+    where = f"({task.place.x_m:g}, {task.place.y_m:g})"
+    return f"{task.id}: {task.kind} at {where}, {record.state}{at}, by {record.by or 'nobody'}{why}"
+
+
+def _state_lines(state: RobotState) -> list[str]:
+    lines = [f"{state.robot}: {'halted' if state.halted else state.behavior or 'idle'}"]
+    if state.pose is not None:
+        where = "" if state.frame == ARENA else ", in a map frame of its own"
+        lines.append(f"at ({state.pose.x_m:.2f}, {state.pose.y_m:.2f}) m, heading {state.pose.yaw_rad:.2f} rad{where}")
+    if state.lost:
+        lines.append(f"it has lost its position: {state.lost}")
+    if state.task is not None:
+        lines.append(f"its last task is {state.task.id}, {state.task.state}: {state.task.why or 'no remark'}")
+    if state.battery is not None:
+        charging = ", charging" if state.battery.charging else ""
+        lines.append(f"battery {state.battery.soc:.0%}, {state.battery.remaining_j:.0f} J{charging}")
+    lines += [f"plugin {fault.plugin} does not run: {fault.why}" for fault in state.faulted]
+    return lines

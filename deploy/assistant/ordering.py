@@ -1,0 +1,140 @@
+"""Tools of an assistant that change something: each is rehearsed first, and carried out only when it is confirmed."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.client.team import Team
+from robrain.coordinator.tasks.announced_parameters import check_announced
+from robrain.deploy.assistant.answer import Answer, Verdict, answer
+from robrain.deploy.assistant.arguments import CallPlugin, CancelTask, HaltRobots, SubmitTask
+from robrain.deploy.assistant.errors import Refused
+from robrain.deploy.assistant.looking import OPEN, Looking, task_line
+from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, why_no_call, why_no_cancel
+from robrain.deploy.tasks.dry_run_words import dry_run_lines
+from robrain.protocol.model.tasks.task import BadParameters
+from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
+
+CALL_TIMEOUT_S = 10.0
+
+
+class Rehearsal(NamedTuple):
+    """What would happen, and how it is made to happen."""
+
+    words: list[str]
+    values: dict[str, object]
+    carry_out: Callable[[], Answer]
+    """Once, after the confirmation. What has changed since is checked again by the team."""
+
+
+class Ordering:
+    """Rehearses orders, and carries them out.
+
+    Args:
+        team: a connection, used by one thread at a time.
+        looking: for what the coordinator foresees.
+        new_id: a suffix for the id of a task, which no other task has.
+
+    """
+
+    def __init__(self, team: Team, looking: Looking, new_id: Callable[[], str]) -> None:
+        self._team = team
+        self._looking = looking
+        self._new_id = new_id
+
+    def submit_task(self, asked: SubmitTask) -> Rehearsal:
+        """Submit a task to the team, which decides which robot does it."""
+        is_full = len(self._team.list(TaskFilter(states=OPEN, by=self._team.by))) >= OPEN_TASKS_MAX
+        if is_full:
+            raise Refused(Ban.TOO_MANY_TASKS)
+        task_id = f"{asked.kind}-{self._new_id()}"
+        found = self._looking.foresee(asked, task_id)
+        if found.refused:
+            raise Refused(Ban.TEAM, found.refused)
+
+        def carry_out() -> Answer:
+            record = self._team.submit(asked.kind, id=task_id, parameters=asked.fields)
+            return answer(Verdict.DONE, [f"submitted {task_line(record)}"], {"task": task_id, "state": record.state})
+
+        return Rehearsal(
+            [f"task {task_id}", *dry_run_lines(found)], {"task": task_id, "robots": found.robots}, carry_out
+        )
+
+    def cancel_task(self, asked: CancelTask) -> Rehearsal:
+        """Cancel a task that this assistant has submitted; its robot stops it."""
+        why = self._team.why(asked.task)
+        record = why.record
+        if (ban := why_no_cancel(record, self._team.by)) is not None:
+            whose = f"{asked.task} is {record.state}, by {record.by or 'nobody'}"
+            raise Refused(ban, whose)
+        stops = f"{record.robot} would stop it" if record.robot else "no robot has begun it"
+
+        def carry_out() -> Answer:
+            ended = self._team.cancel(asked.task, asked.reason)
+            return answer(Verdict.DONE, [f"cancelled {task_line(ended)}"], {"task": asked.task, "state": ended.state})
+
+        words = [f"{asked.task} would end unfinished: {why.now}", stops]
+        return Rehearsal(words, {"task": asked.task, "state": record.state, "robot": record.robot}, carry_out)
+
+    def call_plugin(self, asked: CallPlugin) -> Rehearsal:
+        """Call a function of a robot's plugin, if its manifest opens it to the outside and it moves nothing."""
+        plugins = self._team.plugins(asked.robot)
+        where = f"{asked.robot} {asked.plugin}.{asked.function}"
+        if (ban := why_no_call(asked.plugin, asked.function, plugins)) is not None:
+            raise Refused(ban, where)
+        plugin = next(one for one in plugins if one.name == asked.plugin)
+        function = _fitting(plugin, asked)
+
+        def carry_out() -> Answer:
+            named = asked.arguments
+            result = self._team.call(asked.robot, asked.plugin, asked.function, named=named, timeout_s=CALL_TIMEOUT_S)
+            return answer(Verdict.DONE, [f"{where} returned {_json(result)}"], {"result": result})
+
+        doc = function.doc.partition("\n")[0]
+        words = [
+            f"{where}{function.signature} would be called with {_json(asked.arguments)}",
+            f"it says of itself: {doc}",
+        ]
+        if plugin.state != "active":
+            words.append(f"the plugin is {plugin.state}, so the call may be refused: {plugin.why}")
+        return Rehearsal(words, {"plugin_state": plugin.state, "signature": function.signature}, carry_out)
+
+
+def halt(team: Team, asked: HaltRobots) -> Answer:
+    """Stop all robots at once, or one of them. Needs no confirmation. Only a person ends a halt.
+
+    Args:
+        team: a connection that nothing else uses meanwhile.
+        asked: whom to halt.
+
+    """
+    try:
+        report = team.halt(asked.robot or None, reason=asked.reason)
+    except NobodyThere as error:  # a halt of the team was sent all the same
+        return answer(Verdict.FAILED, [str(error)])
+    lines = [f"{name}: halted" for name in report.confirmed]
+    lines += [f"{name}: NOT halted: {why}" for name, why in report.unconfirmed.items()]
+    lines.append("a person ends this with `robrain resume`")
+    verdict = Verdict.FAILED if report.unconfirmed else Verdict.DONE
+    return answer(verdict, lines, {"confirmed": report.confirmed, "unconfirmed": report.unconfirmed})
+
+
+def _fitting(plugin: PluginInfo, asked: CallPlugin) -> FunctionInfo:
+    """The signature that takes the arguments (Refused if none does)."""
+    functions = [one for one in plugin.functions if one.name == asked.function]
+    why = ""
+    for one in functions:
+        try:
+            check_announced(asked.function, asked.arguments, [one.parameters])
+        except BadParameters as error:
+            why = why or f"{asked.function}{one.signature}: {error.field}: {error.why or 'is missing'}"
+        else:
+            return one
+    raise Refused(Ban.BAD_ARGUMENTS, why)
+
+
+def _json(value: object) -> str:
+    return msgspec.json.encode(value, enc_hook=str).decode()

@@ -1,0 +1,191 @@
+"""What an assistant may do, as values. It may ask the team to work; it never overrules a person or a robot.
+
+Everything that is not allowed here is refused with a `Ban`; `words.py` has the words for it.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
+from types import MappingProxyType
+
+from robrain.protocol.wire.access.member import Member
+from robrain.protocol.wire.access.permissions import Action, roles
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.wire.topic import WireKey
+from robrain.protocol.wire.topics import HALT, ROBOT_CALL, TASK_CANCEL, TASK_SUBMIT
+
+PRIORITY_MAX = 1.0
+"""That of a task for which no priority is given: a task of an assistant never displaces a person's."""
+OPEN_TASKS_MAX = 20
+"""Tasks of one assistant that have not ended (chosen: as many as a person can keep in view)."""
+OUTSIDE = "command"
+"""The word in a manifest's visibility that opens a plugin to callers outside the robot."""
+
+
+class Ban(StrEnum):
+    """Why something is refused."""
+
+    RESUME = "resume"
+    """Only a person ends a halt."""
+    PLUGINS = "plugins"
+    """Only a person changes what runs on a robot."""
+    LEAD = "lead"
+    HOLD = "hold"
+    DRIVE = "drive"
+    """Robots are moved by tasks alone."""
+    PLANNING = "planning"
+    KEYS = "keys"
+    TEXT_FORM = "text_form"
+    """Text that a robot executes hides what is called."""
+    UNKNOWN_TOOL = "unknown_tool"
+    NO_PLUGIN = "no_plugin"
+    NO_FUNCTION = "no_function"
+    NOT_OPEN = "not_open"
+    """The plugin's manifest does not let anybody outside call it."""
+    NOT_YOURS = "not_yours"
+    """Somebody else's task."""
+    HAS_ENDED = "has_ended"
+    TOO_MANY_TASKS = "too_many_tasks"
+    ROLE = "role"
+    """The certificate does not allow it."""
+    BAD_ARGUMENTS = "bad_arguments"
+    BUSY = "busy"
+    NOT_LOGGED = "not_logged"
+    """An order that cannot be logged is not carried out."""
+    NO_TOKEN = "no_token"
+    EXPIRED = "expired"
+    ANOTHER_ORDER = "another_order"
+    """The token is for other arguments, or for another client."""
+    TEAM = "team"
+    """The team refuses it; its words say why."""
+    NOBODY = "nobody"
+    """The robot or the coordinator that is asked does not answer."""
+
+
+class Order(StrEnum):
+    """Tools that change something; each needs a right of its own in a secured team."""
+
+    SUBMIT = "submit_task"
+    CANCEL = "cancel_task"
+    CALL = "call_plugin"
+    HALT = "halt"
+
+
+ROWS: Mapping[Order, tuple[Action, WireKey]] = MappingProxyType(
+    {
+        Order.SUBMIT: (Action.ASK, TASK_SUBMIT),
+        Order.CANCEL: (Action.ASK, TASK_CANCEL),
+        Order.CALL: (Action.ASK, ROBOT_CALL),
+        Order.HALT: (Action.PUT, HALT),
+    }
+)
+"""What each order is on the wire."""
+BANNED_WORDS: Mapping[str, Ban] = MappingProxyType(
+    {
+        **dict.fromkeys(("resume", "unhalt", "restart", "continue"), Ban.RESUME),
+        **dict.fromkeys(("load", "unload", "reload", "install", "update"), Ban.PLUGINS),
+        **dict.fromkeys(("lead", "coordinate"), Ban.LEAD),
+        **dict.fromkeys(("hold", "release", "lease"), Ban.HOLD),
+        **dict.fromkeys(("drive", "move", "turn", "go", "hand", "speed", "steer"), Ban.DRIVE),
+        **dict.fromkeys(("objective", "policy", "planning"), Ban.PLANNING),
+        **dict.fromkeys(("pki", "issue", "revoke", "renew", "certificate"), Ban.KEYS),
+        **dict.fromkeys(("command", "shell", "text"), Ban.TEXT_FORM),
+    }
+)
+"""Why a tool, or a verb of a robot's host, that is called by such a word does not exist here."""
+HOST_NAMES: Mapping[str, Ban] = MappingProxyType(
+    {
+        "host": Ban.PLUGINS,
+        "command": Ban.TEXT_FORM,
+        "tcp_socket": Ban.TEXT_FORM,
+        "interactive_shell": Ban.TEXT_FORM,
+    }
+)
+"""Names of plugins behind which the host itself is."""
+MOVERS = frozenset({"driver", "mocdevice", "wander", "idle", "home"})
+"""Plugins by whose functions a robot is moved, stopped or sent somewhere without a task."""
+READS: Mapping[str, frozenset[str]] = MappingProxyType(
+    {
+        "driver": frozenset(
+            {
+                "motion", "blocked_why", "pose", "velocity", "odometry_noise", "bus_counters", "controller_status"
+            }
+        ),
+        "mocdevice": frozenset({"is_fresh", "is_holonomic", "counters", "status"}),
+        "wander": frozenset({"wandering"}),
+        "idle": frozenset({"idle_s"}),
+        "home": frozenset({"chargers", "start"}),
+        "energy": frozenset({"estimate", "usable_j", "power_w", "model"}),
+        "localisation": frozenset({"pose", "health"}),
+        "mapper": frozenset({"known_area_m2", "counters"}),
+        "explore": frozenset({"goal"}),
+        **dict.fromkeys(
+            ("visit", "inspect", "collect", "relay", "monitor", "sense", "seek", "replace", "recharge"),
+            frozenset({"doing"}),
+        ),
+    }
+)  # fmt: skip
+"""Functions that change nothing, of stock plugins that can move a robot themselves or through another plugin."""
+_WORD = re.compile(r"[a-z]+")
+
+
+def why_no_tool(name: str) -> Ban:
+    """Why there is no such tool.
+
+    >>> why_no_tool("resume_team")
+    <Ban.RESUME: 'resume'>
+    """
+    return next((BANNED_WORDS[word] for word in _WORD.findall(name.lower()) if word in BANNED_WORDS), Ban.UNKNOWN_TOOL)
+
+
+def why_no_order(order: Order, member: Member | None) -> Ban | None:
+    """Why a certificate does not allow an order; None if it does, or if the team is not secured."""
+    action, row = ROWS[order]
+    return None if member is None or member.role in roles(action, row) else Ban.ROLE
+
+
+def why_no_call(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> Ban | None:
+    """Why a function of a robot's plugin is not called; None if it may be, after a rehearsal.
+
+    A plugin that requires a mover, itself or through others, could move the robot: of these only `READS` are called.
+
+    Args:
+        plugin: its name.
+        function: its external name.
+        plugins: those of the robot, as its host reports them.
+
+    """
+    if (of_host := HOST_NAMES.get(plugin)) is not None:
+        known = why_no_tool(function)
+        return of_host if known is Ban.UNKNOWN_TOOL else known
+    by_name = {one.name: one for one in plugins}
+    found = by_name.get(plugin)
+    if found is None:
+        return Ban.NO_PLUGIN
+    if OUTSIDE not in found.visibility:
+        return Ban.NOT_OPEN
+    if function not in {one.name for one in found.functions}:
+        return Ban.NO_FUNCTION
+    if function in READS.get(plugin, frozenset()):
+        return None
+    return Ban.DRIVE if _required(plugin, by_name) & MOVERS else None
+
+
+def why_no_cancel(record: TaskRecord, by: str) -> Ban | None:
+    """Why a task is not cancelled for `by`; None if it may be: an assistant ends only what it has begun."""
+    if record.own or record.by != by:
+        return Ban.NOT_YOURS
+    return Ban.HAS_ENDED if record.state.ended else None
+
+
+def _required(plugin: str, by_name: Mapping[str, PluginInfo]) -> set[str]:
+    """A plugin and all that it requires, itself or through others."""
+    found: set[str] = set()
+    waiting = [plugin]
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += by_name[name].requires if name in by_name else []
+    return found

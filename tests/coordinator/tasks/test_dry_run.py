@@ -1,0 +1,82 @@
+"""What would follow from a task, asked of the coordinator without submitting it."""
+
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun, TaskSubmission
+from robrain.protocol.wire.reasons.robots import Halted
+from robrain.protocol.wire.reasons.tasks import AfterUnknown, NobodyThere, NotBefore
+from robrain.protocol.wire.topics import TASK_DRY_RUN
+
+
+def visit(task_id="t1", x_m=6.0, y_m=4.0, **fields):
+    return Task(id=task_id, kind="visit", place=Point2D(x_m, y_m), **fields)
+
+
+def dry_run(team, task, **times) -> TaskDryRun:
+    return team.ask(TASK_DRY_RUN, TaskSubmission(task=task, by="ann", **times), TaskDryRun)
+
+
+def test_a_dry_run_tells_what_the_task_would_take_each_robot_and_leaves_nothing_behind(team):
+    far, near = team.robot("r1", 3.0), team.robot("r2", 7.0)
+    team.closed_room()
+    team.run(1.0)
+    found = dry_run(team, visit(service_s=5.0))
+    assert (found.refused, found.known, found.waits, found.ahead) == ("", None, "", 0)
+    takes = {one.robot: one for one in found.robots}
+    assert takes["r2"].distance_m < takes["r1"].distance_m
+    assert 5.0 < takes["r2"].time_s < takes["r1"].time_s
+    assert 0.0 < takes["r2"].energy_j < takes["r1"].energy_j
+    team.run(1.0)
+    assert team.states() == {}
+    assert far.offers == near.offers == []
+    assert team.submit(visit()).state is TaskState.QUEUED  # the name is free
+
+
+def test_a_dry_run_is_refused_in_the_words_in_which_the_submission_would_be(team):
+    team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    for task in (visit(x_m=-3.0), visit(y_m=1.95), visit(needs=("arm",)), visit(deadline_ns=1)):
+        refused = dry_run(team, task).refused
+        with pytest.raises(CallError) as caught:
+            team.submit(task)
+        assert refused
+        assert caught.value.message == f"task t1 is refused: {refused}"
+    with pytest.raises(CallError) as caught:
+        dry_run(team, visit(earliest_ns=10**12), deadline_in_s=0.5)
+    assert caught.value.code is ErrorCode.BAD_ARGUMENTS
+
+
+def test_a_dry_run_of_a_known_task_tells_its_state_and_of_another_the_difference(team):
+    team.submit(visit())
+    same = dry_run(team, visit())
+    assert (same.known, same.refused) == (TaskState.QUEUED, "")
+    other = dry_run(team, visit(y_m=5.0))
+    assert other.refused == "there is another task t1: place.y_m is 4.0, not 5.0"
+    assert other.task.place == Point2D(6.0, 4.0)
+
+
+def test_a_dry_run_tells_what_the_task_would_wait_for(team):
+    assert isinstance(dry_run(team, visit()).reason, NobodyThere)
+    robot = team.robot("r1")
+    team.closed_room()
+    team.run(1.0)
+    later = dry_run(team, visit(), earliest_in_s=30.0)
+    assert isinstance(later.reason, NotBefore)
+    assert later.waits
+    assert dry_run(team, visit(after=("door",))).reason == AfterUnknown("door")
+    robot.halted = True
+    team.run(1.0)
+    (verdict,) = dry_run(team, visit()).robots
+    assert verdict.reason == Halted()
+    assert verdict.energy_j is None
+
+
+def test_a_dry_run_counts_the_tasks_that_are_at_least_as_urgent_and_not_begun(team):
+    team.submit(visit("urgent", priority=5.0))
+    team.submit(visit("equal", priority=2.0))
+    team.submit(visit("minor", priority=1.0))
+    assert dry_run(team, visit(priority=2.0)).ahead == 2

@@ -1,0 +1,81 @@
+"""The map as a picture."""
+
+import io
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robrain.coordinator.drawing.map_view import MapView
+from robrain.coordinator.drawing.palette import FREE, FRONTIER, HALTED, OCCUPIED, UNKNOWN, look_of
+from robrain.deploy.assistant.map_picture import MARGIN_M, SIDE_PX, DrawnRobot, DrawnTask, map_png
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping import grid_geometry
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.protocol.wire.messages.maps.map_patch import to_message
+
+WIDTH_M, HEIGHT_M = 12.0, 6.0
+ORIGIN = (-20.0, -10.0)
+
+
+@pytest.fixture(scope="module")
+def floor() -> MapView:
+    """A free room from (0, 0) to (12, 6) with a wall one metre thick on the right, on a larger grid."""
+    classes = np.full((60, 120), grid_geometry.FREE, np.int8)
+    classes[:, 110:] = grid_geometry.OCCUPIED
+    view = MapView()
+    geometry = GridGeometry(0.1, *ORIGIN, 400, 300)
+    view.merge(to_message("r1", geometry, PatchCells(100, 200, classes, 1000)))
+    return view
+
+
+def pixel(png: bytes, x_m: float, y_m: float, bounds: tuple[float, float, float, float]) -> tuple[int, ...]:
+    """The colour at a place of the arena, for a map with these bounds."""
+    with Image.open(io.BytesIO(png)) as image:
+        px_per_m = image.width / (bounds[2] - bounds[0] + 2 * MARGIN_M)
+        at = int((x_m - bounds[0] + MARGIN_M) * px_per_m), int((bounds[3] + MARGIN_M - y_m) * px_per_m)
+        found = image.convert("RGB").getpixel(at)
+    assert isinstance(found, tuple)
+    return found
+
+
+def test_floor_walls_and_unknown_lie_where_they_are_in_the_arena(floor: MapView) -> None:
+    bounds = floor.known_bounds_m()
+    assert bounds == pytest.approx((0.0, 0.0, WIDTH_M, HEIGHT_M))
+    png = map_png(floor, [], [])
+    assert pixel(png, 0.53, 0.53, bounds) == FREE
+    assert pixel(png, 10.53, 5.53, bounds) == FREE
+    assert pixel(png, 11.53, 0.53, bounds) == OCCUPIED
+    assert pixel(png, -0.53, 3.53, bounds) == UNKNOWN
+    assert pixel(png, 12.53, 3.53, bounds) == UNKNOWN
+    with Image.open(io.BytesIO(png)) as image:
+        assert max(image.size) == pytest.approx(min(SIDE_PX, 60 * (WIDTH_M + 2 * MARGIN_M)), abs=1)
+
+
+def test_robots_and_tasks_are_drawn_at_their_places(floor: MapView) -> None:
+    robots = [
+        DrawnRobot("r1", Pose2D(3.3, 1.4, math.pi / 2), 0.3, halted=False),
+        DrawnRobot("r2", Pose2D(8.3, 1.4, 0.0), 0.3, halted=True),
+    ]
+    tasks = [DrawnTask("t1", Point2D(5.3, 4.4), begun=True), DrawnTask("t2", Point2D(7.3, 4.4), begun=False)]
+    png, bounds = map_png(floor, robots, tasks), (0.0, 0.0, WIDTH_M, HEIGHT_M)
+    assert pixel(png, 3.3, 1.25, bounds) == look_of(0).color  # below the middle: the nose points upwards
+    assert pixel(png, 8.15, 1.4, bounds) == HALTED
+    assert pixel(png, 5.3, 4.4, bounds) == FRONTIER
+    assert pixel(png, 7.3, 4.4, bounds) not in (FREE, FRONTIER)
+
+
+def test_an_empty_map_is_a_picture_too() -> None:
+    for robots in ([], [DrawnRobot("r1", Pose2D(500.0, -3.0, 0.0), 0.2, halted=False)]):
+        with Image.open(io.BytesIO(map_png(MapView(), robots, []))) as image:
+            assert image.size[0] == image.size[1] > 50
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
+def test_places_that_are_none_do_not_spoil_the_picture(bad: float) -> None:
+    far = DrawnRobot("r\u00e4\u2603" * 100, Pose2D(bad, 0.0, 0.0), 1e9, halted=False)
+    near = DrawnRobot("r2", Pose2D(1.0, 1.0, 0.0), 0.2, halted=False)
+    with Image.open(io.BytesIO(map_png(MapView(), [near, far], []))) as image:
+        assert max(image.size) <= SIDE_PX + 1
