@@ -35,6 +35,8 @@ class Board:
         """Dead reckoning; mocdevice writes it, and goes on from it after a restart."""
         self.wheel_ticks: tuple[int, ...] | None = None
         """Counts of the wheel encoders at that pose."""
+        self.told_odometry: tuple[Pose2D, int] | None = None
+        """Of a base that adds up its own odometry: the pose that it told last, and that message's number."""
         self.has_scanned = False
         """Whether the lidar has ever spoken; scan writes it."""
         self.doubted_scan: list[int] | None = None

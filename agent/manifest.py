@@ -50,6 +50,8 @@ class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Number of consecutive restarts after which the plugin stays faulted."""
     backoff_s: float = 0.5
     """Time before the first restart; it doubles with each one."""
+    backoff_max_s: float = 30.0
+    """Longest time before a restart."""
     hang_s: float = 5.0
     """A step or call that takes longer is taken for hung, in live."""
     start_s: float = 20.0
@@ -58,7 +60,7 @@ class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`process`: run it in a process of its own, in live."""
 
     def __post_init__(self) -> None:
-        check_positive(self, "backoff_s", "hang_s", "start_s")
+        check_positive(self, "backoff_s", "backoff_max_s", "hang_s", "start_s")
         if self.restart_limit < 0:
             raise ValueError(f"expected restart_limit >= 0, got {self.restart_limit}")
 

@@ -27,6 +27,11 @@ EXTRAS = {
     "distributed": "sweep",
     "foxglove": "foxglove",
     "cryptography": "security",
+    "rclpy": "ros2",
+    "geometry_msgs": "ros2",
+    "nav_msgs": "ros2",
+    "sensor_msgs": "ros2",
+    "std_srvs": "ros2",
     "ortools": "bench",
     "vrplib": "bench",
 }

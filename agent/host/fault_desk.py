@@ -19,7 +19,6 @@ FLOOD_DROPS_A_SECOND = 1000
 """A plugin whose notifications overflow others' mailboxes faster than this floods."""
 STEADY_S = 60.0
 """A plugin that has run for so long has its restarts forgiven."""
-LONGEST_BACKOFF_S = 30.0
 HUNG_PERIOD_NS = to_ns(0.1)
 
 
@@ -77,7 +76,7 @@ class FaultDesk:
         if policy.restart != "on-failure" or attempts >= policy.restart_limit:
             self._cases[plugin.name] = _Case(plugin, None, attempts=attempts)
             return
-        again_ns = now_ns + to_ns(min(policy.backoff_s * 2**attempts, LONGEST_BACKOFF_S))
+        again_ns = now_ns + to_ns(min(policy.backoff_s * 2**attempts, policy.backoff_max_s))
         self._cases[plugin.name] = _Case(plugin, again_ns, attempts=attempts + 1)
         self.look_ns = min(self.look_ns, again_ns)
 

@@ -1,4 +1,6 @@
-"""A ROS 2 robot that knows nothing of robrain: cmd_vel in; odom, scan, battery_state, ground_truth (for tests) and TF out.
+"""A ROS 2 robot that knows nothing of robrain: cmd_vel in; odom, scan, battery_state and TF out.
+
+For tests it also tells where it really is, on ground_truth.
 
 python robot_node.py --ros-args -p map:=../maps/clinic.yaml -p x:=0.0 -p y:=0.0 -r __ns:=/r7
 """
@@ -17,7 +19,6 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, LaserScan
-
 from simulated_robot import Battery, Body, FloorMap, Lidar, Pose, Twist
 
 try:  # it comes with an installed ROS 2, not from PyPI

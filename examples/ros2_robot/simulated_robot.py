@@ -126,7 +126,9 @@ class Body:
         self.pose = moved
         believed = 1.0 + self._slip * rng.normal(size=3)
         velocity = self.velocity
-        seen = Twist(velocity.forward_m_s * believed[0], velocity.left_m_s * believed[1], velocity.yaw_rad_s * believed[2])
+        seen = Twist(
+            velocity.forward_m_s * believed[0], velocity.left_m_s * believed[1], velocity.yaw_rad_s * believed[2]
+        )
         self.odometry = _moved(self.odometry, seen, dt_s)
 
     def _touches(self, pose: Pose) -> bool:

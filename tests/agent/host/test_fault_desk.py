@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from robrain.agent.errors import PluginError, PluginHung
-from robrain.agent.host.fault_desk import FLOOD_DROPS_A_SECOND, HUNG_PERIOD_NS, LONGEST_BACKOFF_S, STEADY_S, FaultDesk
+from robrain.agent.host.fault_desk import FLOOD_DROPS_A_SECOND, HUNG_PERIOD_NS, STEADY_S, FaultDesk
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Level, PluginState
 from robrain.protocol.wire.clock import to_ns
@@ -38,7 +38,7 @@ class Tag:
         self.turn = Turn()
         self.dropped = 0
         self.done: list[str] = []
-        tag = {"restart": "on-failure", "restart_limit": 3, "backoff_s": 0.5} | policy
+        tag = {"restart": "on-failure", "restart_limit": 3, "backoff_s": 0.5, "backoff_max_s": 30.0} | policy
         self.manifest = SimpleNamespace(tag=SimpleNamespace(**tag))
 
     def events(self) -> dict[str, Any]:
@@ -173,10 +173,11 @@ def test_pauses_before_restarts_double_and_end_with_the_limit() -> None:
     assert boiler.restarts == 3
 
 
-def test_pause_before_a_restart_is_never_longer_than_half_a_minute() -> None:
-    boiler = Tag("boiler", backoff_s=20.0)
+@pytest.mark.parametrize(("policy", "longest_s"), [({}, 30.0), ({"backoff_max_s": 25.0}, 25.0)])
+def test_pause_before_a_restart_is_at_most_half_a_minute_or_what_the_manifest_says(policy, longest_s) -> None:
+    boiler = Tag("boiler", backoff_s=20.0, **policy)
     robot = Robot(boiler)
-    for wait_s in (20.0, LONGEST_BACKOFF_S, LONGEST_BACKOFF_S):
+    for wait_s in (20.0, longest_s, longest_s):
         faulted(boiler, robot, 0)
         robot.look(to_ns(wait_s) - 1)
         assert boiler.state is PluginState.FAULTED
