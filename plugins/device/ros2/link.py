@@ -31,6 +31,8 @@ M = TypeVar("M")
 LINGER_S = 60.0
 SPIN_S = 0.2
 JOIN_S = 5.0
+DISCOVERY_S = 5.0
+"""By then a node knows the publishers that there are."""
 ACKNOWLEDGE_S = 0.1
 """How long the end of a publisher waits until its last message is acknowledged."""
 ARGUMENTS = ["--ros-args", "--disable-external-lib-logs"]
@@ -56,7 +58,7 @@ class Ros2Link:
         self.failure = ""
         """Why the node is not spun any more; empty while it is."""
         self.users = 0
-        self._released_s = 0.0
+        self._released_s, self._opened_s = 0.0, time.monotonic()
         self._context = rclpy.context.Context()
         rclpy.init(args=ARGUMENTS, context=self._context, domain_id=domain_id)
         self.node: Any = rclpy.create_node(
@@ -96,6 +98,10 @@ class Ros2Link:
     def publishers(self, topic: str) -> int:
         """How many publishers of a topic are known."""
         return int(self.node.count_publishers(topic))
+
+    def is_gone(self, topic: str) -> bool:
+        """Whether a topic has no publisher, and the node has been there for long enough to know."""
+        return time.monotonic() - self._opened_s > DISCOVERY_S and not self.publishers(topic)
 
     def release(self) -> None:
         """Have one user less."""

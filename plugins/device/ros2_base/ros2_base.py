@@ -85,6 +85,8 @@ class Ros2Base(Device):
         self._heard_ns: int | None = None
         self._since_ns = self.env.clock.now_ns()
         link = self._link = open_link(self.env, wanted)
+        if self._is_again and link.is_gone(wanted.topic(wanted.odom)):
+            raise BusFault(self.env.plugin, self._silent_words("no odometry"))
         self._publisher = link.publisher(
             TwistStamped if wanted.stamped else Twist, wanted.topic(wanted.cmd_vel), COMMAND_QOS
         )

@@ -78,10 +78,11 @@ class Ros2Scan(Device):
         self._heard_ns = self.env.clock.now_ns()
         self._clock = StampClock()
         self._reader = ScanReader(Pose2D(wanted.x_m, wanted.y_m, wanted.yaw_rad), wanted.beams, wanted.range_max_m)
-        self._link = open_link(self.env, wanted)
-        self._inbox = self._link.subscribe(
-            LaserScanMessage, wanted.topic(wanted.scan), qos_profile_sensor_data, self.env.hurry
-        )
+        link, topic = open_link(self.env, wanted), wanted.topic(wanted.scan)
+        self._link = link
+        if self.env.board.has_scanned and link.is_gone(topic):
+            raise LidarFault(self.env.plugin, f"no turn of the lidar: {self._where(link)}")
+        self._inbox = link.subscribe(LaserScanMessage, topic, qos_profile_sensor_data, self.env.hurry)
 
     def step(self) -> None:
         link, inbox = self._link, self._inbox
@@ -156,11 +157,13 @@ class Ros2Scan(Device):
         if silent_ns < self._silence.limit_ns:
             return
         what = "no turn" if board.doubted_scan is None else "nothing but the turn that it froze in"
+        self._fail(f"the lidar has sent {what} for {silent_ns / NS_PER_S:.1f} s: {self._where(link)}")
+
+    def _where(self, link: Ros2Link) -> str:
         topic = self.parameters.topic(self.parameters.scan)
-        where = f"{topic} is silent, or what it says is rejected"
         if not link.publishers(topic):
-            where = f"{topic} has no publisher in ROS domain {link.domain_id}"
-        self._fail(f"the lidar has sent {what} for {silent_ns / NS_PER_S:.1f} s: {where}")
+            return f"{topic} has no publisher in ROS domain {link.domain_id}"
+        return f"the publisher of {topic} is silent, or what it says is rejected"
 
     def _fail(self, why: str) -> None:
         self.trouble.notify(why)

@@ -87,6 +87,10 @@ class ScanReader:
         valid = is_hit | is_free
         angles_rad, ranges_m, is_hit = self._angles_rad[valid], ranges_m[valid], is_hit[valid]
         if self._beams:
+            # From its centre the robot sees less far in the direction away from the lidar.
+            far_m -= math.hypot(self._mounted.x_m, self._mounted.y_m)
+            if far_m <= 0.0:
+                raise BadScan(f"expected a reach beyond the robot's centre, got range_max {message.range_max:g}")
             angles_rad, ranges_m = self._resample(angles_rad, ranges_m, is_hit, far_m)
         return ToldScan(_middle_ns(message, len(valid)), tuple(angles_rad.tolist()), tuple(ranges_m.tolist()), far_m)
 
@@ -116,11 +120,11 @@ class ScanReader:
         step_rad = TURN_RAD / self._beams
         seen_rad, seen_m = np.arctan2(y_m, x_m), np.hypot(x_m, y_m)
         seen_m = np.where(is_hit & (seen_m < far_m), seen_m, far_m)
-        direction = np.floor((seen_rad + math.pi) / step_rad).astype(np.int64) % self._beams
+        direction = np.rint((seen_rad + math.pi) / step_rad).astype(np.int64) % self._beams
         nearest_m = np.full(self._beams, np.inf)
         np.minimum.at(nearest_m, direction, seen_m)
         # The angle of the beam that was hit, not that of the direction's middle, so that walls stay where they are.
-        angles = -math.pi + step_rad * (np.arange(self._beams) + 0.5)
+        angles = -math.pi + step_rad * np.arange(self._beams)
         is_nearest = seen_m <= nearest_m[direction]
         angles[direction[is_nearest]] = seen_rad[is_nearest]
         was_seen = np.isfinite(nearest_m)
