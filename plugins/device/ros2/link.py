@@ -10,7 +10,9 @@ import os
 import re
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any, TypeVar
 
 import rclpy
@@ -27,10 +29,12 @@ from robrain.protocol.wire.endpoint import Drive
 logger = logging.getLogger(__name__)
 
 M = TypeVar("M")
+R = TypeVar("R")
 
 LINGER_S = 60.0
 SPIN_S = 0.2
 JOIN_S = 5.0
+DO_S = 5.0
 DISCOVERY_S = 5.0
 """By then a node knows the publishers that there are."""
 ACKNOWLEDGE_S = 0.1
@@ -67,6 +71,8 @@ class Ros2Link:
         self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._closing = threading.Event()
+        self._asked: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
+        self._asking = threading.Lock()
         self._thread = threading.Thread(target=self._spin, name=f"ros2-{name}", daemon=True)
         self._thread.start()
 
@@ -80,24 +86,46 @@ class Ros2Link:
             on_arrival: called after each message, on the thread of the node.
 
         """
-        return Subscription(self.node, kind, topic, qos, on_arrival)
+        return self.do(lambda: Subscription(self, kind, topic, qos, on_arrival))
 
     def publisher(self, kind: type[Any], topic: str, qos: Any) -> "Publisher":
         """Publish on a topic; arguments as for `subscribe`."""
-        return Publisher(self.node, kind, topic, qos)
+        return self.do(lambda: Publisher(self, kind, topic, qos))
 
     def every(self, period_s: float, function: Callable[[], None]) -> Callable[[], None]:
         """Call a function on the thread of the node; returns what ends that."""
-        timer = self.node.create_timer(period_s, function)
+        timer = self.do(lambda: self.node.create_timer(period_s, function))
+        return lambda: self.end(lambda: self.node.destroy_timer(timer))
 
-        def end() -> None:
-            self.node.destroy_timer(timer)
+    def do(self, function: Callable[[], R]) -> R:
+        """Have a function called on the thread of the node, between two messages, and wait for that.
 
-        return end
+        The executor fails if what it waits for is destroyed meanwhile.
+
+        Raises:
+            RuntimeError: the node is not spun any more.
+
+        """
+        if threading.current_thread() is self._thread:
+            return function()
+        done: Future[R] = Future()
+        with self._asking:
+            if self.failure:
+                raise RuntimeError(self.failure)
+            self._asked.append((function, done))
+        self._executor.wake()
+        return done.result(DO_S)
+
+    def end(self, function: Callable[[], object]) -> None:
+        """As `do`, for what ends with the node in any case."""
+        try:
+            self.do(function)
+        except (RuntimeError, TimeoutError) as error:
+            logger.debug("not ended before the ROS 2 node: %s", error)
 
     def publishers(self, topic: str) -> int:
         """How many publishers of a topic are known."""
-        return int(self.node.count_publishers(topic))
+        return int(self.node.count_publishers(topic)) if not self.failure else 0
 
     def is_gone(self, topic: str) -> bool:
         """Whether a topic has no publisher, and the node has been there for long enough to know."""
@@ -120,16 +148,27 @@ class Ros2Link:
         try:
             while not self._closing.is_set() and not self._is_forgotten():
                 self._executor.spin_once(timeout_sec=SPIN_S)
+                self._do_what_was_asked()
         except (rclpy.executors.ExternalShutdownException, rclpy.executors.ShutdownException):
             self.failure = "the ROS 2 context was shut down"
         except Exception as error:  # whatever a library under rclpy raises is told as the devices' fault
             self.failure = f"the ROS 2 node has failed: {error}"
             logger.exception("the ROS 2 node is not spun any more")
         finally:
+            with self._asking:
+                self.failure = self.failure or "the ROS 2 node was closed"
+            self._do_what_was_asked()
             self._executor.shutdown(timeout_sec=0.0)
             self.node.destroy_node()
             self._context.try_shutdown()
-            self.failure = self.failure or "the ROS 2 node was closed"
+
+    def _do_what_was_asked(self) -> None:
+        while self._asked:
+            function, done = self._asked.popleft()
+            try:
+                done.set_result(function())
+            except Exception as error:  # noqa: BLE001 - raised again where it was asked for
+                done.set_exception(error)
 
     def _is_forgotten(self) -> bool:
         with _links_lock:
@@ -143,27 +182,26 @@ class Ros2Link:
 class Subscription(Ros2Inbox[M]):
     """What comes on a topic; see `Ros2Link.subscribe`."""
 
-    def __init__(self, node: Any, kind: type[M], topic: str, qos: Any, on_arrival: Callable[[], None]) -> None:
+    def __init__(self, link: Ros2Link, kind: type[M], topic: str, qos: Any, on_arrival: Callable[[], None]) -> None:
         super().__init__(on_arrival)
-        self.topic = topic
-        self._node = node
+        self._link = link
 
         def take(message: M, info: dict[str, int | None]) -> None:
             self.put(message, info["received_timestamp"] or time.time_ns(), info["publication_sequence_number"] or 0)
 
-        self._subscription = node.create_subscription(kind, topic, take, qos)
+        self._subscription = link.node.create_subscription(kind, topic, take, qos)
 
     def close(self) -> None:
         """Hear no more."""
-        self._node.destroy_subscription(self._subscription)
+        self._link.end(lambda: self._link.node.destroy_subscription(self._subscription))
 
 
 class Publisher:
     """Publishes on a topic; see `Ros2Link.publisher`."""
 
-    def __init__(self, node: Any, kind: type[Any], topic: str, qos: Any) -> None:
-        self._node = node
-        self._publisher = node.create_publisher(kind, topic, qos)
+    def __init__(self, link: Ros2Link, kind: type[Any], topic: str, qos: Any) -> None:
+        self._link = link
+        self._publisher = link.node.create_publisher(kind, topic, qos)
 
     def publish(self, message: Any) -> None:
         """Publish; on any thread."""
@@ -175,9 +213,12 @@ class Publisher:
 
     def close(self) -> None:
         """Publish no more; what was published last is given a moment to arrive."""
+        self._link.end(self._close)
+
+    def _close(self) -> None:
         if self.listeners():
             self._publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S))
-        self._node.destroy_publisher(self._publisher)
+        self._link.node.destroy_publisher(self._publisher)
 
 
 def open_link(env: Environment, parameters: Ros2Parameters) -> Ros2Link:
