@@ -12,6 +12,7 @@ OF_COMMANDS = {
     "sweep": "sweep",
     "fork": "sim,team",
     "foxglove": "foxglove",
+    "ros2": "ros2",
     "bench allocation": "team",
     "bench consensus": "team",
     "bench log": "navigation",

@@ -61,7 +61,7 @@ class Ros2Link:
         self.domain_id = domain_id
         self.failure = ""
         """Why the node is not spun any more; empty while it is."""
-        self.users = 0
+        self.users = 1
         self._released_s, self._opened_s = 0.0, time.monotonic()
         self._context = rclpy.context.Context()
         rclpy.init(args=ARGUMENTS, context=self._context, domain_id=domain_id)
@@ -230,7 +230,10 @@ def open_link(env: Environment, parameters: Ros2Parameters) -> Ros2Link:
     """
     if env.wire.drive is Drive.LOCKSTEP:
         raise HardwareAbsent(env.plugin, "a ROS 2 robot runs by the wall clock, and this run does not")
-    domain_id = parameters.domain_id if parameters.domain_id is not None else _own_domain(env.plugin)
+    try:
+        domain_id = environment_domain() if parameters.domain_id is None else parameters.domain_id
+    except ValueError as error:
+        raise HardwareAbsent(env.plugin, str(error)) from error
     key = (f"robrain_{_NOT_IN_NAMES.sub('_', env.robot)}", domain_id)
     with _links_lock:
         if not _links:
@@ -241,7 +244,8 @@ def open_link(env: Environment, parameters: Ros2Parameters) -> Ros2Link:
                 link = _links[key] = Ros2Link(*key)
             except Exception as error:  # rclpy's errors have no common base
                 raise HardwareAbsent(env.plugin, f"ROS 2 does not start in domain {domain_id}: {error}") from error
-        link.users += 1
+        else:
+            link.users += 1
     return link
 
 
@@ -254,8 +258,9 @@ def close_links() -> None:
         link.close()
 
 
-def _own_domain(plugin: str) -> int:
-    text = os.environ.get(DOMAIN_VARIABLE, "0") or "0"
+def environment_domain() -> int:
+    """The ROS domain that the environment names; 0 if it names none (ValueError)."""
+    text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
     if not text.isdigit() or int(text) > DOMAIN_MAX:
-        raise HardwareAbsent(plugin, f"expected ${DOMAIN_VARIABLE} from 0 to {DOMAIN_MAX}, got {text!r}")
+        raise ValueError(f"expected ${DOMAIN_VARIABLE} from 0 to {DOMAIN_MAX}, got {text!r}")
     return int(text)
