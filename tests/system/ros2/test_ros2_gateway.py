@@ -2,10 +2,12 @@
 
 import json
 import math
+from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
 
+from tests.ros2_interfaces.build import is_built, variables
 from tests.waiting import PATIENCE_S, until
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'robrain[ros2]'")
@@ -30,8 +32,8 @@ def gateway(commands):
     process = commands.start("up", "arena_small", "--robots", "1", "--no-dashboard")
     hub = commands.line_with(process, "hub: ").split()[1]
 
-    def start(*words):
-        gateway = commands.start("ros2", "gateway", "--connect", hub, *words)
+    def start(*words, **variables):
+        gateway = commands.start("ros2", "gateway", "--connect", hub, *words, **variables)
         line = commands.line_with(gateway, "ros2 gateway: ")
         assert "team default in ROS domain" in line
         return line
@@ -94,6 +96,24 @@ def test_an_rclpy_node_sees_map_poses_paths_and_scans_gives_a_task_and_halts(gat
     assert done.result().success, done.result().message
     assert done.result().message == "halted: r1"
     assert team.state("r1").has_stopped
+
+
+@pytest.mark.skipif(not is_built(), reason="interfaces are not built here: make ros2-interfaces")
+def test_transforms_are_published_and_a_task_is_submitted_by_a_service(gateway, domain, commands):
+    start, team = gateway
+    start(**variables())
+    script = str(FilePath(__file__).parent / "interface_client.py")
+    environment = {**variables(), **domain.variables}
+    done = commands.run_python(script, '{"kind": "visit", "place": [2.0, 2.0]}', "visit", timeout_s=100, **environment)
+    assert done.returncode == 0, done.stderr
+    transform, taken, refused = map(json.loads, done.stdout.splitlines())
+    assert transform["frames"] == ["map", "r1/base_link"]
+    pose = team.state("r1").pose
+    assert math.dist(transform["place"], (pose.x_m, pose.y_m)) < 8.0
+    assert taken["accepted"]
+    assert team.get(json.loads(taken["answer"])["task"]["id"]).task.kind == "visit"
+    assert not refused["accepted"]
+    assert "expected a task as JSON" in refused["answer"]
 
 
 @pytest.mark.parametrize(
