@@ -6,19 +6,18 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robrain.client.team import Team
+from tests.ros_domain import Domain
 from tests.system.conftest import Commands
 
 if TYPE_CHECKING:
-    from tests.system.ros2.ros_robot import Domain, Listener, RosRobot
+    from tests.system.ros2.ros_robot import Listener, RosRobot
 
 LACKING = "ROS 2 is not installed here: pip install 'robrain[ros2]'"
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator["Domain"]:
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[Domain]:
     pytest.importorskip("rclpy", reason=LACKING)
-    from tests.system.ros2.ros_robot import Domain
-
     domain = Domain()
     for name, value in domain.variables.items():
         monkeypatch.setenv(name, value)
@@ -27,7 +26,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator["Domain"]:
 
 
 @pytest.fixture
-def ros_robot(domain: "Domain", tmp_path: Path) -> Iterator[Callable[..., "RosRobot"]]:
+def ros_robot(domain: Domain, tmp_path: Path) -> Iterator[Callable[..., "RosRobot"]]:
     """Starts a ROS 2 robot in the room."""
     from tests.system.ros2.ros_robot import RosRobot, draw_room
 
@@ -43,7 +42,7 @@ def ros_robot(domain: "Domain", tmp_path: Path) -> Iterator[Callable[..., "RosRo
 
 
 @pytest.fixture
-def listener(domain: "Domain") -> Iterator["Listener"]:
+def listener(domain: Domain) -> Iterator["Listener"]:
     from tests.system.ros2.ros_robot import Listener
 
     listener = Listener(domain)

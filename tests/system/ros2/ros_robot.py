@@ -1,9 +1,7 @@
 """A ROS 2 robot in a process of its own, the map that it drives on, and a ROS 2 node that listens to it."""
 
 import os
-import random
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -18,42 +16,14 @@ from geometry_msgs.msg import PoseStamped
 from PIL import Image
 from rclpy.executors import SingleThreadedExecutor
 
+from tests.ros_domain import Domain
+
 ROBOT_NODE = Path(__file__).parents[3] / "examples" / "ros2_robot" / "robot_node.py"
 CELL_M = 0.05
 WALL_CELLS = 2
-FIRST_PORT, PORTS_A_DOMAIN, DOMAINS = 7400, 250, 100
 ROOM_M = (6.0, 4.0)
 GRID = {"resolution_m": CELL_M, "origin_x_m": -0.5, "origin_y_m": -0.5, "width_m": 7.0, "height_m": 5.0}
 """[parameters.mapper] of the room."""
-
-
-class Domain:
-    """A ROS domain that no other test process has: the number of a port that only one of them can bind."""
-
-    def __init__(self) -> None:
-        for domain_id in random.SystemRandom().sample(range(1, DOMAINS + 1), DOMAINS):
-            self._held = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-            try:
-                self._held.bind(("127.0.0.1", FIRST_PORT + PORTS_A_DOMAIN * domain_id))
-            except OSError:
-                self._held.close()
-                continue
-            self.id = domain_id
-            return
-        raise AssertionError("all ROS domains are taken by other tests")
-
-    @property
-    def variables(self) -> dict[str, str]:
-        """Environment of a ROS 2 process that reaches nobody else."""
-        return {
-            "ROS_DOMAIN_ID": str(self.id),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "ROS_LOCALHOST_ONLY": "1",
-        }
-
-    def close(self) -> None:
-        """Leave it to others."""
-        self._held.close()
 
 
 def draw_room(folder: Path) -> Path:
