@@ -116,6 +116,14 @@ class Ros2Link:
         self._executor.wake()
         return done.result(DO_S)
 
+    def later(self, function: Callable[[], object]) -> None:
+        """As `do`, without waiting; without effect once the node is not spun any more."""
+        with self._asking:
+            if self.failure:
+                return
+            self._asked.append((function, Future()))
+        self._executor.wake()
+
     def end(self, function: Callable[[], object]) -> None:
         """As `do`, for what ends with the node in any case."""
         try:
@@ -168,6 +176,7 @@ class Ros2Link:
             try:
                 done.set_result(function())
             except Exception as error:  # noqa: BLE001 - raised again where it was asked for
+                logger.debug("asked of the ROS 2 node: %s", error)
                 done.set_exception(error)
 
     def _is_forgotten(self) -> bool:

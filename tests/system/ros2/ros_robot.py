@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -116,8 +116,12 @@ class Listener:
         self._context.try_shutdown()
 
 
-def robot_file(**parameters: dict[str, object]) -> str:
-    """ROBOT.toml of the robot: its devices are ROS 2's, all above them is stock."""
+ROLES = {"mocdevice": "ros2_base", "scan": "ros2_scan", "bm2": "ros2_battery"}
+LOAD = ("explore", "visit", "battery", "energy", "wander", "command")
+
+
+def robot_file(*, roles: Mapping[str, str] = ROLES, load: Sequence[str] = LOAD, **parameters: dict[str, object]) -> str:
+    """ROBOT.toml of the robot: its devices are ROS 2's, what is above them is stock unless `roles` says otherwise."""
     import tomli_w
 
     known: dict[str, dict[str, object]] = {
@@ -129,11 +133,7 @@ def robot_file(**parameters: dict[str, object]) -> str:
     }
     for name, changed in parameters.items():
         known[name] = known.get(name, {}) | changed
-    table = {
-        "name": "r1",
-        "load": ["explore", "visit", "battery", "energy", "wander", "command"],
-        "roles": {"mocdevice": "ros2_base", "scan": "ros2_scan", "bm2": "ros2_battery"},
-    }
+    table = {"name": "r1", "load": list(load), "roles": dict(roles)}
     return tomli_w.dumps({"robot": table, "parameters": known})
 
 

@@ -9,7 +9,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'r
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.ros2.command_gate import TICK_S
-from robrain.plugins.device.ros2.inbox import INBOX_MESSAGES, Ros2Inbox
+from robrain.plugins.device.ros2.inbox import INBOX_MESSAGES
 from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters
 from robrain.plugins.device.ros2_base import ros2_base
@@ -18,73 +18,12 @@ from robrain.plugins.device.ros2_scan import ros2_scan
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.topics import ROBOT_EVENT
+from tests.plugins.device.ros2.fake_link import Link
 from tests.plugins.device.ros2.ros_words import STANDING, battery, odometry, scan
 
 ROLES = {"mocdevice": "ros2_base", "scan": "ros2_scan", "bm2": "ros2_battery"}
 TICK_NS = to_ns(0.02)
 GONE = Pose2D(0.0, 0.0, 0.0)
-
-
-class Spoken(Ros2Inbox):
-    """A subscription that the test speaks to."""
-
-    is_closed = False
-
-    def close(self):
-        self.is_closed = True
-
-
-class Heard:
-    """A publisher that keeps what is published."""
-
-    def __init__(self):
-        self.messages = []
-        self.is_closed = False
-
-    def publish(self, message):
-        assert not self.is_closed
-        self.messages.append(message)
-
-    def listeners(self):
-        return 1
-
-    def close(self):
-        self.is_closed = True
-
-
-class Link:
-    """Stands for the node of the process."""
-
-    domain_id = 7
-
-    def __init__(self):
-        self.failure = ""
-        self.users = 0
-        self.inboxes = {}
-        self.heard = {}
-        self.ticks = []
-        self.present = {"/r1/odom", "/r1/scan"}
-
-    def subscribe(self, kind, topic, qos, on_arrival):
-        self.inboxes[topic] = Spoken(on_arrival)
-        return self.inboxes[topic]
-
-    def publisher(self, kind, topic, qos):
-        self.heard[topic] = Heard()
-        return self.heard[topic]
-
-    def every(self, period_s, function):
-        self.ticks.append(function)
-        return lambda: self.ticks.remove(function)
-
-    def publishers(self, topic):
-        return int(topic in self.present)
-
-    def is_gone(self, topic):
-        return not self.publishers(topic)
-
-    def release(self):
-        self.users -= 1
 
 
 class Robot:
@@ -138,12 +77,8 @@ class Robot:
 def link(monkeypatch):
     link = Link()
 
-    def opened(_env, _parameters):
-        link.users += 1
-        return link
-
     for module in (ros2_base, ros2_scan, ros2_battery):
-        monkeypatch.setattr(module, "open_link", opened)
+        monkeypatch.setattr(module, "open_link", link.opened)
     # The clock of the gate stands for one that is never set; in these tests the robot's clock is not.
     monkeypatch.setattr(ros2_base.time, "monotonic_ns", lambda: link.clock.now_ns())
     return link
