@@ -96,11 +96,12 @@ class Body:
     def __init__(self, floor: FloorMap, start: Pose, *, holonomic: bool, slip: float) -> None:
         self.pose, self.odometry = start, Pose(0.0, 0.0, 0.0)
         self.velocity = Twist()
-        self.bumps = 0
         self._floor, self._holonomic, self._slip = floor, holonomic, slip
         self._wanted, self._commanded_s = Twist(), -math.inf
         edge_rad = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
         self._edge_m = self.radius_m * np.cos(edge_rad), self.radius_m * np.sin(edge_rad)
+        if self._touches(start):
+            raise ValueError(f"expected a start where the robot touches no wall, got {start}")
 
     def command(self, wanted: Twist, now_s: float) -> None:
         """Take a velocity; what is not finite is ignored."""
@@ -120,7 +121,6 @@ class Body:
         )
         moved = _moved(self.pose, self.velocity, dt_s)
         if self._touches(moved):
-            self.bumps += 1
             self.velocity = Twist(yaw_rad_s=self.velocity.yaw_rad_s)
             moved = _moved(self.pose, self.velocity, dt_s)
         self.pose = moved
