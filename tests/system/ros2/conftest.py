@@ -12,6 +12,8 @@ from tests.system.conftest import Commands
 if TYPE_CHECKING:
     from tests.system.ros2.ros_robot import Listener, RosRobot
 
+collect_ignore = ["interface_client.py", "nav_server.py"]
+"""Programs that tests start."""
 LACKING = "ROS 2 is not installed here: pip install 'robrain[ros2]'"
 
 
