@@ -12,7 +12,7 @@ ZENOHD_VERSION := 1.10.2
 ZENOHD_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/robrain/zenohd-$(ZENOHD_VERSION)
 ZENOHD := $(ZENOHD_ROOT)/bin/zenohd
 
-.PHONY: demo test browser kernels test-rust check docs reference bench figures soak endurance mutants format install clean
+.PHONY: demo test browser kernels ros2-interfaces test-rust check docs reference bench figures soak endurance mutants format install clean
 
 demo: install ## a team explores, seen in the browser, recorded
 	@$(BIN)/robrain demo $(ARGS)
@@ -36,6 +36,9 @@ browser: ## Chromium for the dashboard's tests, from the distribution's packages
 
 kernels: install ## compiled once, before many tests at a time need them
 	@$(BIN)/python -c "from robrain.deploy.run.kernels import prepare_kernels; prepare_kernels()"
+
+ros2-interfaces: install ## interfaces of ROS 2 that the package index lacks, for tests: built once, for a minute
+	@$(BIN)/python -m tests.ros2_interfaces.build
 
 test-rust: install ## the plugin in Rust, and secured teams on zenohd; both are built, for minutes, once
 	@if command -v cargo >/dev/null; then \

@@ -40,6 +40,8 @@ class Board:
         mocdevice writes it, at each look, if somebody wants it."""
         self.wants_odometry = False
         """Whether a lidar needs `odometry`, as the robot moves while it turns; scan writes it."""
+        self.told_odometry: tuple[Pose2D, int] | None = None
+        """Of a base that adds up its own odometry: the pose that it told last, and that message's number."""
         self.has_scanned = False
         """Whether the lidar has ever spoken; scan writes it."""
         self.doubted_scan: list[int] | None = None

@@ -31,6 +31,12 @@ EXTRAS = {
     "mcp": "mcp",
     "mcp_types": "mcp",
     "uvicorn": "mcp",
+    "rclpy": "ros2",
+    "geometry_msgs": "ros2",
+    "nav_msgs": "ros2",
+    "sensor_msgs": "ros2",
+    "std_msgs": "ros2",
+    "std_srvs": "ros2",
     "ortools": "bench",
     "vrplib": "bench",
 }

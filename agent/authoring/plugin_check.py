@@ -152,7 +152,9 @@ class _Check:
             yield Finding(
                 manifest.path, key, f"{manifest.name} is not in the visibility of {required}: add it in {other.path}"
             )
-        rivals = [name for name, each in self._all.items() if required in each.tag.requires and name != manifest.name]
+        # Of two plugins for one role, only one is loaded.
+        rivals = [each.name for each in self._all.values() if required in each.tag.requires]
+        rivals = [name for name in dict.fromkeys(rivals) if name != manifest.name]
         if not other.tag.shared and rivals:
             held = f"{required} is not shared, and {', '.join(rivals)} may hold it"
             yield Finding(manifest.path, key, held, is_warning=True)

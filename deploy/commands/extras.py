@@ -13,6 +13,7 @@ OF_COMMANDS = {
     "fork": "sim,team",
     "foxglove": "foxglove",
     "assistant": "mcp",
+    "ros2": "ros2",
     "bench allocation": "team",
     "bench consensus": "team",
     "bench log": "navigation",

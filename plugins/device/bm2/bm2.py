@@ -6,13 +6,13 @@ import can
 import msgspec
 
 from robrain.agent.plugin import Device, external, unlocked
+from robrain.plugins.device.bm2.counting import counted
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, codec
-from robrain.protocol.wire.clock import NS_PER_S
 
 GAP_S = 2.0
-"""A longer time between two frames is not counted: nobody knows what was drawn meanwhile."""
+"""A longer time between two frames is not counted."""
 
 
 class Bm2(Device):
@@ -54,7 +54,7 @@ class Bm2(Device):
             except BadFrame:
                 self._rejected += 1
                 continue
-            self._take(frame.stamp_ns, voltage_v, current_a, temperature_c)
+            self._latest = counted(self._latest, frame.stamp_ns, voltage_v, current_a, temperature_c, gap_s=GAP_S)
 
     def deactivate(self) -> None:
         if self._bus is not None:
@@ -71,15 +71,3 @@ class Bm2(Device):
     def rejected(self) -> int:
         """Frames that were rejected: wrong length or checksum."""
         return self._rejected
-
-    def _take(self, stamp_ns: int, voltage_v: float, current_a: float, temperature_c: float) -> None:
-        charge_c, energy_j, from_ns = 0.0, 0.0, stamp_ns
-        before = self._latest
-        if before is not None:
-            elapsed_s = (stamp_ns - before.stamp_ns) / NS_PER_S
-            # The manager tells the mean of the time since the frame before.
-            counted_s = elapsed_s if 0 < elapsed_s <= GAP_S else 0.0
-            charge_c = before.charge_c + current_a * counted_s
-            energy_j = before.energy_j + voltage_v * current_a * counted_s
-            from_ns = before.counted_from_ns
-        self._latest = BatteryMeasurement(stamp_ns, voltage_v, current_a, temperature_c, charge_c, energy_j, from_ns)

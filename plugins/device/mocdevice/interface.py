@@ -7,6 +7,13 @@ import msgspec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 
 
+class Condition(msgspec.Struct, frozen=True):
+    """Whether the robot can be driven, when that changes."""
+
+    ok: bool
+    why: str = ""
+
+
 class Counters(msgspec.Struct, frozen=True):
     """What the device has seen on its bus."""
 

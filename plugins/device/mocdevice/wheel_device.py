@@ -16,7 +16,7 @@ from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
-from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, MocDeviceInterface
+from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters, MocDeviceInterface
 from robrain.plugins.device.mocdevice.odometry import Counting, WheelOdometry
 from robrain.plugins.device.mocdevice.wheel_link import WheelLink, WheelReport
 from robrain.protocol.model.geometry import Pose2D, Twist2D
@@ -43,13 +43,6 @@ class OpenLink(NamedTuple):
     period_s: float
     """Of the reports."""
     stamped_at: StampedAt
-
-
-class Condition(msgspec.Struct, frozen=True):
-    """Whether the robot can be driven, when that changes."""
-
-    ok: bool
-    why: str = ""
 
 
 class WheelDevice(Device):

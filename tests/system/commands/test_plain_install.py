@@ -80,6 +80,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("journal backup", [], WORKS),
     ("metrics", [], "metrics"),
     ("traces", [], "otel"),
+    ("ros2 gateway", [], "ros2"),
 ]
 """Each command, arguments for it, and the extra that it needs."""
 LACKING = [
@@ -94,6 +95,8 @@ LACKING = [
     ("router", [], "give the router's folder: .*"),
 ]
 """Commands that need something that is not there, and what they say of it."""
+WITH_ROS = {"tf2_msgs", "nav2_msgs", "robrain_msgs"}
+"""Come with an installed ROS 2, or are built there; what uses them does without, or says so."""
 LIVE = ("agent", "hub")
 """Commands that run in the plain install until they are stopped: in the fixture and in the test below."""
 
@@ -226,5 +229,5 @@ def _imported() -> Iterator[tuple[str, str]]:
 def test_every_package_that_is_imported_comes_with_the_plain_install_or_with_an_extra_that_is_known() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert set(EXTRAS.values()) <= set(project["optional-dependencies"])
-    known = plain_packages() | set(sys.stdlib_module_names) | set(EXTRAS) | {"robrain"}
+    known = plain_packages() | set(sys.stdlib_module_names) | set(EXTRAS) | WITH_ROS | {"robrain"}
     assert [(name, path) for name, path in _imported() if name not in known] == []

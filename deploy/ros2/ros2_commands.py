@@ -1,0 +1,26 @@
+"""`robrain ros2 …`: options."""
+
+from typing import Annotated
+
+import typer
+
+from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+
+ros2_app = typer.Typer(no_args_is_help=True, help="A team and ROS 2.", rich_markup_mode=None)
+
+
+@ros2_app.command()
+def gateway(
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    domain: Annotated[
+        int | None, typer.Option(help="ROS domain; default: $ROS_DOMAIN_ID, else 0.", min=0, max=232)
+    ] = None,
+    frame: Annotated[str, typer.Option(help="Name of the team's frame in ROS.")] = "map",
+    read_only: Annotated[bool, typer.Option("--read-only", help="Take no tasks and no halts from ROS.")] = False,
+) -> None:
+    """Show a team to ROS 2: map, poses, paths, scans, task events; take tasks and halts from there."""
+    from robrain.deploy.ros2.gateway_process import gateway_command
+
+    gateway_command(connect, check_name("team", team), domain, frame, read_only=read_only)

@@ -1,0 +1,275 @@
+"""One ROS 2 node of this process, with its context, executor and the thread that spins it.
+
+All plugins of a robot share it. It ends `LINGER_S` after the last of them has released it, so that plugins that are
+restarted find it with the publishers that it has discovered; at the latest it ends with the process.
+"""
+
+import atexit
+import logging
+import os
+import re
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+import rclpy
+import rclpy.context
+import rclpy.executors
+from rclpy.duration import Duration
+
+from robrain.agent.environment import Environment
+from robrain.agent.errors import HardwareAbsent
+from robrain.plugins.device.ros2.inbox import Ros2Inbox
+from robrain.plugins.device.ros2.parameters import DOMAIN_MAX, Ros2Parameters
+from robrain.protocol.wire.endpoint import Drive
+
+logger = logging.getLogger(__name__)
+
+M = TypeVar("M")
+R = TypeVar("R")
+
+LINGER_S = 60.0
+SPIN_S = 0.2
+JOIN_S = 5.0
+DO_S = 5.0
+DISCOVERY_S = 5.0
+"""By then a node knows the publishers that there are."""
+ACKNOWLEDGE_S = 0.1
+"""How long the end of a publisher waits until its last message is acknowledged."""
+ARGUMENTS = ["--ros-args", "--disable-external-lib-logs"]
+"""No log files in the user's home folder: what goes wrong is in the agent's log."""
+DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+
+_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_]")
+_links: "dict[tuple[str, int], Ros2Link]" = {}
+_links_lock = threading.Lock()
+
+
+class Ros2Link:
+    """A node and the thread that spins it; made by `open_link`.
+
+    Args:
+        name: the node's.
+        domain_id: its ROS domain.
+
+    """
+
+    def __init__(self, name: str, domain_id: int) -> None:
+        self.domain_id = domain_id
+        self.failure = ""
+        """Why the node is not spun any more; empty while it is."""
+        self.users = 1
+        self._released_s, self._opened_s = 0.0, time.monotonic()
+        self._context = rclpy.context.Context()
+        rclpy.init(args=ARGUMENTS, context=self._context, domain_id=domain_id)
+        self.node: Any = rclpy.create_node(
+            name, context=self._context, enable_rosout=False, start_parameter_services=False
+        )
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._closing = threading.Event()
+        self._asked: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
+        self._asking = threading.Lock()
+        self._thread = threading.Thread(target=self._spin, name=f"ros2-{name}", daemon=True)
+        self._thread.start()
+
+    def subscribe(self, kind: type[M], topic: str, qos: Any, on_arrival: Callable[[], None]) -> "Subscription[M]":
+        """Hear a topic.
+
+        Args:
+            kind: the message's class.
+            topic: its full name.
+            qos: `rclpy.qos.QoSProfile`.
+            on_arrival: called after each message, on the thread of the node.
+
+        """
+        return self.do(lambda: Subscription(self, kind, topic, qos, on_arrival))
+
+    def publisher(self, kind: type[Any], topic: str, qos: Any) -> "Publisher":
+        """Publish on a topic; arguments as for `subscribe`."""
+        return self.do(lambda: Publisher(self, kind, topic, qos))
+
+    def every(self, period_s: float, function: Callable[[], None]) -> Callable[[], None]:
+        """Call a function on the thread of the node; returns what ends that."""
+        timer = self.do(lambda: self.node.create_timer(period_s, function))
+        return lambda: self.end(lambda: self.node.destroy_timer(timer))
+
+    def do(self, function: Callable[[], R]) -> R:
+        """Have a function called on the thread of the node, between two messages, and wait for that.
+
+        The executor fails if what it waits for is destroyed meanwhile.
+
+        Raises:
+            RuntimeError: the node is not spun any more.
+
+        """
+        if threading.current_thread() is self._thread:
+            return function()
+        done: Future[R] = Future()
+        with self._asking:
+            if self.failure:
+                raise RuntimeError(self.failure)
+            self._asked.append((function, done))
+        self._executor.wake()
+        return done.result(DO_S)
+
+    def later(self, function: Callable[[], object]) -> None:
+        """As `do`, without waiting; without effect once the node is not spun any more."""
+        with self._asking:
+            if self.failure:
+                return
+            self._asked.append((function, Future()))
+        self._executor.wake()
+
+    def end(self, function: Callable[[], object]) -> None:
+        """As `do`, for what ends with the node in any case."""
+        try:
+            self.do(function)
+        except (RuntimeError, TimeoutError) as error:
+            logger.debug("not ended before the ROS 2 node: %s", error)
+
+    def publishers(self, topic: str) -> int:
+        """How many publishers of a topic are known."""
+        return int(self.node.count_publishers(topic)) if not self.failure else 0
+
+    def is_gone(self, topic: str) -> bool:
+        """Whether a topic has no publisher, and the node has been there for long enough to know."""
+        return time.monotonic() - self._opened_s > DISCOVERY_S and not self.publishers(topic)
+
+    def release(self) -> None:
+        """Have one user less."""
+        with _links_lock:
+            self.users -= 1
+            self._released_s = time.monotonic()
+
+    def close(self) -> None:
+        """End the thread and the node; without effect the second time."""
+        self._closing.set()
+        if threading.current_thread() is not self._thread:
+            self._executor.wake()
+            self._thread.join(JOIN_S)
+
+    def _spin(self) -> None:
+        try:
+            while not self._closing.is_set() and not self._is_forgotten():
+                self._executor.spin_once(timeout_sec=SPIN_S)
+                self._do_what_was_asked()
+        except (rclpy.executors.ExternalShutdownException, rclpy.executors.ShutdownException):
+            self.failure = "the ROS 2 context was shut down"
+        except Exception as error:  # whatever a library under rclpy raises is told as the devices' fault
+            self.failure = f"the ROS 2 node has failed: {error}"
+            logger.exception("the ROS 2 node is not spun any more")
+        finally:
+            with self._asking:
+                self.failure = self.failure or "the ROS 2 node was closed"
+            self._do_what_was_asked()
+            self._executor.shutdown(timeout_sec=0.0)
+            self.node.destroy_node()
+            self._context.try_shutdown()
+
+    def _do_what_was_asked(self) -> None:
+        while self._asked:
+            function, done = self._asked.popleft()
+            try:
+                done.set_result(function())
+            except Exception as error:  # noqa: BLE001 - raised again where it was asked for
+                logger.debug("asked of the ROS 2 node: %s", error)
+                done.set_exception(error)
+
+    def _is_forgotten(self) -> bool:
+        with _links_lock:
+            if self.users > 0 or time.monotonic() - self._released_s < LINGER_S:
+                return False
+            for key in [key for key, link in _links.items() if link is self]:
+                del _links[key]
+            return True
+
+
+class Subscription(Ros2Inbox[M]):
+    """What comes on a topic; see `Ros2Link.subscribe`."""
+
+    def __init__(self, link: Ros2Link, kind: type[M], topic: str, qos: Any, on_arrival: Callable[[], None]) -> None:
+        super().__init__(on_arrival)
+        self._link = link
+
+        def take(message: M, info: dict[str, int | None]) -> None:
+            self.put(message, info["received_timestamp"] or time.time_ns(), info["publication_sequence_number"] or 0)
+
+        self._subscription = link.node.create_subscription(kind, topic, take, qos)
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._link.end(lambda: self._link.node.destroy_subscription(self._subscription))
+
+
+class Publisher:
+    """Publishes on a topic; see `Ros2Link.publisher`."""
+
+    def __init__(self, link: Ros2Link, kind: type[Any], topic: str, qos: Any) -> None:
+        self._link = link
+        self._publisher = link.node.create_publisher(kind, topic, qos)
+
+    def publish(self, message: Any) -> None:
+        """Publish; on any thread."""
+        self._publisher.publish(message)
+
+    def listeners(self) -> int:
+        """How many subscriptions are known that take what is published."""
+        return int(self._publisher.get_subscription_count())
+
+    def close(self) -> None:
+        """Publish no more; what was published last is given a moment to arrive."""
+        self._link.end(self._close)
+
+    def _close(self) -> None:
+        if self.listeners():
+            self._publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S))
+        self._link.node.destroy_publisher(self._publisher)
+
+
+def open_link(env: Environment, parameters: Ros2Parameters) -> Ros2Link:
+    """The node of this process, for a plugin that releases it when it is deactivated.
+
+    Raises:
+        HardwareAbsent: in lockstep, or where ROS 2 does not start.
+
+    """
+    if env.wire.drive is Drive.LOCKSTEP:
+        raise HardwareAbsent(env.plugin, "a ROS 2 robot runs by the wall clock, and this run does not")
+    try:
+        domain_id = environment_domain() if parameters.domain_id is None else parameters.domain_id
+    except ValueError as error:
+        raise HardwareAbsent(env.plugin, str(error)) from error
+    key = (f"robrain_{_NOT_IN_NAMES.sub('_', env.robot)}", domain_id)
+    with _links_lock:
+        if not _links:
+            atexit.register(close_links)
+        link = _links.get(key)
+        if link is None or link.failure:
+            try:
+                link = _links[key] = Ros2Link(*key)
+            except Exception as error:  # rclpy's errors have no common base
+                raise HardwareAbsent(env.plugin, f"ROS 2 does not start in domain {domain_id}: {error}") from error
+        else:
+            link.users += 1
+    return link
+
+
+def close_links() -> None:
+    """Close all nodes of this process."""
+    with _links_lock:
+        links = list(_links.values())
+        _links.clear()
+    for link in links:
+        link.close()
+
+
+def environment_domain() -> int:
+    """The ROS domain that the environment names; 0 if it names none (ValueError)."""
+    text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
+    if not text.isdigit() or int(text) > DOMAIN_MAX:
+        raise ValueError(f"expected ${DOMAIN_VARIABLE} from 0 to {DOMAIN_MAX}, got {text!r}")
+    return int(text)

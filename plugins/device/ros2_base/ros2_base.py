@@ -1,0 +1,270 @@
+"""The base of a ROS 2 robot: velocities on `cmd_vel`, odometry from `odom`, with the interface of the stock base.
+
+A robot that tells no odometry is a fault of this device, which is told to the team, and which the manifest's restart
+policy ends once the robot speaks again. The odometry goes on where it was, also if that of the robot starts again.
+"""
+
+import math
+import time
+
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+
+from robrain.agent.event import Event
+from robrain.agent.plugin import Device, external
+from robrain.agent.silence import Silence
+from robrain.plugins.device.mocdevice.errors import BusFault
+from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters, MocDeviceInterface
+from robrain.plugins.device.ros2.command_gate import TICK_S, CommandGate
+from robrain.plugins.device.ros2.link import Publisher, Ros2Link, Subscription, open_link
+from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
+from robrain.plugins.device.ros2.stamp_clock import StampClock
+from robrain.plugins.device.ros2_base.odometry_message import BadOdometry, OdometryMessage, read_odometry
+from robrain.plugins.device.ros2_base.told_path import ToldPath
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+COMMAND_QOS = QoSProfile(depth=1)
+"""Reliable, the newest only: a subscription of any reliability hears it."""
+
+
+class Ros2Base(Device):
+    """Drives a ROS 2 robot by `cmd_vel`, and follows its odometry."""
+
+    class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
+        """Topics and limits; the limits are chosen, take those of your robot."""
+
+        cmd_vel: str = "cmd_vel"
+        """Topic of the velocities."""
+        stamped: bool = False
+        """Whether that takes geometry_msgs/TwistStamped instead of Twist."""
+        command_frame: str = "base_link"
+        """Frame of stamped velocities."""
+        odom: str = "odom"
+        """Topic of the odometry, nav_msgs/Odometry."""
+        holonomic: bool = False
+        """Whether the base can drive sideways."""
+        radius_m: float = 0.20
+        """Radius of the round footprint."""
+        speed_m_s: float = 1.0
+        """Greatest speed; faster commands are slowed down, faster odometry has jumped."""
+        turn_rate_rad_s: float = 3.0
+        """Greatest turn rate; likewise."""
+        silent_s: float = 0.5
+        """Time without odometry after which the robot counts as gone."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            check_topics(self, "cmd_vel", "odom")
+            check_positive(self, "radius_m", "speed_m_s", "turn_rate_rad_s", "silent_s")
+
+    interface = MocDeviceInterface
+    period_s = 0.06  # and whenever somebody asks for the odometry
+    parameters: Parameters
+    condition = Event[Condition](outside=True)
+
+    def init(self) -> None:
+        self._link: Ros2Link | None = None
+        self._inbox: Subscription[OdometryMessage] | None = None
+        self._publisher: Publisher | None = None
+        self._gate: CommandGate | None = None
+        self._believed = self._rejected = self._jumps = 0
+        self._why_rejected = ""
+
+    def activate(self) -> None:
+        board, wanted = self.env.board, self.parameters
+        self._silent_ns = to_ns(wanted.silent_s)
+        self._silence = Silence(self._silent_ns)
+        self._is_again = board.T_odom_robot is not None
+        """The robot has told odometry before: this is a restart, or a reload."""
+        start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
+        self._path = ToldPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.told_odometry)
+        self._clock = StampClock()
+        self._heard_ns: int | None = None
+        self._since_ns = self.env.clock.now_ns()
+        link = self._link = open_link(self.env, wanted)
+        if self._is_again and link.is_gone(wanted.topic(wanted.odom)):
+            raise BusFault(self.env.plugin, self._silent_words("no odometry"))
+        self._publisher = link.publisher(
+            TwistStamped if wanted.stamped else Twist, wanted.topic(wanted.cmd_vel), COMMAND_QOS
+        )
+        self._gate = CommandGate(self._publish, time.monotonic_ns)
+        self._end_ticks = link.every(TICK_S, self._gate.tick)
+        self._inbox = link.subscribe(Odometry, wanted.topic(wanted.odom), qos_profile_sensor_data, _ignore)
+
+    def step(self) -> None:
+        if self._gate is None:
+            return
+        self._gate.release()
+        self._catch_up()
+        try:
+            self._check()
+        except BusFault as fault:
+            self.condition.notify(Condition(False, str(fault)))
+            raise
+
+    def deactivate(self) -> None:
+        link, self._link = self._link, None
+        if self._gate is not None:
+            self._gate.close()
+            self._end_ticks()
+            self._gate = None
+        for held in (self._publisher, self._inbox):
+            if held is not None:
+                held.close()
+        self._publisher = self._inbox = None
+        if link is not None:
+            link.release()
+
+    def emergency_halt(self) -> None:
+        if (gate := self._gate) is not None:
+            gate.hold()
+
+    def drive(self, twist: Twist2D) -> None:
+        """Command a velocity, body frame. It holds for 200 ms; beyond the base's limits its curvature is kept."""
+        if self._gate is None or (self._is_again and self._heard_ns is None):
+            return  # it may hear and not be heard: no motion before it has spoken
+        wanted = self.parameters
+        forward, left, yaw = twist.forward_m_s, twist.left_m_s * wanted.holonomic, twist.yaw_rad_s
+        speed_m_s = math.hypot(forward, left)
+        if not (math.isfinite(speed_m_s) and math.isfinite(yaw)):
+            raise ValueError(f"expected a finite velocity, got {twist}")
+        excess = max(1.0, speed_m_s / wanted.speed_m_s, abs(yaw) / wanted.turn_rate_rad_s)
+        self._gate.drive(Twist2D(forward / excess, left / excess, yaw / excess))
+
+    @external
+    def stop(self) -> None:
+        """Stop the wheels at once."""
+        if self._gate is not None:
+            self._gate.stop()
+
+    @external
+    def is_fresh(self) -> bool:
+        """Whether the robot tells its odometry."""
+        self._catch_up()
+        return self._heard_ns is not None and self.env.clock.now_ns() - self._heard_ns <= self._silent_ns
+
+    def pose(self) -> Pose2D:
+        """T_odom_robot by the robot's odometry."""
+        self._catch_up()
+        return self._path.pose
+
+    def pose_if_fresh(self) -> tuple[Pose2D, bool]:
+        """`pose` and `is_fresh` in one call."""
+        is_fresh = self.is_fresh()
+        return self._path.pose, is_fresh
+
+    def pose_at(self, stamp_ns: int) -> Pose2D:
+        """T_odom_robot at a time within the last five seconds."""
+        self._catch_up()
+        return self._path.pose_at(stamp_ns)
+
+    def odometry_until_ns(self) -> int:
+        """Time of measurement of the newest odometry; 0 before the first."""
+        self._catch_up()
+        return self._path.until_ns or 0
+
+    def velocity(self) -> Twist2D:
+        """Velocity in the body frame, as the robot tells it."""
+        self._catch_up()
+        return self._path.velocity
+
+    def radius_m(self) -> float:
+        """Radius of the round footprint."""
+        return self.parameters.radius_m
+
+    @external
+    def is_holonomic(self) -> bool:
+        """Whether the base can drive sideways."""
+        return self.parameters.holonomic
+
+    @external
+    def counters(self) -> Counters:
+        """Messages believed, rejected and lost; `foreign` counts other publishers of the velocities."""
+        self._catch_up()
+        link, inbox, wanted = self._link, self._inbox, self.parameters
+        foreign = max(link.publishers(wanted.topic(wanted.cmd_vel)) - 1, 0) if link is not None else 0
+        return Counters(self._believed, self._rejected, foreign, inbox.dropped if inbox is not None else 0, self._jumps)
+
+    def status(self) -> ControllerStatus | None:
+        """None: a ROS 2 robot has no status of that kind."""
+        return None
+
+    @external
+    def trouble(self) -> str:
+        """What hinders the robot from driving, in words; empty if nothing is seen."""
+        link, publisher, wanted = self._link, self._publisher, self.parameters
+        if link is None or publisher is None:
+            return "the device is not active"
+        found = []
+        if not self.is_fresh():
+            found.append(self._silent_words("no odometry"))
+        if not publisher.listeners():
+            found.append(f"nothing listens to {wanted.topic(wanted.cmd_vel)}")
+        if self._why_rejected:
+            found.append(f"the last odometry that was rejected: {self._why_rejected}")
+        return "; ".join(found)
+
+    def _publish(self, twist: Twist2D) -> None:
+        publisher = self._publisher
+        if publisher is None:
+            return
+        message = TwistStamped() if self.parameters.stamped else Twist()
+        velocity = message
+        if self.parameters.stamped:
+            sec, nanosec = divmod(self.env.clock.now_ns(), NS_PER_S)
+            message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+            message.header.frame_id = self.parameters.command_frame
+            velocity = message.twist
+        velocity.linear.x, velocity.linear.y, velocity.angular.z = twist.forward_m_s, twist.left_m_s, twist.yaw_rad_s
+        publisher.publish(message)
+
+    def _catch_up(self) -> None:
+        inbox = self._inbox
+        if not inbox:  # nothing has come
+            return
+        for arrived in inbox.drain():
+            try:
+                told = read_odometry(arrived.message)
+            except BadOdometry as error:
+                self._rejected += 1
+                self._why_rejected = str(error)
+                continue
+            measured_ns = self._clock.measured_ns(told.stamp_ns, arrived.arrived_ns)
+            if not self._path.take(told, measured_ns, arrived.number):
+                self._jumps += 1
+            self._believed += 1
+            if self._heard_ns is None and self._is_again:
+                self.condition.notify(Condition(True, "the robot tells its odometry again"))
+            self._heard_ns = self.env.clock.now_ns()
+            board = self.env.board
+            board.T_odom_robot, board.told_odometry = self._path.pose, self._path.before
+
+    def _check(self) -> None:
+        link, since_ns = self._link, self._heard_ns
+        if link is not None and link.failure:
+            raise BusFault(self.env.plugin, link.failure)
+        if since_ns is None:
+            if not self._is_again:
+                return  # it has never spoken: it may still be starting, and the driver stands until it does
+            since_ns = self._since_ns
+        now_ns = self.env.clock.now_ns()
+        if now_ns - since_ns <= self._silence.begins_ns:
+            return
+        silent_ns = self._silence.since(since_ns, now_ns)
+        if silent_ns > self._silent_ns:
+            raise BusFault(self.env.plugin, self._silent_words(f"no odometry for {silent_ns / NS_PER_S:.2f} s"))
+
+    def _silent_words(self, what: str) -> str:
+        link, wanted = self._link, self.parameters
+        topic = wanted.topic(wanted.odom)
+        if link is None or not link.publishers(topic):
+            domain = f" in ROS domain {link.domain_id}" if link is not None else ""
+            return f"{what}: {topic} has no publisher{domain}"
+        return f"{what}: the publisher of {topic} is silent, or what it says is rejected"
+
+
+def _ignore() -> None:
+    """Odometry is read when it is asked for, and at each step."""

@@ -1,0 +1,1 @@
+"""The battery of a ROS 2 robot."""

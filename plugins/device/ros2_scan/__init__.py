@@ -1,0 +1,1 @@
+"""The lidar of a ROS 2 robot."""

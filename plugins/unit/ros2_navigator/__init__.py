@@ -1,0 +1,1 @@
+"""A driver for robots whose own Nav2 drives."""

@@ -1,0 +1,301 @@
+"""A driver that has Nav2 drive, with the stock driver's interface: it sends ends of paths as goals of NavigateToPose.
+
+Nav2 finds its own way to them, at its own speed, and stops before obstacles by itself. Where robots meet, the team's
+rules hold all the same: behaviors only send the driver as far as the robot may go.
+"""
+
+import math
+
+import msgspec
+
+from robrain.agent.action import Action, ActionDesk, ActionEnd, ActionProgress
+from robrain.agent.event import Event
+from robrain.agent.plugin import Unit, external
+from robrain.plugins.device.mocdevice.interface import Counters, MocDeviceInterface
+from robrain.plugins.device.ros2.link import Ros2Link, open_link
+from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
+from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
+from robrain.plugins.unit.driver.path import check_range
+from robrain.plugins.unit.ros2_navigator.goal_client import GoalClient, GoalState
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
+from robrain.protocol.model.ranges import Metres, Radians, check_positive
+from robrain.protocol.wire.clock import NS_PER_S, to_ns, to_seconds
+from robrain.protocol.wire.errors import CallError, ErrorCode
+
+POINTS_MAX = 100_000
+MOVES_M_S, MOVES_RAD_S = 0.05, 0.1
+"""A robot that moves faster than one of these is not blocked."""
+
+
+class Wanted(msgspec.Struct):
+    """Where the robot is to go."""
+
+    pose: Pose2D
+    """Frame odom."""
+    number: int
+    """Of the goal that was sent for it last."""
+    action: Action | None = None
+    length: float = 0.0
+    """At the start, metres and radians."""
+    again_ns: int | None = None
+    """When it is sent again after it has failed; None while Nav2 is at it."""
+
+
+class Ros2Navigator(Unit):
+    """Drives by Nav2."""
+
+    class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
+        """Nav2's action, and when a goal is sent anew."""
+
+        action: str = "navigate_to_pose"
+        """Name of the action nav2_msgs/NavigateToPose."""
+        frame: str = "odom"
+        """Frame of the odometry that `ros2_base` hears."""
+        goal_step_m: float = 0.15
+        """A goal nearer than this to the one before, and within `goal_step_rad`, is not sent."""
+        goal_step_rad: float = 0.5
+        retry_s: float = 1.0
+        """Time after which a goal that has failed is sent again."""
+        patience_s: float = 10.0
+        """Time of failed attempts after which an action fails."""
+        odometry: OdometryNoise = OdometryNoise(
+            sigma_m_per_sqrt_m=0.01, sigma_rad_per_sqrt_m=0.005, sigma_rad_per_sqrt_rad=0.01
+        )
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            check_topics(self, "action")
+            check_positive(self, "goal_step_m", "goal_step_rad", "retry_s", "patience_s")
+
+    interface = DriverInterface
+    period_s = 0.1  # and when a goal has ended
+    parameters: Parameters
+    arrived = Event[Point2D](outside=True)
+    progress = Event[ActionProgress](outside=True)
+    finished = Event[ActionEnd](outside=True)
+
+    def init(self) -> None:
+        self._actions = ActionDesk(self.env, self.progress, self.finished)
+        self._link: Ros2Link | None = None
+        self._goals: GoalClient | None = None
+        self._wanted: Wanted | None = None
+        self._number = 0
+        self._blocked_since_ns: int | None = None
+        self._why = ""
+
+    def activate(self) -> None:
+        wanted = self.parameters
+        self._moc = self.env.use("mocdevice", MocDeviceInterface)
+        self._link = open_link(self.env, wanted)
+        self._goals = GoalClient(self.env.plugin, self._link, wanted.topic(wanted.action), self.env.hurry)
+
+    def step(self) -> None:
+        wanted = self._wanted
+        if wanted is not None and wanted.action is not None and not wanted.action.is_running:
+            self._stand()  # it ended from elsewhere, as by a halt
+            return
+        for end in self._goals.drain() if self._goals is not None else ():
+            if wanted is None or end.number != wanted.number:
+                continue  # another goal has taken its place
+            if end.state is GoalState.ARRIVED:
+                self._arrive(wanted)
+                return
+            self._note(end.why)
+            wanted.again_ns = self.env.clock.now_ns() + to_ns(self.parameters.retry_s)
+        if wanted is not None:
+            self._go_on(wanted)
+
+    def deactivate(self) -> None:
+        self._wanted = None
+        if self._goals is not None:
+            self._goals.close()
+            self._goals = None
+        link, self._link = self._link, None
+        if link is not None:
+            link.release()
+
+    def emergency_halt(self) -> None:
+        self._wanted = None
+        if (goals := self._goals) is not None:
+            goals.cancel()
+
+    def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
+        """Drive to the last of these points; speed and way are Nav2's."""
+        if not path:
+            self._stand()
+            return
+        check_range("follow", *(number for point in path for number in (point.x_m, point.y_m)))
+        before = self._wanted
+        goal = self._end_of(path)
+        if before is not None and before.action is None and self._is_near(goal, before.pose):
+            return
+        if before is not None and before.action is not None:
+            before.action.cancel("another path was given")
+        self._send(goal)
+
+    @external
+    def drive_path(self, points: list[Point2D]) -> str:
+        """Drive to the last of these points, frame odom; returns the action's id."""
+        if not 1 <= len(points) <= POINTS_MAX:
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"drive_path: expected 1 to {POINTS_MAX} points")
+        check_range("drive_path", *(number for point in points for number in (point.x_m, point.y_m)))
+        return self._start("drive_path", self._end_of(points))
+
+    @external
+    def drive(self, distance_m: Metres) -> str:
+        """Drive to a place straight ahead, or back if negative; returns the action's id."""
+        check_range("drive", distance_m)
+        return self._start("drive", self._moc.pose().compose(Pose2D(distance_m, 0.0, 0.0)))
+
+    @external
+    def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> str:
+        """Drive to a pose, frame odom; returns the action's id."""
+        check_range("go_to", x_m, y_m, yaw_rad)
+        return self._start("go_to", Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)))
+
+    @external
+    def turn(self, angle_rad: Radians) -> str:
+        """Turn to a heading; returns the action's id. More than half a turn is done the shorter way."""
+        check_range("turn", angle_rad)
+        return self._start("turn", self._moc.pose().compose(Pose2D(0.0, 0.0, wrap_angle_rad(angle_rad))))
+
+    @external
+    def cancel(self, action: str) -> bool:
+        """Cancel this action and stand still; False if it is not running."""
+        if not self._actions.cancel(action):
+            return False
+        self._stand()
+        return True
+
+    @external
+    def stop(self) -> None:
+        """Stand still."""
+        self._actions.cancel_all("the driver was told to stop")
+        self._stand()
+
+    @external
+    def motion(self) -> Motion:
+        """Present motion of the driver."""
+        if self._wanted is None:
+            return Motion.STANDING
+        return Motion.DRIVING if self._blocked_since_ns is None else Motion.BLOCKED
+
+    def blocked_s(self) -> float:
+        """For how long Nav2 has not got on."""
+        if self._blocked_since_ns is None:
+            return 0.0
+        return to_seconds(self.env.clock.now_ns() - self._blocked_since_ns)
+
+    @external
+    def blocked_why(self) -> str:
+        """Reason why the robot cannot continue; empty if it is not blocked."""
+        return self._why if self._blocked_since_ns is not None else ""
+
+    def squeezes(self) -> bool:
+        """Whether the robot is in a narrow place: Nav2 does not say."""
+        return False
+
+    def gap_m(self) -> float | None:
+        """Width of the gap that is too narrow for the robot: Nav2 does not say."""
+        return None
+
+    @external
+    def pose(self) -> Pose2D:
+        """T_odom_robot now."""
+        return self._moc.pose()
+
+    def pose_at(self, stamp_ns: int) -> Pose2D:
+        """T_odom_robot at a time within the last five seconds."""
+        return self._moc.pose_at(stamp_ns)
+
+    def odometry_until_ns(self) -> int:
+        """Time of measurement of the newest odometry; 0 before the first."""
+        return self._moc.odometry_until_ns()
+
+    @external
+    def velocity(self) -> Twist2D:
+        """Velocity in the body frame."""
+        return self._moc.velocity()
+
+    @external
+    def odometry_noise(self) -> OdometryNoise:
+        """Growth of the uncertainty of `pose` with distance, from the manifest."""
+        return self.parameters.odometry
+
+    @external
+    def bus_counters(self) -> Counters:
+        """Counters of the base's device, which the driver holds exclusively."""
+        return self._moc.counters()
+
+    def radius_m(self) -> float:
+        """Radius of the round footprint."""
+        return self._moc.radius_m()
+
+    def _start(self, name: str, goal: Pose2D) -> str:
+        action = self._actions.start(name)
+        self._send(goal, action)
+        return action.id
+
+    def _end_of(self, path: list[Point2D]) -> Pose2D:
+        """The last point of a path, facing along its last stretch."""
+        end = path[-1]
+        before: Point2D | Pose2D = path[-2] if len(path) > 1 else self._moc.pose()
+        return Pose2D(end.x_m, end.y_m, math.atan2(end.y_m - before.y_m, end.x_m - before.x_m))
+
+    def _is_near(self, goal: Pose2D, other: Pose2D) -> bool:
+        turn_rad = abs(wrap_angle_rad(goal.yaw_rad - other.yaw_rad))
+        return goal.distance_m(other) < self.parameters.goal_step_m and turn_rad < self.parameters.goal_step_rad
+
+    def _send(self, goal: Pose2D, action: Action | None = None) -> None:
+        self._number += 1
+        pose = self._moc.pose()
+        length = pose.distance_m(goal) + abs(wrap_angle_rad(goal.yaw_rad - pose.yaw_rad))
+        self._wanted = wanted = Wanted(goal, self._number, action, length)
+        self._put(wanted)
+
+    def _put(self, wanted: Wanted) -> None:
+        """Send the goal in the frame of the robot's own odometry, which the team's frame odom differs from."""
+        board, goal = self.env.board, wanted.pose
+        if board.told_odometry is not None and board.T_odom_robot is not None:
+            goal = board.told_odometry[0].compose(board.T_odom_robot.inverse()).compose(goal)
+        if self._goals is not None:
+            self._goals.send(wanted.number, goal, self.parameters.frame, divmod(self.env.clock.now_ns(), NS_PER_S))
+
+    def _go_on(self, wanted: Wanted) -> None:
+        now_ns, action = self.env.clock.now_ns(), wanted.action
+        if wanted.again_ns is None:
+            velocity = self._moc.velocity()
+            if math.hypot(velocity.forward_m_s, velocity.left_m_s) > MOVES_M_S or abs(velocity.yaw_rad_s) > MOVES_RAD_S:
+                self._blocked_since_ns = None
+            pose = self._moc.pose()
+            left = pose.distance_m(wanted.pose) + abs(wrap_angle_rad(wanted.pose.yaw_rad - pose.yaw_rad))
+            if action is not None and wanted.length > 0.0:
+                action.progress(1.0 - left / wanted.length)
+        elif action is not None and self.blocked_s() > self.parameters.patience_s:
+            why = self._why
+            self._stand()
+            action.fail(f"{why}, for {self.parameters.patience_s:g} s")
+        elif now_ns >= wanted.again_ns:
+            self._number += 1
+            wanted.number, wanted.again_ns = self._number, None
+            self._put(wanted)
+
+    def _arrive(self, wanted: Wanted) -> None:
+        self._forget()
+        if wanted.action is not None:
+            wanted.action.done(self._moc.pose())
+        self.arrived.notify(Point2D(wanted.pose.x_m, wanted.pose.y_m))
+
+    def _note(self, why: str) -> None:
+        self._why = why
+        if self._blocked_since_ns is None:
+            self._blocked_since_ns = self.env.clock.now_ns()
+
+    def _stand(self) -> None:
+        if self._wanted is not None and self._goals is not None:
+            self._goals.cancel()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._wanted = None
+        self._blocked_since_ns = None

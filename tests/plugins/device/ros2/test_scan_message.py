@@ -1,0 +1,117 @@
+import math
+
+import numpy as np
+import pytest
+
+from robrain.plugins.device.ros2_scan.scan_message import BadScan, ScanReader
+from robrain.protocol.model.geometry import Pose2D
+from tests.plugins.device.ros2.ros_words import header, scan
+
+CENTRE = Pose2D(0.0, 0.0, 0.0)
+
+
+def read(message, mounted=CENTRE, beams=0, range_max_m=0.0):
+    return ScanReader(mounted, beams, range_max_m).read(message)
+
+
+def test_the_lidars_own_beams_are_kept_with_their_angles():
+    told = read(scan([1.0, 2.0, 3.0, 4.0]))
+    assert told.ranges_m == (1.0, 2.0, 3.0, 4.0)
+    assert told.angles_rad == pytest.approx((-math.pi, -math.pi / 2, 0.0, math.pi / 2))
+    assert told.range_max_m == 8.0
+
+
+def test_infinity_and_what_is_beyond_the_reach_are_no_return():
+    assert read(scan([1.0, math.inf, 8.5, 8.0])).ranges_m == (1.0, 8.0, 8.0, 8.0)
+
+
+def test_what_is_too_near_to_be_measured_is_at_the_least_range():
+    assert read(scan([1.0, -math.inf, 1.0, 1.0])).ranges_m[1] == 0.1
+
+
+def test_beams_without_a_measurement_are_left_out():
+    told = read(scan([1.0, math.nan, 0.0, 2.0]))
+    assert told.ranges_m == (1.0, 2.0)
+    assert told.angles_rad == pytest.approx((-math.pi, math.pi / 2))
+
+
+def test_a_lidar_that_turns_clockwise_is_read_as_it_tells():
+    told = read(scan([1.0, 2.0, 3.0], angle_min=0.1, angle_max=-0.1, angle_increment=-0.1))
+    assert told.angles_rad == pytest.approx((0.1, 0.0, -0.1))
+
+
+def test_the_reach_can_be_less_than_that_of_the_lidar():
+    told = read(scan([1.0, 3.0, math.inf, 1.0]), range_max_m=2.0)
+    assert told.range_max_m == 2.0
+    assert told.ranges_m == (1.0, 2.0, 2.0, 1.0)
+
+
+def test_a_lidar_mounted_backwards_sees_in_the_robots_frame():
+    told = read(scan([1.0, 2.0, 3.0, 4.0]), mounted=Pose2D(0.0, 0.0, math.pi), beams=4)
+    by_side = {
+        round(math.degrees(angle)) % 360: range_m for angle, range_m in zip(told.angles_rad, told.ranges_m, strict=True)
+    }
+    assert by_side == {0: 1.0, 90: 2.0, 180: 3.0, 270: 4.0}
+
+
+def test_a_lidar_mounted_in_front_gives_the_walls_where_they_are():
+    # A wall at x = 2 m of the robot's frame, seen from a lidar at x = 0.3 m.
+    angles_rad = np.linspace(-1.0, 1.0, 201)
+    message = scan(
+        list(1.7 / np.cos(angles_rad)), angle_min=-1.0, angle_max=1.0, angle_increment=float(angles_rad[1] + 1.0)
+    )
+    told = read(message, mounted=Pose2D(0.3, 0.0, 0.0), beams=360)
+    xs_m = np.array(told.ranges_m) * np.cos(told.angles_rad)
+    assert len(xs_m) > 90
+    assert xs_m == pytest.approx(2.0, abs=1e-6)
+
+
+def test_a_lidar_mounted_aside_reaches_less_far_from_the_robots_centre():
+    told = read(scan([math.inf] * 90), mounted=Pose2D(0.3, -0.4, 0.0), beams=90)
+    assert told.range_max_m == pytest.approx(7.5)
+    assert set(told.ranges_m) == {told.range_max_m}
+
+
+@pytest.mark.parametrize("beams", [90, 180, 359, 360])
+def test_a_lidar_with_as_many_beams_as_directions_loses_none(beams):
+    assert len(read(scan([2.0] * beams), beams=beams).ranges_m) == beams
+
+
+def test_of_the_hits_in_one_direction_the_nearest_counts():
+    ranges_m = [5.0] * 3600
+    ranges_m[1805] = 1.0
+    told = read(scan(ranges_m), beams=360)
+    assert len(told.ranges_m) == 360
+    assert sorted(told.ranges_m)[:2] == pytest.approx([1.0, 5.0])
+
+
+def test_a_stamp_is_that_of_the_first_beam_and_the_turn_counts_as_of_its_middle():
+    told = read(scan([1.0] * 101, header=header(1_000_000_000), time_increment=0.001))
+    assert told.stamp_ns == 1_050_000_000
+    assert read(scan([1.0] * 101, time_increment=0.001)).stamp_ns == 0
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        scan([]),
+        scan([1.0] * 4, angle_min=math.nan),
+        scan([1.0] * 4, angle_increment=0.0),
+        scan([1.0] * 4, angle_increment=math.nan),
+        scan([1.0] * 4, angle_increment=math.inf),
+        scan([1.0] * 4, angle_max=9.0),
+        scan([1.0] * 4, angle_max=math.nan),
+        scan([1.0] * 9, angle_increment=1.0, angle_max=8.0 - math.pi),  # more than a turn
+        scan([1.0] * 4, ranges=[1.0] * 9),
+        scan([1.0] * 4, range_min=math.nan),
+        scan([1.0] * 4, range_min=-1.0),
+        scan([1.0] * 4, range_min=9.0),
+        scan([1.0] * 4, range_max=math.inf),
+        scan([1.0] * 4, range_max=0.0),
+        scan([math.nan] * 4),
+        scan([0.0] * 4),
+    ],
+)
+def test_a_turn_that_cannot_be_is_refused(message):
+    with pytest.raises(BadScan, match="expected"):
+        read(message)

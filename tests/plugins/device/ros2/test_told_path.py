@@ -1,0 +1,94 @@
+import math
+
+import pytest
+
+from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry
+from robrain.plugins.device.ros2_base.told_path import ToldPath
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.wire.clock import to_ns
+
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+DRIVING = Twist2D(0.5, 0.0, 0.0)
+
+
+def a_path(pose=ORIGIN, before=None):
+    return ToldPath(1.0, 2.0, pose, before)
+
+
+def tell(path, pose, at_s, number=0):
+    return path.take(ToldOdometry(0, pose, DRIVING), to_ns(at_s), number)
+
+
+def test_odom_begins_where_the_robot_is_first_heard():
+    path = a_path()
+    assert tell(path, Pose2D(7.0, 3.0, math.pi / 2), 0.0)
+    assert path.pose == ORIGIN
+    assert tell(path, Pose2D(7.0, 3.5, math.pi / 2), 1.0)
+    assert path.pose.x_m == pytest.approx(0.5)
+    assert path.pose.y_m == pytest.approx(0.0)
+    assert path.velocity == DRIVING
+
+
+def test_pose_between_two_messages_lies_between_theirs():
+    path = a_path()
+    for second in range(4):
+        tell(path, Pose2D(0.5 * second, 0.0, 0.2 * second), second)
+    assert path.pose_at(to_ns(1.5)).x_m == pytest.approx(0.75)
+    assert path.pose_at(to_ns(1.5)).yaw_rad == pytest.approx(0.3)
+    assert path.pose_at(to_ns(9.0)) == path.pose
+    assert path.until_ns == to_ns(3.0)
+
+
+def test_yaw_is_interpolated_across_the_half_turn():
+    path = a_path(Pose2D(0.0, 0.0, math.pi - 0.1))
+    tell(path, ORIGIN, 0.0)
+    tell(path, Pose2D(0.0, 0.0, 0.2), 0.5)
+    assert abs(path.pose_at(to_ns(0.25)).yaw_rad) == pytest.approx(math.pi)
+
+
+def test_five_seconds_are_kept_also_of_fast_odometry():
+    path = a_path()
+    for step in range(2000):
+        tell(path, Pose2D(0.001 * step, 0.0, 0.0), 0.005 * step)
+    assert path.pose_at(to_ns(0.005 * 1999 - 4.9)).x_m == pytest.approx(0.001 * (1999 - 980), abs=1e-6)
+
+
+def test_odometry_that_jumps_farther_than_the_base_can_drive_leaves_the_pose():
+    path = a_path()
+    tell(path, ORIGIN, 0.0)
+    tell(path, Pose2D(0.4, 0.0, 0.0), 0.5)
+    assert not tell(path, Pose2D(-5.0, 0.0, 0.0), 0.55)
+    assert path.pose.x_m == pytest.approx(0.4)
+    assert path.velocity == Twist2D()
+    assert tell(path, Pose2D(-4.9, 0.0, 0.0), 0.65)
+    assert path.pose.x_m == pytest.approx(0.5)
+
+
+def test_odometry_that_turns_faster_than_the_base_can_leaves_the_pose():
+    path = a_path()
+    tell(path, ORIGIN, 0.0)
+    assert not tell(path, Pose2D(0.0, 0.0, 2.0), 0.05)
+    assert path.pose == ORIGIN
+
+
+def test_a_publisher_that_counts_anew_has_been_started_again_and_so_has_its_odometry():
+    path = a_path(Pose2D(2.0, 0.0, 0.0), (Pose2D(0.3, 0.0, 0.0), 500))
+    assert not tell(path, ORIGIN, 0.0, number=3)  # near enough to be taken for motion
+    assert path.pose == Pose2D(2.0, 0.0, 0.0)
+    assert tell(path, Pose2D(0.1, 0.0, 0.0), 0.1, number=4)
+    assert path.pose.x_m == pytest.approx(2.1)
+
+
+def test_what_the_robot_rolled_while_it_was_not_heard_counts():
+    path = a_path(Pose2D(2.0, 0.0, 0.0), (Pose2D(0.3, 0.0, 0.0), 500))
+    assert tell(path, Pose2D(0.6, 0.0, 0.0), 10.0, number=700)
+    assert path.pose.x_m == pytest.approx(2.3)
+
+
+def test_stamps_that_are_set_back_forget_what_came_after():
+    path = a_path()
+    for second in (1.0, 2.0, 3.0):
+        tell(path, ORIGIN, second)
+    tell(path, Pose2D(0.04, 0.0, 0.0), 1.5)
+    assert path.until_ns == to_ns(1.5)
+    assert path.pose_at(to_ns(1.25)).x_m == pytest.approx(0.02)

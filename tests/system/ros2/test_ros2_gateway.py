@@ -1,0 +1,167 @@
+"""An rclpy node sees a team, gives it a task and halts it."""
+
+import json
+import math
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+
+from tests.ros2_interfaces.build import is_built, variables
+from tests.waiting import PATIENCE_S, until
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'robrain[ros2]'")
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid, Path
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from robrain.client.team import Team
+
+pytestmark = pytest.mark.system
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture
+def gateway(commands):
+    """A simulated robot with a coordinator and a gateway."""
+    process = commands.start("up", "arena_small", "--robots", "1", "--no-dashboard")
+    hub = commands.line_with(process, "hub: ").split()[1]
+
+    def start(*words, **variables):
+        gateway = commands.start("ros2", "gateway", "--connect", hub, *words, **variables)
+        line = commands.line_with(gateway, "ros2 gateway: ")
+        assert "team default in ROS domain" in line
+        return line
+
+    with Team.connect(hub) as team:
+        yield start, team
+
+
+def heard(listener, kind, topic, qos=10):
+    """What comes on a topic from now on."""
+    messages = []
+    listener.node.create_subscription(kind, topic, messages.append, qos)
+    return messages
+
+
+def test_an_rclpy_node_sees_map_poses_paths_and_scans_gives_a_task_and_halts(gateway, domain, listener):
+    start, team = gateway
+    events, answers = heard(listener, String, "/robrain/task_events"), heard(listener, String, "/robrain/task_answers")
+    poses = heard(listener, PoseStamped, "/robrain/r1/pose")
+    scans = heard(listener, LaserScan, "/robrain/r1/scan", qos_profile_sensor_data)
+    paths = heard(listener, Path, "/robrain/r1/path", LATCHED)
+    start()
+    submit = listener.node.create_publisher(String, "/robrain/submit_task", 10)
+    assert listener.spin(PATIENCE_S, lambda: submit.get_subscription_count() and poses and scans)
+    # The pose is the team's, in the frame that ROS calls map.
+    assert poses[-1].header.frame_id == "map"
+    state = team.state("r1")
+    listener.spin(0.5)
+    place = poses[-1].pose.position
+    assert math.hypot(place.x - state.pose.x_m, place.y - state.pose.y_m) < 1.0
+    assert scans[-1].header.frame_id == "r1/base_link"
+    assert len(scans[-1].ranges) == 180
+    # A task goes in by a topic, and its events come out.
+    submit.publish(String(data=json.dumps({"kind": "visit", "place": [2.0, 2.0], "id": "look"})))
+    assert listener.spin(PATIENCE_S, lambda: answers)
+    answer = json.loads(answers[0].data)
+    assert answer["accepted"]
+    assert json.loads(answer["text"])["task"]["id"] == "look"
+
+    def told():
+        return [
+            each["state"] for each in map(json.loads, (event.data for event in events)) if each["task"]["id"] == "look"
+        ]
+
+    assert listener.spin(PATIENCE_S, lambda: "done" in told())
+    assert paths
+    # The map comes to late subscribers as well, with the cells that the team knows.
+    maps = heard(listener, OccupancyGrid, "/robrain/map", LATCHED)
+    assert listener.spin(PATIENCE_S, lambda: maps)
+    grid = maps[-1]
+    cells = np.array(grid.data, np.int8).reshape(grid.info.height, grid.info.width)
+    assert set(np.unique(cells)) == {-1, 0, 100}
+    known_m2 = float((cells >= 0).sum()) * grid.info.resolution**2
+    assert known_m2 == pytest.approx(team.state().known_area_m2, rel=0.3)
+    # A halt is a service.
+    halt = listener.node.create_client(Trigger, "/robrain/halt")
+    assert listener.spin(PATIENCE_S, halt.service_is_ready)
+    done = halt.call_async(Trigger.Request())
+    assert listener.spin(PATIENCE_S, done.done)
+    assert done.result().success, done.result().message
+    assert done.result().message == "halted: r1"
+    assert team.state("r1").has_stopped
+
+
+@pytest.mark.skipif(not is_built(), reason="interfaces are not built here: make ros2-interfaces")
+def test_transforms_are_published_and_a_task_is_submitted_by_a_service(gateway, domain, commands):
+    start, team = gateway
+    start(**variables())
+    script = str(FilePath(__file__).parent / "interface_client.py")
+    environment = {**variables(), **domain.variables}
+    done = commands.run_python(script, '{"kind": "visit", "place": [2.0, 2.0]}', "visit", timeout_s=100, **environment)
+    assert done.returncode == 0, done.stderr
+    transform, taken, refused = map(json.loads, done.stdout.splitlines())
+    assert transform["frames"] == ["map", "r1/base_link"]
+    pose = team.state("r1").pose
+    assert math.dist(transform["place"], (pose.x_m, pose.y_m)) < 8.0
+    assert taken["accepted"]
+    assert team.get(json.loads(taken["answer"])["task"]["id"]).task.kind == "visit"
+    assert not refused["accepted"]
+    assert "expected a task as JSON" in refused["answer"]
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("visit", "expected a task as JSON"),
+        ('{"place": [1, 2]}', "kind"),
+        ('{"kind": "visit", "place": [1, 2], "plcae": 3}', "plcae"),
+        ('{"kind": "visit", "place": [1e300, 2]}', "place"),
+        ('{"kind": "juggle"}', "juggle"),
+        ('{"kind": "visit", "place": [1, 2], "id": "look", "parameters": {"id": "other"}}', "id"),
+        ("[" * 70_000, "at most"),
+    ],
+)
+def test_what_is_no_task_is_answered_with_the_reason(gateway_of_answers, text, why):
+    answer = gateway_of_answers(text)
+    assert not answer["accepted"]
+    assert why in answer["text"]
+
+
+@pytest.fixture
+def gateway_of_answers(coordinator, commands, domain, listener):
+    answers = heard(listener, String, "/robrain/task_answers")
+    gateway = commands.start("ros2", "gateway", "--connect", coordinator)
+    commands.line_with(gateway, "ros2 gateway: ")
+    submit = listener.node.create_publisher(String, "/robrain/submit_task", 10)
+    assert listener.spin(PATIENCE_S, submit.get_subscription_count)
+
+    def ask(text):
+        submit.publish(String(data=text))
+        assert listener.spin(PATIENCE_S, lambda: answers)
+        return json.loads(answers.pop().data)
+
+    return ask
+
+
+def test_a_gateway_that_is_read_only_takes_no_orders(gateway, domain, listener):
+    start, _ = gateway
+    poses = heard(listener, PoseStamped, "/robrain/r1/pose")
+    assert "no orders are taken" in start("--read-only")
+    assert listener.spin(PATIENCE_S, lambda: poses)
+    assert [name for name, _ in listener.node.get_service_names_and_types() if name.startswith("/robrain/")] == []
+    assert listener.node.count_subscribers("/robrain/submit_task") == 0
+
+
+def test_a_team_that_comes_later_is_shown(commands, domain, listener):
+    gateway = commands.start("ros2", "gateway", "--connect", commands.hub.endpoint, stderr=-1)
+    commands.start("up", "arena_small", "--robots", "1", "--no-dashboard")
+    poses = heard(listener, PoseStamped, "/robrain/r1/pose")
+    commands.line_with(gateway, "ros2 gateway: ")
+    assert until(lambda: listener.spin(1.0, lambda: poses))
