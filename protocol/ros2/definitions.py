@@ -182,7 +182,7 @@ def typestore() -> Typestore:
 
 @cache
 def type_hash(type_name: str) -> str:
-    """Hash of a message or service type (REP 2011), such as `RIHS01_…`.
+    """Hash of a message or service type (REP 2016), such as `RIHS01_…`.
 
     Raises:
         KeyError: the type is not known.

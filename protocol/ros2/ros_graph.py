@@ -60,7 +60,7 @@ class RosGraph:
         return [entity for entity in self.entities(*kinds) if entity.name == name]
 
     def unheard(self, mine: Entity) -> list[Entity]:
-        """Endpoints of the other side of its topic or service that have another type or hash: they never meet `mine`."""
+        """Endpoints of the other side of its topic or service with another type or hash: they never meet `mine`."""
         others = {
             EntityKind.PUBLISHER: EntityKind.SUBSCRIPTION,
             EntityKind.SUBSCRIPTION: EntityKind.PUBLISHER,
