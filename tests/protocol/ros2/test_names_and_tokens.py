@@ -1,5 +1,7 @@
 """Names, keys, quality of service, attachments and tokens, as rmw_zenoh writes them."""
 
+from contextlib import suppress
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -32,10 +34,8 @@ from robrain.protocol.ros2.tokens import Entity, EntityKind, NodeId, domain_toke
 CHATTER_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 """Of std_msgs/msg/String in rmw_zenoh's docs/design.md."""
 CHATTER_KEY = f"0/chatter/std_msgs::msg::dds_::String_/{CHATTER_HASH}"
-CHATTER_TOKEN = (
-    "@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/10/MP/%/%/talker/%chatter/"
-    f"std_msgs::msg::dds_::String_/{CHATTER_HASH}/::,7:,:,:,,"
-)
+CHATTING = f"%chatter/std_msgs::msg::dds_::String_/{CHATTER_HASH}"
+CHATTER_TOKEN = f"@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/10/MP/%/%/talker/{CHATTING}/::,7:,:,:,,"
 TALKER = NodeId(2, "8b20917502ee955ac4476e0266340d5c", 0, "/", "talker")
 LISTENER = NodeId(2, "aac3178e146ba6f1fc6e6a4085e77f21", 0, "/", "listener")
 ADD = "example_interfaces/srv/AddTwoInts"
@@ -47,8 +47,7 @@ DOCUMENTED = [
         Entity(EntityKind.NODE, LISTENER, 0),
     ),
     (
-        "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/10/MS/%/%/listener/%chatter/"
-        f"std_msgs::msg::dds_::String_/{CHATTER_HASH}/::,10:,:,:,,",
+        f"@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/10/MS/%/%/listener/{CHATTING}/::,10:,:,:,,",
         Entity(EntityKind.SUBSCRIPTION, LISTENER, 10, "/chatter", STRING.name, CHATTER_HASH, RELIABLE),
     ),
     (
@@ -261,10 +260,8 @@ def test_another_token_is_refused(token):
 
 @given(st.text(max_size=60))
 def test_whatever_follows_the_space_it_is_read_or_refused(text):
-    try:
+    with suppress(BadToken):
         Entity.parse("@ros2_lv/0/1f/0/0/" + text)
-    except BadToken:
-        pass
 
 
 def test_a_gid_is_the_hash_of_the_token():
