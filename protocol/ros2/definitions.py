@@ -15,6 +15,8 @@ from rosbags.typesys.stores.ros2_jazzy import action_msgs__msg__GoalInfo as Goal
 from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Duration as Duration
 from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Time as Time
 from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__PoseStamped as PoseStamped
+from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Parameter as Parameter
+from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__SetParametersResult as SetParametersResult
 from rosbags.typesys.stores.ros2_jazzy import unique_identifier_msgs__msg__UUID as UUID
 
 SEQUENCE_MAX = 16_777_216
@@ -41,6 +43,20 @@ class Switch:
     """Request of `std_srvs/srv/SetBool`."""
 
     data: bool
+
+
+@dataclass
+class NamedValues:
+    """Request of `rcl_interfaces/srv/SetParametersAtomically`."""
+
+    parameters: list[Parameter]
+
+
+@dataclass
+class NamedValuesOutcome:
+    """Response of `rcl_interfaces/srv/SetParametersAtomically`."""
+
+    result: SetParametersResult
 
 
 @dataclass
@@ -125,8 +141,9 @@ class NavigateFeedbackMessage:
 
 
 TRIGGER, SET_BOOL, CANCEL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "action_msgs/srv/CancelGoal"
+SET_VALUES = "rcl_interfaces/srv/SetParametersAtomically"
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
-SERVICES = (TRIGGER, SET_BOOL, CANCEL, f"{NAVIGATE}_SendGoal", f"{NAVIGATE}_GetResult")
+SERVICES = (TRIGGER, SET_BOOL, SET_VALUES, CANCEL, f"{NAVIGATE}_SendGoal", f"{NAVIGATE}_GetResult")
 
 _EVENT_INFO = "uint8 event_type\nbuiltin_interfaces/Time stamp\nuint8[16] client_gid\nint64 sequence_number"
 _NOTHING = "uint8 structure_needs_at_least_one_member"
@@ -135,6 +152,8 @@ _PARTS: dict[str, tuple[type, str]] = {
     f"{TRIGGER}_Response": (Outcome, "bool success\nstring message"),
     f"{SET_BOOL}_Request": (Switch, "bool data"),
     f"{SET_BOOL}_Response": (Outcome, "bool success\nstring message"),
+    f"{SET_VALUES}_Request": (NamedValues, "rcl_interfaces/Parameter[] parameters"),
+    f"{SET_VALUES}_Response": (NamedValuesOutcome, "rcl_interfaces/SetParametersResult result"),
     f"{CANCEL}_Request": (CancelRequest, "action_msgs/GoalInfo goal_info"),
     f"{CANCEL}_Response": (CancelResponse, "int8 return_code\naction_msgs/GoalInfo[] goals_canceling"),
     f"{NAVIGATE}_Goal": (NavigateGoal, "geometry_msgs/PoseStamped pose\nstring behavior_tree"),

@@ -3,6 +3,7 @@
 Messages are dataclasses of `rosbags`; arrays of numbers are numpy arrays of the field's own width.
 """
 
+import struct
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar
@@ -40,6 +41,9 @@ M = TypeVar("M")
 Q = TypeVar("Q")
 R = TypeVar("R")
 
+PLAIN_CDR = (b"\0\0", b"\0\1")
+"""Big-endian and little-endian, as the first two of the `HEADER_BYTES` say (DDSI-RTPS 10.2.1.2)."""
+HEADER_BYTES = 4
 MESSAGE_BYTES = 16_777_216
 """Of one message that is read: a map of 4000 × 4000 cells."""
 
@@ -73,15 +77,22 @@ class MessageType(Generic[M]):
     def decode(self, payload: bytes) -> M:
         """The message in CDR of either byte order. Arrays are views of `payload`, and read-only.
 
+        Bytes behind the message are passed over, as Fast CDR does: `rclpy.serialization` leaves some.
+
         Raises:
-            BadCdr: it is too large, is another encoding, ends early or late, or holds a text that is not UTF-8.
+            BadCdr: it is too large, is another encoding, ends early, or holds a text that is not UTF-8.
 
         """
         if len(payload) > self.max_bytes:
             raise BadCdr(f"{self.name} of {len(payload)} bytes: expected at most {self.max_bytes}")
+        if payload[:2] not in PLAIN_CDR or len(payload) < HEADER_BYTES:
+            raise BadCdr(f"{self.name} of {len(payload)} bytes: expected plain CDR, got {payload[:2].hex()}")
+        store = definitions.typestore()
+        codec = store.get_msgdef(self.name)
+        read = codec.deserialize_cdr_le if payload[1] else codec.deserialize_cdr_be
         try:
-            message = definitions.typestore().deserialize_cdr(payload, self.name)
-        except (SerdeError, IndexError, OverflowError) as error:
+            message, _ = read(memoryview(payload)[HEADER_BYTES:], 0, codec.cls, store)
+        except (SerdeError, struct.error, ValueError, IndexError, OverflowError) as error:
             raise BadCdr(f"{self.name} of {len(payload)} bytes: {error}") from error
         if not isinstance(message, self.message):
             raise TypeError(f"{self.name} is not {self.message}")
@@ -154,6 +165,7 @@ GOAL_STATUSES = _message(GoalStatusArray)
 
 TRIGGER = _service(definitions.TRIGGER, definitions.Nothing, definitions.Outcome)
 SET_BOOL = _service(definitions.SET_BOOL, definitions.Switch, definitions.Outcome)
+SET_VALUES = _service(definitions.SET_VALUES, definitions.NamedValues, definitions.NamedValuesOutcome)
 CANCEL_GOAL = _service(definitions.CANCEL, definitions.CancelRequest, definitions.CancelResponse)
 NAVIGATE_SEND_GOAL = _service(
     f"{definitions.NAVIGATE}_SendGoal", definitions.NavigateSendGoal, definitions.GoalAccepted

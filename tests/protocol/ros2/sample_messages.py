@@ -28,6 +28,7 @@ NOT_IN_RCLPY = ("tf2_msgs/", "nav2_msgs/")
 """Packages that are not to be had without a ROS installation."""
 
 INTEGERS = {
+    "byte": (0, 127),
     "int8": (-(2**7), 2**7 - 1),
     "uint8": (0, 2**8 - 1),
     "int16": (-(2**15), 2**15 - 1),
@@ -39,7 +40,7 @@ INTEGERS = {
 }
 FILLER = "structure_needs_at_least_one_member"
 """The byte of a message without fields, which rclpy does not let anybody set."""
-SIZES = {"bool": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "float32": 4, "float64": 8} | {
+SIZES = {"bool": 1, "byte": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "float32": 4, "float64": 8} | {
     f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (32, 64)
 }
 LONGEST = 4
@@ -118,17 +119,18 @@ def _to_rclpy_value(value: Any, desc: FieldDesc) -> Any:
     inner, _ = desc[1]
     if inner[0] == Nodetype.NAME:
         return [to_rclpy(each, inner[1]) for each in value]
+    if inner[1][0] == "byte":
+        return [bytes([each]) for each in value]
     return value if desc[0] == Nodetype.ARRAY else list(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
 def without_padding(payload: bytes, kind: MessageType[Any], message: Any) -> bytes:
-    """CDR with zeros between fields and nothing behind them, where Fast CDR leaves whatever was in its buffer.
+    """CDR with zeros between fields and nothing behind them, where rclpy leaves whatever was in its buffer.
 
     Where the fields are follows from the rules of CDR alone (DDSI-RTPS 10.2.1.2): each value is aligned to its size.
     """
     kept = bytearray(payload[:4])
-    end = _end(kind.name, message, 0, kept, payload[4:])
-    assert len(payload) - 4 - end <= 3
+    _end(kind.name, message, 0, kept, payload[4:])
     return bytes(kept)
 
 

@@ -76,18 +76,21 @@ def test_big_endian_is_read_too():
     assert STRING.decode(b"\0\0\0\0" + struct.pack(">I", 3) + b"on\0") == String("on")
 
 
+def test_what_fast_cdr_leaves_behind_a_message_is_passed_over():
+    assert STRING.decode(b"\0\1\0\0" + struct.pack("<I", 3) + b"on\0" + bytes(9)) == String("on")
+
+
 @pytest.mark.parametrize(
     ("payload", "why"),
     [
-        (b"", "encapsulation"),
-        (b"\0\1\0", "encapsulation"),
-        (b"\0\3\0\0" + bytes(16), "encapsulation"),  # a parameter list
-        (b"\0\7\0\0" + bytes(16), "encapsulation"),  # XCDR2
+        (b"", "plain CDR"),
+        (b"\0\1\0", "plain CDR"),
+        (b"\0\3\0\0" + bytes(16), "plain CDR, got 0003"),  # a parameter list
+        (b"\0\7\0\0" + bytes(16), "plain CDR, got 0007"),  # XCDR2
         (b"\0\1\0\0", "requires"),
         (b"\0\1\0\0" + struct.pack("<I", 2**32 - 1), "length"),
         (b"\0\1\0\0" + struct.pack("<I", 3) + b"onx", "terminator"),
         (b"\0\1\0\0" + struct.pack("<I", 3) + b"\xff\xff\0", "decode"),
-        (b"\0\1\0\0" + struct.pack("<I", 3) + b"on\0" + bytes(9), "mismatch"),
         (b"\0\1\0\0" + struct.pack("<I", 0), "length"),
     ],
 )
