@@ -11,13 +11,16 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
-from rosbags.typesys.stores.ros2_jazzy import action_msgs__msg__GoalInfo as GoalInfo
-from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Duration as Duration
-from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Time as Time
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__PoseStamped as PoseStamped
-from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Parameter as Parameter
-from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__SetParametersResult as SetParametersResult
-from rosbags.typesys.stores.ros2_jazzy import unique_identifier_msgs__msg__UUID as UUID
+
+from robrain.protocol.ros2.message_classes import (
+    UUID,
+    Duration,
+    GoalInfo,
+    Parameter,
+    PoseStamped,
+    SetParametersResult,
+    Time,
+)
 
 SEQUENCE_MAX = 16_777_216
 """Entries of one sequence that is decoded."""

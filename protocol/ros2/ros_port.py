@@ -4,6 +4,7 @@
 on both sides (`MessageType.encode`, and `rclpy.serialization`).
 """
 
+from collections.abc import Sequence
 from typing import Generic, Protocol, TypeVar
 
 import msgspec
@@ -79,7 +80,7 @@ class Request(Protocol[Q_out, R_in]):
         """End it without a response; ROS 2 has none that says why, so this is for what cannot be answered at all."""
 
 
-class Server(Protocol[Q, R]):
+class Server(Protocol[Q_out, R_in]):
     """A service, which holds requests until they are taken."""
 
     @property
@@ -90,7 +91,7 @@ class Server(Protocol[Q, R]):
     def refused(self) -> int:
         """Requests that are too large, do not decode, or come without a sender."""
 
-    def requests(self) -> "list[Request[Q, R]]":
+    def requests(self) -> "Sequence[Request[Q_out, R_in]]":
         """What has been asked since the last call, in order."""
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.ros2.definitions import NavigateGoal, Nothing, Outcome, typestore
 from robrain.protocol.ros2.errors import BadCdr
+from robrain.protocol.ros2.message_classes import String
 from robrain.protocol.ros2.message_types import (
     LASER_SCAN,
     MARKER_ARRAY,
@@ -21,7 +22,6 @@ from robrain.protocol.ros2.message_types import (
     TF_MESSAGE,
     TRIGGER,
     MessageType,
-    String,
 )
 from tests.protocol.ros2.real_ros import GOLDEN, SEEDS
 from tests.protocol.ros2.sample_messages import SERVICES, TYPES, sample, to_plain

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.ros2.definitions import Outcome, Switch
-from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, SET_BOOL, STRING, LaserScan
+from robrain.protocol.ros2.message_classes import LaserScan
+from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, SET_BOOL, STRING
 from robrain.protocol.ros2.qos import LATCHED
 from robrain.protocol.ros2.ros_graph import RosGraph
 from robrain.protocol.ros2.ros_node import RosNode

@@ -11,7 +11,8 @@ import zenoh
 from robrain.protocol.ros2.attachment import Attachment
 from robrain.protocol.ros2.definitions import Nothing, Outcome
 from robrain.protocol.ros2.errors import BadRosName, NoReply
-from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, STRING, TRIGGER, MessageType, String
+from robrain.protocol.ros2.message_classes import String
+from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, STRING, TRIGGER, MessageType
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, Qos
 from robrain.protocol.ros2.ros_graph import RosGraph
 from robrain.protocol.ros2.ros_node import RosNode
@@ -178,7 +179,7 @@ def test_what_is_no_request_is_refused_and_counted(two):
     asked = [
         two.session.get(key, payload=b"\0\1\0\0\0"),
         two.session.get(key, attachment=sender),
-        two.session.get(key, payload=b"\0\1\0\0" + bytes(100), attachment=sender),
+        two.session.get(key, payload=b"robrain", attachment=sender),
     ]
     until(lambda: server.requests() or server.refused == len(asked))
     assert [reply.err is not None for replies in asked for reply in replies] == [True] * 3
