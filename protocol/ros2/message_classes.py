@@ -15,6 +15,7 @@ from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__OccupancyGrid as Oc
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Odometry as Odometry
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Path as Path
 from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Parameter as Parameter
+from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__ParameterValue as ParameterValue
 from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__SetParametersResult as SetParametersResult
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__BatteryState as BatteryState
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__Imu as Imu
@@ -44,6 +45,7 @@ __all__ = [
     "OccupancyGrid",
     "Odometry",
     "Parameter",
+    "ParameterValue",
     "Path",
     "PointCloud2",
     "Pose",
