@@ -12,8 +12,8 @@ FIELDS = ("bool_value", "integer_value", "double_value", "string_value", "byte_a
           "bool_array_value", "integer_array_value", "double_array_value", "string_array_value")  # fmt: skip
 """By `type` from 1 (rcl_interfaces/msg/ParameterType)."""
 BYTES = 5
-NUMBERS = {"priority": float, "earliest_s": float, "deadline_s": float, "service_s": float, "robots": int}
-"""Arguments of `Team.submit` that are numbers."""
+NUMBERS = ("priority", "earliest_s", "deadline_s", "service_s")
+"""Arguments of `Team.submit` that are numbers; `robots` is a whole one."""
 
 
 class BadValues(ValueError):
@@ -70,9 +70,12 @@ def task_arguments(values: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         arguments["id"] = left.pop("id")
         if not isinstance(arguments["id"], str):
             raise BadValues(f"id: expected text, got {arguments['id']!r}")
-    for name, kind_of in NUMBERS.items():
-        if name in left:
-            arguments[name] = kind_of(_number(left, name))
+    arguments |= {name: _number(left, name) for name in NUMBERS if name in left}
+    if "robots" in left:
+        robots = _number(left, "robots")
+        if not robots.is_integer():
+            raise BadValues(f"robots: expected a whole number, got {robots}")
+        arguments["robots"] = int(robots)
     return kind, {**arguments, "parameters": left}
 
 

@@ -132,13 +132,21 @@ def task_event(event: TaskEvent) -> classes.String:
 def markers(
     states: dict[str, RobotState], tasks: dict[str, TaskEvent], frame: str, stamp_ns: int
 ) -> classes.MarkerArray:
-    """All robots (footprint and name) and open tasks; the first marker removes those drawn before."""
+    """All robots (footprint and name) and open tasks; the first marker removes those drawn before.
+
+    Args:
+        states: by the robots' names in ROS 2.
+        tasks: open ones, by their ids.
+        frame: name of the arena frame.
+        stamp_ns: since 1970.
+
+    """
     drawn: list[Any] = [stamped(ros.MARKER, frame, stamp_ns, action=DELETE_ALL)]
-    for index, state in enumerate(states.values()):
+    for index, (robot, state) in enumerate(states.items()):
         radius_m = state.radius_m or 0.2
         body = HALTED if state.halted else LOST if state.lost else look_of(index).color
         word = " halted" if state.halted else " lost" if state.lost else ""
-        where = base_frame(state.robot)
+        where = base_frame(robot)
         size = (2 * radius_m, 2 * radius_m, ROBOT_HEIGHT_M)
         drawn.append(_marker("robots", index, where, CYLINDER, size, body, (0.0, 0.0, ROBOT_HEIGHT_M / 2)))
         above = (0.0, 0.0, ROBOT_HEIGHT_M + LABEL_M)
