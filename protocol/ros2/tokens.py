@@ -1,7 +1,7 @@
 """Liveliness tokens of `rmw_zenoh`: by them nodes know what nodes, topics and services there are.
 
 `@ros2_lv/DOMAIN/SESSION/NODE/ENTITY/KIND/ENCLAVE/NAMESPACE/NAME`, and for all but nodes `/TOPIC/TYPE/HASH/QOS`
-(rmw_zenoh: docs/design.md, liveliness_utils.cpp). Later releases append parts, which are read over.
+(rmw_zenoh: design.md, liveliness_utils.cpp). Later releases append parts, which are read over.
 """
 
 from enum import StrEnum

@@ -32,7 +32,7 @@ from robrain.protocol.ros2.ros_names import (
 from robrain.protocol.ros2.tokens import Entity, EntityKind, NodeId, domain_tokens
 
 CHATTER_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
-"""Of std_msgs/msg/String in rmw_zenoh's docs/design.md."""
+"""Of std_msgs/msg/String in rmw_zenoh's design.md."""
 CHATTER_KEY = f"0/chatter/std_msgs::msg::dds_::String_/{CHATTER_HASH}"
 CHATTING = f"%chatter/std_msgs::msg::dds_::String_/{CHATTER_HASH}"
 CHATTER_TOKEN = f"@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/10/MP/%/%/talker/{CHATTING}/::,7:,:,:,,"
@@ -79,7 +79,7 @@ DOCUMENTED = [
         ),
     ),
 ]
-"""Examples of rmw_zenoh's docs/design.md."""
+"""Examples of rmw_zenoh's design.md."""
 WORDS = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True)
 PATHS = st.lists(WORDS, min_size=1, max_size=4).map(lambda words: "/" + "/".join(words))
 QOS = st.builds(
