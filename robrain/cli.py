@@ -36,7 +36,7 @@ from robrain.deploy.pki.pki_commands import pki_app, router
 from robrain.deploy.processes.agent_words import agent_words
 from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.recordings.recording_commands import recording_app
-from robrain.deploy.ros2.ros2_commands import ros2_app
+from robrain.deploy.rmw_zenoh.ros2_zenoh_command import ros2_zenoh
 from robrain.deploy.soak.soak_commands import soak_app
 from robrain.deploy.supervision.supervision_commands import supervision_app
 from robrain.deploy.sweep.sweep_commands import sweep_app
@@ -94,7 +94,6 @@ app.add_typer(recording_app)
 app.add_typer(supervision_app)
 app.add_typer(bench_app, name="bench")
 app.add_typer(pki_app, name="pki")
-app.add_typer(ros2_app, name="ros2")
 
 
 @app.command()
@@ -277,6 +276,7 @@ def replay(
 
 app.command()(fork)
 app.command()(bridge)
+app.command("ros2-zenoh")(ros2_zenoh)
 app.command()(machine_files)
 app.command()(router)
 app.command()(scenarios)

@@ -12,7 +12,7 @@ OF_COMMANDS = {
     "sweep": "sweep",
     "fork": "sim,team",
     "foxglove": "foxglove",
-    "ros2": "team,ros2-native",
+    "ros2-zenoh": "team,ros2-native",
     "bench allocation": "team",
     "bench consensus": "team",
     "bench log": "navigation",

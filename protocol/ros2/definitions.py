@@ -16,9 +16,7 @@ from robrain.protocol.ros2.message_classes import (
     UUID,
     Duration,
     GoalInfo,
-    Parameter,
     PoseStamped,
-    SetParametersResult,
     Time,
 )
 
@@ -49,17 +47,18 @@ class Switch:
 
 
 @dataclass
-class NamedValues:
-    """Request of `rcl_interfaces/srv/SetParametersAtomically`."""
+class TaskText:
+    """Request of `robrain_msgs/srv/SubmitTask`: a task as JSON."""
 
-    parameters: list[Parameter]
+    task: str
 
 
 @dataclass
-class NamedValuesOutcome:
-    """Response of `rcl_interfaces/srv/SetParametersAtomically`."""
+class TaskAnswer:
+    """Response of `robrain_msgs/srv/SubmitTask`: the accepted task as JSON, or why it is not accepted."""
 
-    result: SetParametersResult
+    accepted: bool
+    answer: str
 
 
 @dataclass
@@ -144,9 +143,9 @@ class NavigateFeedbackMessage:
 
 
 TRIGGER, SET_BOOL, CANCEL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool", "action_msgs/srv/CancelGoal"
-SET_VALUES = "rcl_interfaces/srv/SetParametersAtomically"
+SUBMIT_TASK = "robrain_msgs/srv/SubmitTask"
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
-SERVICES = (TRIGGER, SET_BOOL, SET_VALUES, CANCEL, f"{NAVIGATE}_SendGoal", f"{NAVIGATE}_GetResult")
+SERVICES = (TRIGGER, SET_BOOL, SUBMIT_TASK, CANCEL, f"{NAVIGATE}_SendGoal", f"{NAVIGATE}_GetResult")
 
 _EVENT_INFO = "uint8 event_type\nbuiltin_interfaces/Time stamp\nuint8[16] client_gid\nint64 sequence_number"
 _NOTHING = "uint8 structure_needs_at_least_one_member"
@@ -155,8 +154,8 @@ _PARTS: dict[str, tuple[type, str]] = {
     f"{TRIGGER}_Response": (Outcome, "bool success\nstring message"),
     f"{SET_BOOL}_Request": (Switch, "bool data"),
     f"{SET_BOOL}_Response": (Outcome, "bool success\nstring message"),
-    f"{SET_VALUES}_Request": (NamedValues, "rcl_interfaces/Parameter[] parameters"),
-    f"{SET_VALUES}_Response": (NamedValuesOutcome, "rcl_interfaces/SetParametersResult result"),
+    f"{SUBMIT_TASK}_Request": (TaskText, "string task"),
+    f"{SUBMIT_TASK}_Response": (TaskAnswer, "bool accepted\nstring answer"),
     f"{CANCEL}_Request": (CancelRequest, "action_msgs/GoalInfo goal_info"),
     f"{CANCEL}_Response": (CancelResponse, "int8 return_code\naction_msgs/GoalInfo[] goals_canceling"),
     f"{NAVIGATE}_Goal": (NavigateGoal, "geometry_msgs/PoseStamped pose\nstring behavior_tree"),

@@ -14,9 +14,6 @@ from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__MapMetaData as MapM
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__OccupancyGrid as OccupancyGrid
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Odometry as Odometry
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Path as Path
-from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Parameter as Parameter
-from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__ParameterValue as ParameterValue
-from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__SetParametersResult as SetParametersResult
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__BatteryState as BatteryState
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__Imu as Imu
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__LaserScan as LaserScan
@@ -44,14 +41,11 @@ __all__ = [
     "MarkerArray",
     "OccupancyGrid",
     "Odometry",
-    "Parameter",
-    "ParameterValue",
     "Path",
     "PointCloud2",
     "Pose",
     "PoseStamped",
     "PoseWithCovarianceStamped",
-    "SetParametersResult",
     "String",
     "TFMessage",
     "Time",

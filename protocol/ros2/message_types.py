@@ -167,7 +167,7 @@ GOAL_STATUSES = _message(GoalStatusArray)
 
 TRIGGER = _service(definitions.TRIGGER, definitions.Nothing, definitions.Outcome)
 SET_BOOL = _service(definitions.SET_BOOL, definitions.Switch, definitions.Outcome)
-SET_VALUES = _service(definitions.SET_VALUES, definitions.NamedValues, definitions.NamedValuesOutcome)
+SUBMIT_TASK = _service(definitions.SUBMIT_TASK, definitions.TaskText, definitions.TaskAnswer)
 CANCEL_GOAL = _service(definitions.CANCEL, definitions.CancelRequest, definitions.CancelResponse)
 NAVIGATE_SEND_GOAL = _service(
     f"{definitions.NAVIGATE}_SendGoal", definitions.NavigateSendGoal, definitions.GoalAccepted

@@ -13,7 +13,7 @@ from tests.reference_pages.files import manifests_page, planning_page, robot_fil
 from tests.reference_pages.stock_plugins import stock_plugins_page
 
 DOCS = Path(__file__).parents[2] / "docs"
-GROUPS = ("task", "plugin", "journal", "pki", "ros2", "bench")
+GROUPS = ("task", "plugin", "journal", "pki", "bench")
 """Groups of commands with a page of their own."""
 PAGES: dict[str, Callable[[], str]] = {
     "reference/commands.md": commands_page,

@@ -18,6 +18,7 @@ GOLDEN = HERE / "golden_ros2.json"
 SEEDS = (1, 2)
 ELSEWHERE = {
     "tf2_msgs": {"msg/TFMessage.msg": "geometry_msgs/TransformStamped[] transforms\n"},
+    "robrain_msgs": {"srv/SubmitTask.srv": "string task\n---\nbool accepted\nstring answer\n"},
     "nav2_msgs": {
         "action/NavigateToPose.action": """
 geometry_msgs/PoseStamped pose
@@ -74,9 +75,10 @@ def hashes_of(package: str, texts: dict[str, str], folder: Path) -> dict[str, st
     """
     from rosidl_adapter.action import convert_action_to_idl
     from rosidl_adapter.msg import convert_msg_to_idl
+    from rosidl_adapter.srv import convert_srv_to_idl
     from rosidl_generator_type_description import generate_type_hash
 
-    converts = {"msg": convert_msg_to_idl, "action": convert_action_to_idl}
+    converts = {"msg": convert_msg_to_idl, "srv": convert_srv_to_idl, "action": convert_action_to_idl}
     for name, text in texts.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)

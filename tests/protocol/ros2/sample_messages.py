@@ -24,11 +24,10 @@ TYPES: list[MessageType[Any]] = sorted(
     ],
     key=lambda kind: kind.name,
 )
-NOT_IN_RCLPY = ("tf2_msgs/", "nav2_msgs/")
+NOT_IN_RCLPY = ("tf2_msgs/", "nav2_msgs/", "robrain_msgs/")
 """Packages that are not to be had without a ROS installation."""
 
 INTEGERS = {
-    "byte": (0, 127),
     "int8": (-(2**7), 2**7 - 1),
     "uint8": (0, 2**8 - 1),
     "int16": (-(2**15), 2**15 - 1),
@@ -40,7 +39,7 @@ INTEGERS = {
 }
 FILLER = "structure_needs_at_least_one_member"
 """The byte of a message without fields, which rclpy does not let anybody set."""
-SIZES = {"bool": 1, "byte": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "float32": 4, "float64": 8} | {
+SIZES = {"bool": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "float32": 4, "float64": 8} | {
     f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (32, 64)
 }
 LONGEST = 4
@@ -119,8 +118,6 @@ def _to_rclpy_value(value: Any, desc: FieldDesc) -> Any:
     inner, _ = desc[1]
     if inner[0] == Nodetype.NAME:
         return [to_rclpy(each, inner[1]) for each in value]
-    if inner[1][0] == "byte":
-        return [bytes([each]) for each in value]
     return value if desc[0] == Nodetype.ARRAY else list(value.tolist() if isinstance(value, np.ndarray) else value)
 
 

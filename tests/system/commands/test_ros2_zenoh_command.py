@@ -1,5 +1,6 @@
-"""`robrain ros2 gateway` shows a live team to a node of ROS 2, which sends a task and halts all."""
+"""`robrain ros2-zenoh` shows a live team to a node of ROS 2, which sends a task and halts all."""
 
+import json
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -9,10 +10,9 @@ import pytest
 import zenoh
 
 from robrain.protocol.ros2 import message_types as ros
-from robrain.protocol.ros2.definitions import NamedValues, Nothing
+from robrain.protocol.ros2.definitions import Nothing, TaskText
 from robrain.protocol.ros2.errors import NoReply
-from robrain.protocol.ros2.message_classes import Parameter, ParameterValue
-from robrain.protocol.ros2.message_types import MessageType
+from robrain.protocol.ros2.message_classes import String
 from robrain.protocol.ros2.qos import LATCHED, SENSOR_DATA
 from robrain.protocol.ros2.ros_graph import RosGraph
 from robrain.protocol.ros2.ros_node import RosNode
@@ -20,8 +20,6 @@ from robrain.protocol.wire.session import open_session
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
-
-VALUE = MessageType("rcl_interfaces/msg/ParameterValue", ParameterValue)
 
 
 @pytest.fixture
@@ -32,8 +30,8 @@ def session(commands) -> Iterator[zenoh.Session]:
     endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
     commands.line_with(commands.start("agent", "r1.toml"), "agent: r1 is up")
     commands.line_with(commands.start("coordinator", "--connect", endpoint), "coordinator: of team default")
-    gateway = commands.start("ros2", "gateway", "--connect", endpoint, "--domain", "3")
-    assert "under /robrain in domain 3" in commands.line_with(gateway, "gateway: team default")
+    gateway = commands.start("ros2-zenoh", "--connect", endpoint, "--domain", "3")
+    assert "under /robrain in domain 3" in commands.line_with(gateway, "ros2-zenoh: team default")
     with closing(open_session(connect=(endpoint,))) as opened:
         yield opened
 
@@ -67,12 +65,13 @@ def test_a_node_sees_the_team_sends_a_task_and_halts_all(session) -> None:
         closing(RosGraph(session, 3)) as graph,
     ):
         maps = node.subscribe("/robrain/map", ros.OCCUPANCY_GRID, LATCHED)
-        poses = node.subscribe("/robrain/r1/pose", ros.POSE_WITH_COVARIANCE_STAMPED)
+        poses = node.subscribe("/robrain/r1/pose", ros.POSE_STAMPED)
         scans = node.subscribe("/robrain/r1/scan", ros.LASER_SCAN, SENSOR_DATA)
         transforms = node.subscribe("/tf", ros.TF_MESSAGE)
         paths = node.subscribe("/robrain/r1/path", ros.PATH, LATCHED)
         markers = node.subscribe("/robrain/markers", ros.MARKER_ARRAY, LATCHED)
         batteries = node.subscribe("/robrain/r1/battery", ros.BATTERY_STATE)
+        node_answers = node.subscribe("/robrain/task_answers", ros.STRING)
         events = node.subscribe("/robrain/task_events", ros.STRING)
         grid = heard(maps, lambda grid: (grid.data == 100).any())
         assert grid.data.size == grid.info.width * grid.info.height
@@ -83,24 +82,17 @@ def test_a_node_sees_the_team_sends_a_task_and_halts_all(session) -> None:
         heard(markers, lambda shown: "r1" in words_of(shown))
         assert "/robrain/gateway" in graph.nodes()
 
-        tasks = node.client("/robrain/submit_task", ros.SET_VALUES)
+        tasks = node.client("/robrain/submit_task", ros.SUBMIT_TASK)
         until(lambda: {"/robrain/submit_task", "/robrain/halt"} <= graph.services().keys())
-        visit = NamedValues(
-            [
-                Parameter("kind", VALUE.blank(type=4, string_value="visit")),
-                Parameter("x", VALUE.blank(type=3, double_value=2.0)),
-                Parameter("y", VALUE.blank(type=2, integer_value=1)),
-                Parameter("id", VALUE.blank(type=4, string_value="from-ros")),
-            ]
-        )
-        answer = until(lambda: (end := called(tasks, visit).result).successful and end)
-        assert answer.reason == "from-ros"
+        visit = TaskText('{"kind": "visit", "place": [2, 1], "id": "from-ros"}')
+        answer = until(lambda: (end := called(tasks, visit)).accepted and end)
+        assert json.loads(answer.answer)["by"] == "ros2"
         assert heard(paths, lambda path: len(path.poses) > 1).header.frame_id == "map"
         assert heard(events, lambda event: '"from-ros"' in event.data)
-        visit.parameters[0].value.string_value = "dance"
-        visit.parameters.pop()
-        refused = called(tasks, visit).result
-        assert (refused.successful, "dance" in refused.reason) == (False, True)
+        refused = called(tasks, TaskText('{"kind": "dance", "place": [2, 1]}'))
+        assert (refused.accepted, "dance" in refused.answer) == (False, True)
+        node.advertise("/robrain/submit_task", ros.STRING).publish(String("dance"))
+        assert '"accepted":false' in heard(node_answers).data
 
         halts = node.client("/robrain/halt", ros.TRIGGER)
         until(lambda: called(halts, Nothing()).success)

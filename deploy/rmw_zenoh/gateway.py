@@ -4,12 +4,13 @@
 |---|---|---|
 | `map` | `nav_msgs/OccupancyGrid` | latched |
 | `/tf` | `tf2_msgs/TFMessage` | map frame to `ROBOT/base_link` |
-| `ROBOT/pose`, `ROBOT/path` | `geometry_msgs/PoseWithCovarianceStamped`, `nav_msgs/Path` | path latched |
+| `ROBOT/pose`, `ROBOT/path` | `geometry_msgs/PoseStamped`, `nav_msgs/Path` | path latched |
 | `ROBOT/scan`, `ROBOT/battery` | `sensor_msgs/LaserScan`, `sensor_msgs/BatteryState` | scan best effort |
 | `markers` | `visualization_msgs/MarkerArray` | robots and open tasks, latched |
 | `task_events` | `std_msgs/String` | JSON |
 
-Services: `submit_task` (`rcl_interfaces/SetParametersAtomically`), `halt` (`std_srvs/Trigger`).
+Services: `submit_task` (`robrain_msgs/SubmitTask`), `halt` (`std_srvs/Trigger`). Who has not built `robrain_msgs` puts the
+same JSON on the topic `submit_task` (`std_msgs/String`) and hears `task_answers`.
 """
 
 import re
@@ -17,15 +18,15 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NamedTuple, TypeVar
 
+import msgspec
+
 from robrain.coordinator.recording.reader.map_at import KnownMap
-from robrain.deploy.ros2 import ros_messages as make
-from robrain.deploy.ros2.named_values import BadValues, values_of
-from robrain.deploy.ros2.orders import Orders, Outcome
+from robrain.deploy.rmw_zenoh import ros_messages as make
+from robrain.deploy.rmw_zenoh.orders import Answer, Orders
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.ros2 import message_types as ros
-from robrain.protocol.ros2.definitions import NamedValuesOutcome
-from robrain.protocol.ros2.definitions import Outcome as TriggerOutcome
-from robrain.protocol.ros2.message_classes import MarkerArray, SetParametersResult, TFMessage
+from robrain.protocol.ros2.definitions import Outcome, TaskAnswer
+from robrain.protocol.ros2.message_classes import MarkerArray, String, TFMessage
 from robrain.protocol.ros2.message_types import MessageType
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, TF, Qos
 from robrain.protocol.ros2.ros_port import Request, RosPort, Writer
@@ -54,12 +55,13 @@ MAP_FRAME = "map"
 _NOT_A_WORD = re.compile(r"[^A-Za-z0-9_]")
 
 M = TypeVar("M")
+R = TypeVar("R")
 
 
 class _Waiting(NamedTuple):
-    request: Request[Any, Any]
-    future: "Future[Outcome]"
-    response: Callable[[Outcome], Any]
+    future: "Future[Answer]"
+    tell: Callable[[Answer], None]
+    """Passes the answer on."""
 
 
 class Gateway:
@@ -88,7 +90,8 @@ class Gateway:
         self._tasks: dict[str, TaskEvent] = {}
         self._due_ns: dict[str, int] = {}
         self._waiting: list[_Waiting] = []
-        self._submissions = port.serve("submit_task", ros.SET_VALUES)
+        self._submissions = port.serve("submit_task", ros.SUBMIT_TASK)
+        self._texts = port.subscribe("submit_task", ros.STRING)
         self._halts = port.serve("halt", ros.TRIGGER)
         for topic in (ROBOT_STATE, ROBOT_PATH, ARENA_SCAN, TASK_EVENT):
             wire.subscribe(self._inbox, topic)
@@ -131,8 +134,8 @@ class Gateway:
             self._wire.ask_into(self._maps, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=state.robot)
         self._states[word] = state
         if state.pose is not None and state.frame == ARENA:
-            pose = make.pose_with_covariance(state, state.pose, self._frame)
-            self._write(f"{word}/pose", ros.POSE_WITH_COVARIANCE_STAMPED, RELIABLE, pose)
+            pose = make.pose_stamped(state.pose, self._frame, state.stamp_ns)
+            self._write(f"{word}/pose", ros.POSE_STAMPED, RELIABLE, pose)
         if state.battery is not None:
             battery = make.battery(word, state.battery, state.stamp_ns)
             self._write(f"{word}/battery", ros.BATTERY_STATE, RELIABLE, battery)
@@ -182,22 +185,22 @@ class Gateway:
 
     def _answer(self) -> None:
         for halt in self._halts.requests():
-            self._waiting.append(_Waiting(halt, self._orders.halt(), lambda end: TriggerOutcome(end.done, end.words)))
+            self._waiting.append(_Waiting(self._orders.halt(), _reply(halt, Outcome)))
         for asked in self._submissions.requests():
-            try:
-                values = values_of(asked.request.parameters)
-            except BadValues as error:
-                asked.reply(_named(Outcome(False, str(error))))
-                continue
-            self._waiting.append(_Waiting(asked, self._orders.submit(values), _named))
-        unanswered = []
-        for each in self._waiting:
+            self._waiting.append(_Waiting(self._orders.submit(asked.request.task), _reply(asked, TaskAnswer)))
+        for heard in self._texts.take():
+            self._waiting.append(_Waiting(self._orders.submit(heard.message.data), self._tell_all))
+        waiting, self._waiting = self._waiting, []
+        for each in waiting:
             if each.future.done():
-                each.request.reply(each.response(each.future.result()))
+                each.tell(each.future.result())
             else:
-                unanswered.append(each)
-        self._waiting = unanswered
+                self._waiting.append(each)
+
+    def _tell_all(self, answer: Answer) -> None:
+        text = msgspec.json.encode({"accepted": answer.accepted, "answer": answer.text}).decode()
+        self._write("task_answers", ros.STRING, RELIABLE, String(text))
 
 
-def _named(outcome: Outcome) -> NamedValuesOutcome:
-    return NamedValuesOutcome(SetParametersResult(outcome.done, outcome.words))
+def _reply(request: Request[Any, R], response: Callable[[bool, str], R]) -> Callable[[Answer], None]:
+    return lambda answer: request.reply(response(answer.accepted, answer.text))

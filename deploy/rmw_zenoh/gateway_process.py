@@ -1,12 +1,12 @@
-"""The process of `robrain ros2 gateway`."""
+"""The process of `robrain ros2-zenoh`."""
 
 import time
 from contextlib import ExitStack, closing
 
 from robrain.client.team import Team
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
-from robrain.deploy.ros2.gateway import Gateway
-from robrain.deploy.ros2.orders import TeamOrders
+from robrain.deploy.rmw_zenoh.gateway import Gateway
+from robrain.deploy.rmw_zenoh.orders import TeamOrders
 from robrain.protocol.ros2.ros_node import RosNode
 from robrain.protocol.wire.hub import team_endpoints
 
@@ -31,13 +31,13 @@ def gateway_command(connect: str | None, team: str, ros: str | None, domain: int
     """
     should_stop = LiveStop()
     with ExitStack() as stack:
-        session = open_when_there("gateway", team_endpoints(connect), should_stop)
+        session = open_when_there("ros2-zenoh", team_endpoints(connect), should_stop)
         if session is None:
             return
         stack.enter_context(closing(session))
         nodes = session
         if ros is not None:
-            there = open_when_there("gateway", (ros,), should_stop)
+            there = open_when_there("ros2-zenoh", (ros,), should_stop)
             if there is None:
                 return
             nodes = stack.enter_context(closing(there))
@@ -46,7 +46,7 @@ def gateway_command(connect: str | None, team: str, ros: str | None, domain: int
         node = RosNode(nodes, NODE, namespace=NAMESPACE, domain=domain, now_ns=wire.clock.now_ns)
         stack.enter_context(closing(node))
         shown = Gateway(wire, node, orders, map_frame=frame)
-        tell(f"gateway: team {team} is under {NAMESPACE} in domain {domain}; Ctrl-C ends it")
+        tell(f"ros2-zenoh: team {team} is under {NAMESPACE} in domain {domain}; Ctrl-C ends it")
         should_stop.ready()
         while not should_stop():
             shown.step()

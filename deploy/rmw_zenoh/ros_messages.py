@@ -55,15 +55,10 @@ def occupancy_grid(grid: Grid, frame: str, stamp_ns: int) -> classes.OccupancyGr
     return message
 
 
-def pose_with_covariance(state: RobotState, pose: Pose2D, frame: str) -> classes.PoseWithCovarianceStamped:
-    """Where a robot is; variances in x, y and yaw where they are known, the rest 0."""
-    message = stamped(ros.POSE_WITH_COVARIANCE_STAMPED, frame, state.stamp_ns)
-    _place(message.pose.pose, pose)
-    if state.pose_covariance:
-        covariance = np.zeros((6, 6))
-        own, theirs = np.ix_((0, 1, 5), (0, 1, 5)), np.array(state.pose_covariance).reshape(3, 3)
-        covariance[own] = theirs
-        message.pose.covariance = covariance.ravel()
+def pose_stamped(pose: Pose2D, frame: str, stamp_ns: int) -> classes.PoseStamped:
+    """Where a robot is."""
+    message = stamped(ros.POSE_STAMPED, frame, stamp_ns)
+    _place(message.pose, pose)
     return message
 
 
