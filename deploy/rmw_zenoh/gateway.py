@@ -9,8 +9,8 @@
 | `markers` | `visualization_msgs/MarkerArray` | robots and open tasks, latched |
 | `task_events` | `std_msgs/String` | JSON |
 
-Services: `submit_task` (`robrain_msgs/SubmitTask`), `halt` (`std_srvs/Trigger`). Who has not built `robrain_msgs` puts the
-same JSON on the topic `submit_task` (`std_msgs/String`) and hears `task_answers`.
+Services: `submit_task` (`robrain_msgs/SubmitTask`), `halt` (`std_srvs/Trigger`). Without `robrain_msgs`, the same JSON
+goes to the topic `submit_task` (`std_msgs/String`), and its answer to `task_answers`.
 """
 
 import re
