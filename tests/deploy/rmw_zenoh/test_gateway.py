@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.deploy.rmw_zenoh import gateway
 from robrain.deploy.rmw_zenoh.gateway import Gateway
 from robrain.deploy.rmw_zenoh.orders import Answer
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -248,6 +249,15 @@ def test_robots_and_open_tasks_are_marked_and_ended_tasks_are_not(bench):
     assert [each for each in bench.port.last("markers").markers if each.ns == "tasks"] == []
     told = [json.loads(each.data)["state"] for each in bench.port.topics["task_events"].messages]
     assert told == ["queued", "done"]
+
+
+def test_so_many_open_tasks_are_marked(bench, monkeypatch):
+    monkeypatch.setattr(gateway, "TASKS_MAX", 2)
+    for number in range(3):
+        task = Task(id=f"v{number}", kind="visit", place=Point2D(number, 0.0))
+        bench.say(TASK_EVENT, TaskEvent(task=task, state=TaskState.QUEUED))
+    bench.step()
+    assert len([each for each in bench.port.last("markers").markers if each.ns == "tasks"]) == 2
 
 
 def test_a_name_that_ros_does_not_have_is_changed_and_two_never_share_one(bench):

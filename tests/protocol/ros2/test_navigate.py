@@ -132,6 +132,18 @@ def test_a_new_goal_takes_the_place_of_the_last(both):
     assert client.ended.is_there
 
 
+def test_the_end_of_the_last_goal_is_not_that_of_one_just_sent(both):
+    client, navigator = both
+    before = set_out(client, navigator)
+    client.go(POSE_STAMPED.blank())
+    before.reply(result(ABORTED))
+    client.step()
+    assert client.ended is None
+    navigator.accept()
+    until(lambda: client.is_accepted, step=client.step)
+    assert client.ended is None
+
+
 def test_without_a_navigator_a_goal_ends_with_the_reason():
     with open_lockstep_session() as session:
         node = RosNode(session, "robrain", now_ns=lambda: 0)

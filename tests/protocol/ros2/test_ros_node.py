@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import zenoh
 
+from robrain.protocol.ros2 import ros_graph, ros_subscription
 from robrain.protocol.ros2.attachment import Attachment
 from robrain.protocol.ros2.definitions import Nothing, Outcome
 from robrain.protocol.ros2.errors import BadRosName, NoReply
 from robrain.protocol.ros2.message_classes import String
-from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, STRING, TRIGGER, MessageType
+from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, STRING, TRIGGER, MessageType, ServiceType
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, Qos
 from robrain.protocol.ros2.ros_graph import RosGraph
 from robrain.protocol.ros2.ros_node import RosNode
@@ -108,6 +109,16 @@ def test_a_subscription_holds_its_depth_and_counts_what_it_drops(two):
     assert [each.message.data for each in heard.take()] == ["7", "8", "9"]
 
 
+def test_a_subscription_holds_so_many_bytes_whatever_its_depth(two, monkeypatch):
+    monkeypatch.setattr(ros_subscription, "INBOX_BYTES_MAX", 100)
+    heard = two.one.subscribe("/talk", STRING, Qos(depth=10))
+    publisher = two.one.advertise("/talk", STRING)
+    for text in ("a" * 40, "b" * 40, "c" * 40):
+        publisher.publish(String(text))
+    until(lambda: heard.dropped == 1)
+    assert [each.message.data[0] for each in heard.take()] == ["b", "c"]
+
+
 def test_what_is_no_message_is_refused_and_counted(two):
     heard = two.one.subscribe("/talk", SHORT)
     key, sender = heard.entity.key, Attachment(1, 1, bytes(16)).pack()
@@ -173,6 +184,29 @@ def test_requests_beyond_those_that_may_wait_are_refused_and_counted(two):
     assert (server.dropped, len(server.requests())) == (1, WAITING_MAX)
 
 
+def test_a_response_to_another_request_is_passed_over(two):
+    client = two.one.client("/halt", TRIGGER)
+
+    def answer(query):
+        with query:
+            for number, words in ((7, "to another"), (1, "to this")):
+                attachment = Attachment(number, 0, client.entity.gid).pack()
+                payload = TRIGGER.response.encode(Outcome(True, words))
+                query.reply(client.entity.key, payload, attachment=attachment)
+
+    queryable = two.session.declare_queryable(client.entity.key, answer, complete=True)
+    assert client.ask(Nothing()).wait().message == "to this"
+    queryable.undeclare()
+
+
+def test_a_request_beyond_its_bound_is_refused_at_once(two):
+    small = ServiceType(TRIGGER.name, MessageType(TRIGGER.request.name, Nothing, max_bytes=16), TRIGGER.response)
+    server = two.one.serve("/halt", small)
+    asked = two.session.get(server.entity.key, payload=b"\0\1\0\0" + bytes(100))
+    assert [reply.err is not None for reply in asked] == [True]
+    assert server.refused == 1
+
+
 def test_what_is_no_request_is_refused_and_counted(two):
     server = two.one.serve("/halt", TRIGGER)
     key, sender = server.entity.key, Attachment(1, 1, bytes(16)).pack()
@@ -227,6 +261,15 @@ def test_tokens_that_cannot_be_read_are_counted(two):
     token = two.session.liveliness().declare_token("@ros2_lv/0/1f/0/0/XX/%/%/node")
     until(lambda: two.graph.refused == 1)
     token.undeclare()
+
+
+def test_tokens_beyond_those_that_are_followed_are_counted(two, monkeypatch):
+    until(lambda: len(two.graph.nodes()) == 2)
+    monkeypatch.setattr(ros_graph, "ENTITIES_MAX", 3)
+    for topic in ("/a", "/b"):
+        two.one.advertise(topic, STRING)
+    until(lambda: two.graph.dropped == 1)
+    assert len(two.graph.topics()) == 1
 
 
 def test_a_name_against_the_rules_declares_nothing(two):
