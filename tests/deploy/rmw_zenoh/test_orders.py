@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -74,15 +75,23 @@ def test_a_halt_says_who_has_not_stopped():
     assert halt(team, "ros2") == (True, "r1: halted")
 
 
-def test_orders_beyond_those_that_may_wait_are_refused_and_a_halt_waits_for_none():
+@pytest.fixture
+def desks() -> Iterator[tuple[TeamOrders, KeptTeam, KeptTeam]]:
+    """Orders, and the teams that get tasks and halts."""
     teams = [KeptTeam(), KeptTeam()]
-    made = iter(teams)
-    orders = TeamOrders(lambda: next(made), "ros2")  # type: ignore[arg-type, return-value]
-    teams[0].may_answer.clear()
+    made: Any = iter(teams)
+    orders = TeamOrders(lambda: next(made), "ros2")
+    yield orders, *teams
+    teams[0].may_answer.set()
+    orders.close()
+    assert [team.is_closed for team in teams] == [True, True]
+
+
+def test_orders_beyond_those_that_may_wait_are_refused_and_a_halt_waits_for_none(desks):
+    orders, tasks, _ = desks
+    tasks.may_answer.clear()
     waiting = [orders.submit('{"kind": "visit"}') for _ in range(WAITING_MAX)]
     assert orders.submit('{"kind": "visit"}').result(0) == (False, f"{WAITING_MAX} orders wait already")
     assert orders.halt().result(60) == (False, "nobody is there")
-    teams[0].may_answer.set()
+    tasks.may_answer.set()
     assert all(future.result(60).accepted for future in waiting)
-    orders.close()
-    assert [team.is_closed for team in teams] == [True, True]
