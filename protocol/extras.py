@@ -26,6 +26,8 @@ EXTRAS = {
     "dask": "sweep",
     "distributed": "sweep",
     "foxglove": "foxglove",
+    "rosbags": "ros2-native",
+    "xxhash": "ros2-native",
     "cryptography": "security",
     "anyio": "mcp",
     "mcp": "mcp",

@@ -14,6 +14,7 @@ OF_COMMANDS = {
     "foxglove": "foxglove",
     "assistant": "mcp",
     "ros2": "ros2",
+    "ros2-zenoh": "team,ros2-native",
     "bench allocation": "team",
     "bench consensus": "team",
     "bench log": "navigation",

@@ -33,7 +33,7 @@ class SerialLidar(LidarDevice):
     turns a second they would be up to 0.12 m off, and while it turns at 1.5 rad/s, 17°.
     """
 
-    class Parameters(LidarDevice.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The line, and how the lidar is mounted."""
 
         port: str = "/dev/lidar"

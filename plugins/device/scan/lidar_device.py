@@ -6,15 +6,13 @@ after a restart, so that no map is made of it.
 """
 
 import math
-
-import msgspec
+from typing import Protocol
 
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
-from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 
@@ -22,20 +20,19 @@ class LidarFault(PluginError):
     """The lidar is silent or unplugged, or what it says cannot be true."""
 
 
+class HasSilence(Protocol):
+    """Parameters of a lidar."""
+
+    @property
+    def silent_s(self) -> float:
+        """Time without a turn after which the lidar faults."""
+
+
 class LidarDevice(Device):
     """Hands on each turn of a lidar; subclasses take the turns in with `take_turns`."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """When a lidar counts as gone."""
-
-        silent_s: float = 3.0
-        """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
-
-        def __post_init__(self) -> None:
-            check_positive(self, "silent_s")
-
     interface = ScanInterface
-    parameters: Parameters
+    parameters: HasSilence
     scanned = Event[LaserScan]()
     trouble = Event[str](outside=True)
     """Why the lidar is at fault, before the device faults."""
@@ -89,7 +86,11 @@ class LidarDevice(Device):
         if silent_ns >= self._silence.limit_ns:
             silent_s = silent_ns / NS_PER_S
             what = "no turn" if board.doubted_scan is None else "nothing but the turn that it froze in"
-            self.fail(f"the lidar has sent {what} for {silent_s:.1f} s")
+            self.fail(f"the lidar has sent {what} for {silent_s:.1f} s{self.where()}")
+
+    def where(self) -> str:
+        """What is missing when the lidar is silent, with a colon before it; nothing if that is all to be said."""
+        return ""
 
     def latest(self) -> LaserScan | None:
         """The last scan; None before the first."""

@@ -1,7 +1,10 @@
 """Lidar whose scans come over the wire, as those of the simulator do."""
 
+import msgspec
+
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice
+from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN
@@ -12,6 +15,16 @@ MM_PER_M = 1000.0
 class ScanDevice(LidarDevice):
     """Passes on each turn of the lidar."""
 
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """When the lidar counts as gone."""
+
+        silent_s: float = 3.0
+        """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
+
+        def __post_init__(self) -> None:
+            check_positive(self, "silent_s")
+
+    parameters: Parameters
     period_s = 0.2  # and as soon as a turn arrives
 
     def init(self) -> None:

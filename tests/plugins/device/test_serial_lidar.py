@@ -227,7 +227,9 @@ def test_noise_between_packets_costs_no_scan(lidar: Any) -> None:
     assert one.it.line_counts().stray_bytes > 0
 
 
-def test_a_robot_that_turns_against_its_lidar_has_no_blind_gap_and_claims_nothing_of_what_it_never_saw(lidar: Any) -> None:
+def test_a_robot_that_turns_against_its_lidar_has_no_blind_gap_and_claims_nothing_of_what_it_never_saw(
+    lidar: Any,
+) -> None:
     one = lidar()
     ms, begin_ns = 1_000_000, one.clock.now_ns()
     one.board.odometry = tuple((begin_ns + n * 20 * ms, Pose2D(0.0, 0.0, 0.06 * n)) for n in range(2000))

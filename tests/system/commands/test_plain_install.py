@@ -81,6 +81,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("metrics", [], "metrics"),
     ("traces", [], "otel"),
     ("ros2 gateway", [], "ros2"),
+    ("ros2-zenoh", [], "team,ros2-native"),
 ]
 """Each command, arguments for it, and the extra that it needs."""
 LACKING = [

@@ -1,0 +1,102 @@
+"""A node of ROS 2 over an existing Zenoh session, as `rmw_zenoh` sees it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, TypeVar
+
+import zenoh
+
+from robrain.protocol.ros2.message_types import MessageType, ServiceType
+from robrain.protocol.ros2.qos import RELIABLE, SERVICES, Qos
+from robrain.protocol.ros2.ros_names import check_domain, check_namespace, check_node_name, full_name
+from robrain.protocol.ros2.ros_publisher import RosPublisher
+from robrain.protocol.ros2.ros_service import RosClient, RosServer
+from robrain.protocol.ros2.ros_subscription import RosSubscription
+from robrain.protocol.ros2.tokens import Entity, EntityKind, NodeId
+
+_NUMBERS = itertools.count()
+"""Of nodes and what they have: unique in the process, and so in each of its sessions."""
+
+M = TypeVar("M")
+Q = TypeVar("Q")
+R = TypeVar("R")
+
+
+class RosNode:
+    """A node of ROS 2; a `RosPort`.
+
+    It is a member of the live drive: what it hears comes on Zenoh's threads, and waits to be taken.
+
+    Args:
+        session: not closed by the node.
+        name: of the node.
+        namespace: of the node and its relative names.
+        domain: `ROS_DOMAIN_ID` of those it speaks to.
+        now_ns: the clock for stamps, since 1970.
+
+    Raises:
+        BadRosName: a name against the rules of ROS 2.
+
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        name: str,
+        *,
+        namespace: str = "/",
+        domain: int = 0,
+        now_ns: Callable[[], int],
+    ) -> None:
+        self.id = NodeId(
+            check_domain(domain),
+            str(session.zid()),
+            next(_NUMBERS),
+            check_namespace(namespace),
+            check_node_name(name),
+        )
+        self._session = session
+        self._now_ns = now_ns
+        self._own: list[RosPublisher[Any] | RosSubscription[Any] | RosServer[Any, Any] | RosClient[Any, Any]] = []
+        self._token: Any = session.liveliness().declare_token(Entity(EntityKind.NODE, self.id, self.id.number).token)
+
+    def advertise(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> RosPublisher[M]:
+        """See `RosPort`."""
+        entity = self._entity(EntityKind.PUBLISHER, topic, kind, qos)
+        publisher = RosPublisher(self._session, entity, kind, self._now_ns)
+        self._own.append(publisher)
+        return publisher
+
+    def subscribe(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> RosSubscription[M]:
+        """See `RosPort`."""
+        subscription = RosSubscription(self._session, self._entity(EntityKind.SUBSCRIPTION, topic, kind, qos), kind)
+        self._own.append(subscription)
+        return subscription
+
+    def serve(self, service: str, kind: ServiceType[Q, R]) -> RosServer[Q, R]:
+        """See `RosPort`."""
+        entity = self._entity(EntityKind.SERVER, service, kind, SERVICES)
+        server = RosServer(self._session, entity, kind, self._now_ns)
+        self._own.append(server)
+        return server
+
+    def client(self, service: str, kind: ServiceType[Q, R]) -> RosClient[Q, R]:
+        """Call a service. Arguments and errors as for `advertise`."""
+        entity = self._entity(EntityKind.CLIENT, service, kind, SERVICES)
+        client = RosClient(self._session, entity, kind, self._now_ns)
+        self._own.append(client)
+        return client
+
+    def close(self) -> None:
+        """See `RosPort`."""
+        while self._own:
+            self._own.pop().close()
+        with suppress(zenoh.ZError):  # the session is closed, or the node
+            self._token.undeclare()
+
+    def _entity(self, kind: EntityKind, name: str, type_: MessageType[Any] | ServiceType[Any, Any], qos: Qos) -> Entity:
+        full = full_name(name, self.id.namespace, self.id.name)
+        return Entity(kind, self.id, next(_NUMBERS), full, type_.name, type_.type_hash, qos)

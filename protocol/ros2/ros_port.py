@@ -1,0 +1,124 @@
+"""What a part of robrain needs of ROS 2, whichever way it gets there: by `rmw_zenoh`'s keys, or by rclpy.
+
+`RosNode` is the port over a Zenoh session. A port over rclpy converts messages by their CDR bytes, which are the same
+on both sides (`MessageType.encode`, and `rclpy.serialization`).
+"""
+
+from collections.abc import Sequence
+from typing import Generic, Protocol, TypeVar
+
+import msgspec
+
+from robrain.protocol.ros2.message_types import MessageType, ServiceType
+from robrain.protocol.ros2.qos import RELIABLE, Qos
+
+M = TypeVar("M")
+M_in = TypeVar("M_in", contravariant=True)
+M_out = TypeVar("M_out", covariant=True)
+Q = TypeVar("Q")
+Q_out = TypeVar("Q_out", covariant=True)
+R = TypeVar("R")
+R_in = TypeVar("R_in", contravariant=True)
+
+
+class Heard(msgspec.Struct, Generic[M], frozen=True):
+    """A message of another node."""
+
+    message: M
+    stamp_ns: int
+    """Publisher's clock, since 1970."""
+    gid: bytes
+    """Of the publisher."""
+    number: int
+    """Counts the publisher's messages."""
+
+
+class Writer(Protocol[M_in]):
+    """A publisher."""
+
+    def publish(self, message: M_in) -> None:
+        """Send a message.
+
+        Raises:
+            BadCdr: it cannot be encoded.
+
+        """
+
+    def close(self) -> None:
+        """End it."""
+
+
+class Reader(Protocol[M]):
+    """A subscription, which holds what arrives until it is taken."""
+
+    @property
+    def dropped(self) -> int:
+        """Messages that arrived faster than they were taken."""
+
+    @property
+    def refused(self) -> int:
+        """Messages that are too large, do not decode, or come without a sender."""
+
+    def take(self) -> list[Heard[M]]:
+        """What has arrived since the last call, in order."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class Request(Protocol[Q_out, R_in]):
+    """A request that waits for its response; one of `reply` and `refuse` is to be called, once."""
+
+    @property
+    def request(self) -> Q_out:
+        """What is asked."""
+
+    def reply(self, response: R_in) -> None:
+        """Answer."""
+
+    def refuse(self, why: str) -> None:
+        """End it without a response; ROS 2 has none that says why, so this is for what cannot be answered at all."""
+
+
+class Server(Protocol[Q_out, R_in]):
+    """A service, which holds requests until they are taken."""
+
+    @property
+    def dropped(self) -> int:
+        """Requests refused because too many waited."""
+
+    @property
+    def refused(self) -> int:
+        """Requests that are too large, do not decode, or come without a sender."""
+
+    def requests(self) -> "Sequence[Request[Q_out, R_in]]":
+        """What has been asked since the last call, in order."""
+
+    def close(self) -> None:
+        """End it, and refuse what waits."""
+
+
+class RosPort(Protocol):
+    """A node of ROS 2."""
+
+    def advertise(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> Writer[M]:
+        """Publish on a topic.
+
+        Args:
+            topic: `/absolute`, `relative` to the node's namespace, or `~/private`.
+            kind: type of its messages.
+            qos: `LATCHED` for what late subscriptions are to get too.
+
+        Raises:
+            BadRosName: `topic` is no name of ROS 2.
+
+        """
+
+    def subscribe(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> Reader[M]:
+        """Hear a topic; `qos.depth` messages wait at the most. Arguments and errors as for `advertise`."""
+
+    def serve(self, service: str, kind: ServiceType[Q, R]) -> Server[Q, R]:
+        """Answer requests. Arguments and errors as for `advertise`."""
+
+    def close(self) -> None:
+        """End the node and all that it has."""

@@ -1,0 +1,294 @@
+"""What the gateway shows of a team, and which orders it takes: with a virtual clock, and a port that keeps all."""
+
+import json
+import math
+import zlib
+from collections.abc import Iterator
+from concurrent.futures import Future
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.deploy.rmw_zenoh import gateway
+from robrain.deploy.rmw_zenoh.gateway import Gateway
+from robrain.deploy.rmw_zenoh.orders import Answer
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.map_frame import MapFrame
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.ros2.definitions import Nothing, Outcome, TaskAnswer, TaskText
+from robrain.protocol.ros2.message_classes import String
+from robrain.protocol.ros2.message_types import MessageType, ServiceType
+from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Qos
+from robrain.protocol.ros2.ros_port import Heard
+from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT
+
+GEOMETRY = GridGeometry(width=8, height=6, resolution_m=0.05, origin_x_m=-1.0, origin_y_m=-2.0)
+BATTERY = BatteryState(voltage_v=12.0, current_a=1.5, temperature_c=20.0, soc=0.42, remaining_j=100.0)
+
+
+def wall_patch(row: int, column: int) -> MapPatch:
+    """An occupied cell, and a free one to the right of it, seen by r1."""
+    return MapPatch(
+        robot="r1",
+        **msgspec.structs.asdict(GEOMETRY),
+        row=row,
+        column=column,
+        rows=1,
+        columns=2,
+        observed_ms=1000,
+        cells=zlib.compress(np.array([100, 0], np.int8).tobytes()),
+    )
+
+
+class KeptWriter:
+    def __init__(self, kind: MessageType[Any], qos: Qos) -> None:
+        self.kind, self.qos = kind, qos
+        self.messages: list[Any] = []
+
+    def publish(self, message: Any) -> None:
+        self.messages.append(self.kind.decode(self.kind.encode(message)))
+
+    def close(self) -> None: ...
+
+
+class KeptRequest:
+    def __init__(self, request: Any) -> None:
+        self.request = request
+        self.response: Any = None
+
+    def reply(self, response: Any) -> None:
+        self.response = response
+
+    def refuse(self, why: str) -> None: ...
+
+
+class KeptServer:
+    dropped = refused = 0
+
+    def __init__(self) -> None:
+        self.asked: list[KeptRequest] = []
+
+    def ask(self, request: Any) -> KeptRequest:
+        self.asked.append(KeptRequest(request))
+        return self.asked[-1]
+
+    def requests(self) -> list[KeptRequest]:
+        asked, self.asked = self.asked, []
+        return asked
+
+    def close(self) -> None: ...
+
+
+class KeptReader:
+    dropped = refused = 0
+
+    def __init__(self) -> None:
+        self.waiting: list[Any] = []
+
+    def take(self) -> list[Heard[Any]]:
+        waiting, self.waiting = self.waiting, []
+        return [Heard(message, 0, bytes(16), 1) for message in waiting]
+
+    def close(self) -> None: ...
+
+
+class KeptPort:
+    """A port that goes nowhere: messages are encoded, decoded and kept."""
+
+    def __init__(self) -> None:
+        self.topics: dict[str, KeptWriter] = {}
+        self.services: dict[str, KeptServer] = {}
+        self.heard: dict[str, KeptReader] = {}
+
+    def advertise(self, topic: str, kind: MessageType[Any], qos: Qos = RELIABLE) -> KeptWriter:
+        return self.topics.setdefault(topic, KeptWriter(kind, qos))
+
+    def subscribe(self, topic: str, kind: MessageType[Any], qos: Qos = RELIABLE) -> "KeptReader":
+        return self.heard.setdefault(topic, KeptReader())
+
+    def serve(self, service: str, kind: ServiceType[Any, Any]) -> KeptServer:
+        return self.services.setdefault(service, KeptServer())
+
+    def last(self, topic: str) -> Any:
+        return self.topics[topic].messages[-1]
+
+    def close(self) -> None: ...
+
+
+class KeptOrders:
+    """Orders that end when the test says so."""
+
+    def __init__(self) -> None:
+        self.submitted: list[tuple[Any, Future[Answer]]] = []
+        self.halts: list[Future[Answer]] = []
+
+    def submit(self, values: Any) -> Future[Answer]:
+        self.submitted.append((values, Future()))
+        return self.submitted[-1][1]
+
+    def halt(self) -> Future[Answer]:
+        self.halts.append(Future())
+        return self.halts[-1]
+
+
+class Bench(NamedTuple):
+    clock: VirtualClock
+    wire: Endpoint
+    port: KeptPort
+    orders: KeptOrders
+    gateway: Gateway
+
+    def say(self, topic: Any, message: Any, **names: str) -> None:
+        self.wire.publisher(topic, **names).put(message)
+
+    def step(self) -> None:
+        self.clock.advance_to(self.clock.now_ns() + to_ns(1.0))
+        self.gateway.step()
+
+    def state(self, robot: str = "r1", **values: Any) -> None:
+        self.say(ROBOT_STATE, RobotState(robot=robot, **values), robot=robot)
+        self.step()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    clock, port, orders = VirtualClock(to_ns(100.5)), KeptPort(), KeptOrders()
+    with open_lockstep_session() as session:
+        wire = Endpoint(session, "t", clock, Drive.LOCKSTEP)
+        yield Bench(clock, wire, port, orders, Gateway(wire, port, orders))
+        wire.close()
+
+
+def test_a_robots_place_is_a_pose_and_a_transform(bench):
+    bench.state(pose=Pose2D(1.0, 2.0, math.pi / 2))
+    pose, (transform,) = bench.port.last("r1/pose"), bench.port.last("/tf").transforms
+    assert (pose.header.frame_id, pose.header.stamp.sec, pose.header.stamp.nanosec) == ("map", 100, 500_000_000)
+    assert (pose.pose.position.x, pose.pose.position.y) == (1.0, 2.0)
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "r1/base_link")
+    assert transform.transform.rotation.z == pytest.approx(math.sqrt(0.5))
+
+
+@pytest.mark.parametrize("values", [{}, {"pose": Pose2D(1, 2, 3), "frame": MapFrame(1, "r1")}])
+def test_a_robot_that_does_not_know_its_place_has_none_in_ros(bench, values):
+    bench.state(**values)
+    assert "r1/pose" not in bench.port.topics
+    assert "/tf" not in bench.port.topics
+
+
+def test_a_battery_discharges_with_a_negative_current(bench):
+    bench.state(battery=BATTERY)
+    battery = bench.port.last("r1/battery")
+    assert (battery.current, battery.percentage, battery.power_supply_status) == (-1.5, pytest.approx(0.42), 2)
+    assert math.isnan(battery.capacity)
+
+
+def test_a_scan_is_in_its_robots_frame_and_no_return_is_infinite(bench):
+    scan = Scan(robot="r1", angle_min_rad=-1.0, angle_increment_rad=0.5, range_max_m=8.0, ranges_mm=[1500, 0, 250])
+    bench.say(ARENA_SCAN, scan, robot="r1")
+    bench.step()
+    shown = bench.port.last("r1/scan")
+    assert (shown.header.frame_id, shown.angle_max, shown.ranges.tolist()) == (
+        "r1/base_link",
+        0.0,
+        [1.5, math.inf, 0.25],
+    )
+    assert bench.port.topics["r1/scan"].qos == SENSOR_DATA
+
+
+def test_a_path_is_latched_and_looks_ahead(bench):
+    planned = PlannedPath(robot="r1", points=[Point2D(0, 0), Point2D(0, 1), Point2D(1, 1)])
+    bench.say(ROBOT_PATH, planned, robot="r1")
+    bench.step()
+    poses = bench.port.last("r1/path").poses
+    yaws_rad = [2 * math.atan2(each.pose.orientation.z, each.pose.orientation.w) for each in poses]
+    assert yaws_rad == pytest.approx([math.pi / 2, 0.0, 0.0])
+    assert bench.port.topics["r1/path"].qos == LATCHED
+
+
+def test_the_map_is_latched_and_that_of_map_server(bench):
+    bench.say(ROBOT_MAP, wall_patch(row=2, column=3), robot="r1")
+    bench.step()
+    shown = bench.port.last("map")
+    assert (shown.info.width, shown.info.height, shown.info.resolution) == (8, 6, pytest.approx(0.05))
+    assert (shown.info.origin.position.x, shown.info.origin.position.y) == (-1.0, -2.0)
+    cells = shown.data.reshape(6, 8)
+    assert (cells[2, 3], cells[2, 4], cells[0, 0]) == (100, 0, -1)
+    assert bench.port.topics["map"].qos == LATCHED
+    bench.step()
+    assert len(bench.port.topics["map"].messages) == 1  # nothing new
+
+
+def test_a_robot_that_was_there_before_is_asked_for_its_map(bench):
+    bench.wire.answer(ROBOT_MAP_WHOLE, lambda _: wall_patch(row=1, column=1), robot="r1")
+    bench.state()
+    bench.step()
+    assert bench.port.last("map").data.reshape(6, 8)[1, 1] == 100
+
+
+def test_robots_and_open_tasks_are_marked_and_ended_tasks_are_not(bench):
+    task = Task(id="v", kind="visit", place=Point2D(3.0, 4.0))
+    bench.state(pose=Pose2D(0, 0, 0), halted=True)
+    bench.say(TASK_EVENT, TaskEvent(task=task, state=TaskState.QUEUED))
+    bench.step()
+    shown = bench.port.last("markers").markers
+    assert shown[0].action == 3  # all that was drawn goes first
+    assert {each.text for each in shown if each.text} == {"r1 halted", "visit v queued"}
+    assert [(each.pose.position.x, each.pose.position.y) for each in shown if each.ns == "tasks"] == [(3.0, 4.0)]
+    bench.say(TASK_EVENT, TaskEvent(task=task, state=TaskState.DONE))
+    bench.step()
+    assert [each for each in bench.port.last("markers").markers if each.ns == "tasks"] == []
+    told = [json.loads(each.data)["state"] for each in bench.port.topics["task_events"].messages]
+    assert told == ["queued", "done"]
+
+
+def test_so_many_open_tasks_are_marked(bench, monkeypatch):
+    monkeypatch.setattr(gateway, "TASKS_MAX", 2)
+    for number in range(3):
+        task = Task(id=f"v{number}", kind="visit", place=Point2D(number, 0.0))
+        bench.say(TASK_EVENT, TaskEvent(task=task, state=TaskState.QUEUED))
+    bench.step()
+    assert len([each for each in bench.port.last("markers").markers if each.ns == "tasks"]) == 2
+
+
+def test_a_name_that_ros_does_not_have_is_changed_and_two_never_share_one(bench):
+    for robot in ("1-a", "1.a", "1_a"):
+        bench.state(robot, pose=Pose2D(0, 0, 0))
+    assert [topic for topic in bench.port.topics if topic.endswith("/pose")] == ["_1_a/pose"]
+    assert bench.gateway.left_out == 2
+
+
+def test_a_task_is_answered_once_the_team_has_answered(bench):
+    asked = bench.port.services["submit_task"].ask(TaskText("{}"))
+    bench.step()
+    ((text, future),) = bench.orders.submitted
+    assert (text, asked.response) == ("{}", None)
+    future.set_result(Answer(True, "visit-1"))
+    bench.step()
+    assert asked.response == TaskAnswer(True, "visit-1")
+
+
+def test_a_task_on_the_topic_is_answered_on_a_topic(bench):
+    bench.port.heard["submit_task"].waiting.append(String("{}"))
+    bench.step()
+    bench.orders.submitted[0][1].set_result(Answer(False, "no robot"))
+    bench.step()
+    assert json.loads(bench.port.last("task_answers").data) == {"accepted": False, "answer": "no robot"}
+
+
+def test_a_halt_does_not_wait_for_a_task(bench):
+    bench.port.services["submit_task"].ask(TaskText("{}"))
+    halt = bench.port.services["halt"].ask(Nothing())
+    bench.step()
+    bench.orders.halts[0].set_result(Answer(False, "r1: NOT halted: lost"))
+    bench.step()
+    assert halt.response == Outcome(False, "r1: NOT halted: lost")
