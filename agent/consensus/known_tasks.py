@@ -49,7 +49,8 @@ class KnownTasks:
         self.asked: dict[str, TaskAsked] = {}
         self.dropped: dict[str, TaskDropped] = {}
         """Tasks that were cancelled and that no coordinator is known to have noted as ended."""
-        self._ended: dict[str, None] = {}
+        self._ended: dict[str, bool] = {}
+        """Tasks that a coordinator said to have ended, and whether they were not done, as far as that was heard."""
 
     @property
     def is_full(self) -> bool:
@@ -67,6 +68,7 @@ class KnownTasks:
         self.asked.pop(task.id, None)
         if event.state.ended:
             self.note_ended([task.id])
+            self._ended[task.id] = event.state is not TaskState.DONE
             self.done.pop(task.id, None)
             self.dropped.pop(task.id, None)
         elif task.kind not in OWN_KINDS and (task.id in self.open or len(self.open) < TASKS_MAX):
@@ -128,8 +130,7 @@ class KnownTasks:
         for task_id in tasks:
             self.open.pop(task_id, None)
             self.asked.pop(task_id, None)
-            self._ended.pop(task_id, None)
-            self._ended[task_id] = None
+            self._ended[task_id] = self._ended.pop(task_id, False)
             if len(self._ended) > ENDED_MAX:
                 del self._ended[next(iter(self._ended))]
 
@@ -148,9 +149,9 @@ class KnownTasks:
         return task_id in self.done
 
     def ready(self, now_ns: int) -> list[Task]:
-        """Tasks for one robot that may begin now: what comes before them is known to have ended.
+        """Tasks for one robot that may begin now: what comes before them has ended, and is not known as not done.
 
-        A coordinator that has said so cancels the tasks that wait for one that was not done.
+        A coordinator lets the tasks fail that wait for one that was not done; what it says of that may be lost.
         """
         return [
             known.task
@@ -160,5 +161,5 @@ class KnownTasks:
             and known.task.robots == 1
             and known.task.earliest_ns <= now_ns
             and (known.task.deadline_ns is None or now_ns < known.task.deadline_ns)
-            and all(other in self.done or self.has_ended(other) for other in known.task.after)
+            and all(other in self.done or self._ended.get(other) is False for other in known.task.after)
         ]

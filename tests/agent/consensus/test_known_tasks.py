@@ -1,0 +1,50 @@
+"""What a robot may begin by itself: tasks whose predecessors were done, as far as it has heard."""
+
+import pytest
+
+from robrain.agent.consensus.known_tasks import KnownTasks
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.tasks.consensus_messages import TaskDone
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+
+FIRST = Task(id="t1", kind="visit", place=Point2D(1.0, 1.0))
+NEXT = Task(id="t2", kind="visit", place=Point2D(1.0, 1.0), after=("t1",))
+
+
+@pytest.fixture
+def known() -> KnownTasks:
+    one = KnownTasks()
+    for task in (FIRST, NEXT):
+        one.hear(TaskEvent(task=task, state=TaskState.QUEUED))
+    return one
+
+
+def ready(known: KnownTasks) -> list[str]:
+    return [task.id for task in known.ready(0)]
+
+
+def test_a_task_waits_for_the_one_before_it(known: KnownTasks) -> None:
+    assert ready(known) == ["t1"]
+
+
+@pytest.mark.parametrize("told_again", [False, True])
+@pytest.mark.parametrize("state", [TaskState.CANCELLED, TaskState.FAILED])
+def test_it_is_not_begun_after_one_that_was_not_done_although_its_own_end_was_not_heard(
+    known: KnownTasks, state: TaskState, told_again: bool
+) -> None:
+    known.hear(TaskEvent(task=FIRST, state=state))
+    if told_again:  # a mate has told that it has ended, without how
+        known.note_ended(["t1"])
+    assert ready(known) == []
+
+
+def test_it_may_begin_once_that_was_done_or_has_ended_somehow_as_mates_say(known: KnownTasks) -> None:
+    known.note_done([TaskDone(id="t1", robot="r2", epoch=1)])
+    assert ready(known) == ["t2"]
+    known.hear(TaskEvent(task=FIRST, state=TaskState.DONE))
+    assert ready(known) == ["t2"]
+    other = KnownTasks()
+    other.hear(TaskEvent(task=NEXT, state=TaskState.QUEUED))
+    other.note_ended(["t1"])
+    assert ready(other) == ["t2"]
