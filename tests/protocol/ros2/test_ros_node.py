@@ -45,8 +45,9 @@ class Two(NamedTuple):
         until(lambda: all(len(self.graph.entities(kind)) >= count for kind, count in wanted.items()))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def sessions() -> Iterator[list[zenoh.Session]]:
+    """Of each test its own: a token that goes while another asks for those there are may be told and never taken back."""
     router = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
     opened = [open_session(connect=listening_at(router)) for _ in range(2)]
     yield opened
