@@ -17,7 +17,7 @@ from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc,
 from robrain.protocol.can.frame_port import Frame
 from robrain.protocol.can.frames import BadFrame, FrameCodec
 from robrain.protocol.can.payload import EXTENDED, ID_MASK
-from robrain.protocol.model.energy.battery_tracker import BatteryReport
+from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import to_ns
 

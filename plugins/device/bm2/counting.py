@@ -3,7 +3,7 @@
 import msgspec
 
 from robrain.plugins.device.bm2.interface import BatteryMeasurement
-from robrain.protocol.model.energy.battery_tracker import BatteryReport
+from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.wire.clock import NS_PER_S
 
 

@@ -14,7 +14,7 @@ from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
 from robrain.plugins.device.bm2.counting import counted
 from robrain.plugins.device.bm2.interface import ASSUMED_C, BatteryMeasurement, Bm2Interface
-from robrain.protocol.model.energy.battery_tracker import BatteryReport
+from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 

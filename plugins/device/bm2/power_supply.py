@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from robrain.plugins.device.bm2.interface import ASSUMED_C
 from robrain.plugins.device.bm2.polled_battery import BadReading, PolledBattery, Reading
-from robrain.protocol.model.energy.battery_tracker import BatteryReport
+from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 
 VALUE_BYTES_MAX = 64

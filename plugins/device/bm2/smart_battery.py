@@ -8,7 +8,7 @@ from smbus2 import SMBus
 
 from robrain.agent.plugin import external
 from robrain.plugins.device.bm2.polled_battery import BadReading, PolledBattery, Reading
-from robrain.protocol.model.energy.battery_tracker import BatteryReport
+from robrain.protocol.model.energy.battery_report import BatteryReport
 
 TEMPERATURE, VOLTAGE, CURRENT, MAX_ERROR = 0x08, 0x09, 0x0A, 0x0C
 RELATIVE_SOC, REMAINING, STATUS, SPECIFICATION = 0x0D, 0x0F, 0x16, 0x1A

@@ -6,9 +6,8 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.plugins.unit.battery.interface import BatteryAlarm, BatteryInterface
+from robrain.protocol.model.energy.battery_report import NOTHING_MORE, BatteryReport
 from robrain.protocol.model.energy.battery_tracker import (
-    NOTHING_MORE,
-    BatteryReport,
     BatteryTracker,
     GaugeLimits,
     Measured,

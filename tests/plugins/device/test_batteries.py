@@ -13,7 +13,7 @@ from robrain.plugins.device.bm2.ina_battery import Chip, InaBattery
 from robrain.plugins.device.bm2.polled_battery import BatteryAbsent
 from robrain.plugins.device.bm2.power_supply import PowerSupply
 from robrain.plugins.device.bm2.smart_battery import SmartBattery, SmartBatteryStatus
-from robrain.protocol.model.energy.battery_tracker import BatteryReport
+from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.sim.peripherals.battery_chips import InaChip, SmartBatteryChip
 from robrain.sim.peripherals.i2c_bus import I2cBus
 from tests.plugins.device.bare_device import BareDevice

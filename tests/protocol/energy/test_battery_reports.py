@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from robrain.protocol.model.energy.battery_tracker import BatteryReport, BatteryTracker, GaugeLimits, Measured
+from robrain.protocol.model.energy.battery_report import BatteryReport
+from robrain.protocol.model.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
 from robrain.protocol.model.energy.soc_filter import PackModel
 from robrain.sim.firmware.battery import Battery, BatterySpec
 
