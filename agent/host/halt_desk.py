@@ -208,9 +208,7 @@ class HaltDesk:
         """Why nobody may end the halt yet; the plugin that says so holds the halt from now on."""
         if not self._latch.is_held:
             return ""
-        plugins = self._manager.plugins
-        self._guards = {name: guard for name, guard in self._guards.items() if name in plugins}
-        for name, plugin in plugins.items():
+        for name, plugin in self._manager.plugins.items():
             why = self._why_kept_by(plugin)
             if why:
                 if name not in self._latch.holders:

@@ -43,6 +43,8 @@ class I2cHandle:
     def __init__(self, bus: I2cBus) -> None:
         self.pec = 0
         self._bus: I2cBus | None = bus
+        self._is_dead = False
+        """The bus was unplugged: this handle is of no use any more."""
 
     def read_word_data(self, address: int, register: int) -> int:
         """Read a register; with `pec` a packet with a wrong checksum is OSError, as the kernel has it."""
@@ -65,7 +67,9 @@ class I2cHandle:
             self._bus = None
 
     def _there(self, address: int) -> I2cBus:
-        if self._bus is None or not self._bus.is_there:
+        if self._bus is not None and not self._bus.is_there:
+            self._is_dead = True
+        if self._bus is None or self._is_dead:
             raise OSError(errno.ENODEV, "No such device")
         if address not in self._bus.chips:
             raise OSError(errno.EREMOTEIO, "Remote I/O error")

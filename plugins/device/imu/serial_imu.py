@@ -31,7 +31,7 @@ class ImuAbsent(OSError):
     """The unit is not there, or says nothing. A fault like others: the plugin is started again later."""
 
 
-class Protocol(StrEnum):
+class ImuProtocol(StrEnum):
     """What the unit speaks."""
 
     WITMOTION = "witmotion"
@@ -55,7 +55,7 @@ class SerialImu(Device):
 
         device: Annotated[str, Meta(min_length=1, max_length=4096)] = "/dev/ttyUSB0"
         baud: int = 9600
-        protocol: Protocol = Protocol.WITMOTION
+        protocol: ImuProtocol = ImuProtocol.WITMOTION
         lines: LineFormat = LineFormat()
         """For the protocol `lines`."""
         rate_hz: float = 100.0
@@ -135,7 +135,7 @@ class SerialImu(Device):
 
     def _new_codec(self) -> ImuCodec:
         wanted = self.parameters
-        return LineCodec(wanted.lines) if wanted.protocol is Protocol.LINES else WitMotionCodec()
+        return LineCodec(wanted.lines) if wanted.protocol is ImuProtocol.LINES else WitMotionCodec()
 
     def _is_possible(self, motion: Motion) -> bool:
         is_possible = abs(motion.yaw_rate_rad_s) <= RATE_MAX_RAD_S

@@ -72,8 +72,10 @@ class GyroYaw:
             is_moving: whether any wheel has turned since the frame before.
 
         """
-        if self._wheels and stamp_ns <= self._wheels[-1].stamp_ns:  # a clock was set back
+        if self._wheels and stamp_ns <= self._wheels[-1].stamp_ns:  # a clock was set back: times before mean nothing
             self._wheels.clear()
+            rates.clear()
+            self._last = self._last_wheels_rad = None
         self._turned_rad += turned_rad
         self._wheels.append(_Wheels(stamp_ns, self._turned_rad))
         if is_moving:

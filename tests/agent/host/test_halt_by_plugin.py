@@ -148,6 +148,17 @@ def test_an_essential_plugin_that_faults_halts_the_robot_and_runs_again_after_it
     assert not is_halted(driving)
 
 
+def test_an_essential_plugin_that_is_never_started_again_keeps_the_robot_halted(robot):
+    robot.manifest("button", "parts:Button", essential=True)
+    robot.start("button", "wheels")
+    shared(robot, "FAULT").append(True)
+    robot.tick(10)
+    shared(robot, "FAULT").clear()
+    with pytest.raises(CallError, match="button does not run: OSError: the chip is gone"):
+        resume(robot)
+    assert is_halted(robot)
+
+
 def test_a_robot_does_not_drive_without_an_essential_plugin_that_cannot_start(robot):
     robot.start("button", "wheels", "brake")
     shared(robot, "FAULT").append(True)

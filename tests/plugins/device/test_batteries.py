@@ -2,10 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device.bm2 import ina_battery, smart_battery
@@ -125,17 +128,35 @@ def test_a_charge_of_more_than_all_is_rejected_where_they_have_none(
     assert one.it.counters().rejected == 1
 
 
+@given(st.lists(st.integers(0, 0xFFFF), min_size=8, max_size=8))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_a_battery_answers_is_a_measurement_or_rejected(bus: I2cBus, words: list[int]) -> None:
+    bus.chips[ADDRESS] = SmartBatteryChip()
+    one = BareDevice(SmartBattery)
+    one.it.activate()
+    registers = (0x08, 0x09, 0x0A, 0x0C, 0x0D, 0x0F, 0x16, 0x1A)
+    bus.chips[ADDRESS] = SimpleNamespace(word=dict(zip(registers, words, strict=True)).__getitem__)
+    one.step(0.2)
+    counters, found = one.it.counters(), one.it.latest()
+    assert (counters.readings, counters.rejected, counters.failed) in ((2, 0, 0), (1, 1, 0))
+    assert found.report.soc is not None
+    assert 0.0 <= found.report.soc <= 1.0
+    assert found.report.soc_sd >= 0.01
+    one.it.deactivate()
+
+
+@pytest.mark.parametrize("is_whole_bus", [False, True])
 def test_a_battery_that_is_pulled_out_for_a_moment_is_no_fault(
-    device: Any, bus: I2cBus, chip: SmartBatteryChip
+    device: Any, bus: I2cBus, chip: SmartBatteryChip, is_whole_bus: bool
 ) -> None:
     one = device(SmartBattery)
     latest(one)
+    bus.is_there = not is_whole_bus
     del bus.chips[ADDRESS]
     for _ in range(24):
         one.step(0.2)
-    bus.chips[ADDRESS] = chip
-    now = latest(one)
-    assert now.stamp_ns == one.clock.now_ns()
+    bus.is_there, bus.chips[ADDRESS] = True, chip
+    assert latest(one).stamp_ns == one.clock.now_ns()
     assert one.it.counters().failed == 24
 
 

@@ -26,10 +26,13 @@ BO_ 2566834709 Pack1: 8 Pack
  SG_ current : 7|16@0- (10,0) [0|0] "mA" Host
  SG_ voltage : 23|16@0+ (1,0) [0|65535] "mV" Host
  SG_ spare : 39|32@0- (1,0) [0|0] "" Host
+BO_ 851 Float: 4 Pack
+ SG_ volts : 0|32@1- (1,0) [0|0] "V" Host
 BO_ 850 Pack2: 4 Pack
  SG_ soc : 0|8@1+ (0.5,0) [0|127] "%" Host
  SG_ kelvin : 8|16@1+ (0.1,0) [0|0] "K" Host
  SG_ sum : 24|8@1+ (1,0) [0|255] "" Host
+SIG_VALTYPE_ 851 volts : 1;
 """
 MAP: dict[str, Any] = {
     "frames": (
@@ -113,6 +116,14 @@ def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> 
     pack.put(850, b"\x01\x02\x03\x06", is_extended=False)
     pack.device.step()
     assert pack.device.it.latest().voltage_v == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_what_is_no_number_is_rejected(tmp_path: Path, value: float) -> None:
+    pack = Pack(tmp_path, frames=(BatteryFrame(frame="Float", signals={"volts": Quantity.VOLTAGE_V}),))
+    assert pack.hear("Float", volts=24.5).voltage_v == 24.5
+    assert pack.hear("Float", volts=value).voltage_v == 24.5
+    assert pack.device.it.rejected() == 1
 
 
 def test_the_bus_is_asked_for_the_batterys_frames_alone(tmp_path: Path) -> None:

@@ -132,6 +132,8 @@ class Robot:
         self.bench = bench
         self.states = Inbox()
         bench.wire.subscribe(self.states, ROBOT_STATE)
+        self.changes = Inbox()
+        bench.wire.subscribe(self.changes, ROBOT_EVENT, plugin="emergency_stop", event="changed")
 
     def is_halted(self) -> bool:
         self.bench.run(0.12)
@@ -162,6 +164,8 @@ def test_a_pressed_button_halts_the_robot_within_two_hundredths_of_a_second(robo
     assert robot.bench.host.manager.halted
     assert robot.is_halted()
     assert robot.bench.host.halting.mark(robot.bench.host._told).halted_by == ["emergency_stop"]
+    (told,) = robot.changes.drain()
+    assert "the emergency stop is pressed" in told.message.value["why"]
 
 
 def test_the_robot_drives_again_when_the_button_is_released_and_an_operator_has_resumed_it(

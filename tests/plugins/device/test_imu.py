@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device.imu.imu_codec import Motion
 from robrain.plugins.device.imu.lines import LINE_BYTES_MAX, LineChecksum, LineCodec, LineFormat, RateUnit
-from robrain.plugins.device.imu.serial_imu import ImuAbsent, Protocol, SerialImu
+from robrain.plugins.device.imu.serial_imu import ImuAbsent, ImuProtocol, SerialImu
 from robrain.plugins.device.imu.witmotion import ANGULAR_VELOCITY_RAD_S, FRAME_BYTES, WitMotionCodec
 from robrain.sim.peripherals.serial_plug import SerialPlug
 from robrain.sim.peripherals.wit_imu import WitImu, wit_frame
@@ -103,9 +103,10 @@ def test_lines_with_a_wrong_checksum_are_rejected() -> None:
 
 def test_a_line_without_an_end_is_not_kept_for_ever() -> None:
     codec = LineCodec(LineFormat())
+    assert codec.feed(b"\n") == []
     for _ in range(100):
         codec.feed(b"1" * LINE_BYTES_MAX)
-    assert codec.feed(b"\n0.5\n") == [Motion(0.5)]
+    assert codec.feed(b"1\n0.5\n") == [Motion(0.5)]
     assert codec.stray_bytes > 99 * LINE_BYTES_MAX
 
 
@@ -165,12 +166,12 @@ def test_a_unit_upside_down_that_looks_to_the_left_is_put_right(unit: Any) -> No
 
 
 def test_a_microcontroller_that_prints_lines_will_do(unit: Any) -> None:
-    one = unit(protocol=Protocol.LINES, lines=LineFormat(columns=3, yaw_rate_column=2), yaw_sign=-1)
+    one = unit(protocol=ImuProtocol.LINES, lines=LineFormat(columns=3, yaw_rate_column=2), yaw_sign=-1)
     assert one.say(b"\n1,2,0.5\n").yaw_rate_rad_s == -0.5
 
 
 def test_a_rate_that_no_unit_measures_is_rejected(unit: Any) -> None:
-    one = unit(protocol=Protocol.LINES)
+    one = unit(protocol=ImuProtocol.LINES)
     assert one.say(b"\n0.5\n1e9\n").yaw_rate_rad_s == 0.5
     assert one.device.it.counters().rejected == 1
 

@@ -111,9 +111,11 @@ def test_wheels_that_have_just_stopped_are_no_time_for_the_bias() -> None:
     assert base.gyro.bias_rad_s is None
 
 
-def test_a_clock_that_is_set_back_costs_a_moment() -> None:
+@pytest.mark.parametrize("back_ns", [10**9 // 2, 3600 * 10**9])
+def test_a_clock_that_is_set_back_costs_a_moment(back_ns: int) -> None:
     base = Base().stand(1.0).run(1.0, 1.0, 0.8)
-    base.now_ns -= 3 * 10**9
+    base.now_ns -= back_ns
+    base.rates.append(YawRate(base.now_ns + back_ns, 1.0))  # the last one before
     before_rad, turned_rad = base.yaw_rad, base.turned_rad
     base.run(2.0, 1.0, 0.8)
     assert base.yaw_rad - before_rad == pytest.approx(base.turned_rad - turned_rad, abs=0.02)
