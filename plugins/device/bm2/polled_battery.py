@@ -18,7 +18,6 @@ from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
-
 GAP_S = 2.0
 """A longer time between two readings is not counted."""
 

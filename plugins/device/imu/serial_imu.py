@@ -8,9 +8,9 @@ from enum import StrEnum
 from typing import Annotated, Literal
 
 import msgspec
-import serial
 from msgspec import Meta
 
+from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
 from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
@@ -19,10 +19,9 @@ from robrain.plugins.device.imu.lines import LineCodec, LineFormat
 from robrain.plugins.device.imu.witmotion import WitMotionCodec
 from robrain.protocol.model.localization.gyro_yaw import YawRate
 from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
-CHUNK_BYTES = 4096
-"""As much is read in a step; more waits for the next one."""
 RATE_MAX_RAD_S = 40.0
 """Beyond the range of any gyroscope of this kind."""
 
@@ -53,7 +52,8 @@ class SerialImu(Device):
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The line, what is spoken on it, and how the unit is mounted."""
 
-        device: Annotated[str, Meta(min_length=1, max_length=4096)] = "/dev/ttyUSB0"
+        port: Annotated[str, Meta(min_length=1, max_length=4096)] = "/dev/imu"
+        """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:imu` is the simulator's."""
         baud: int = 9600
         protocol: ImuProtocol = ImuProtocol.WITMOTION
         lines: LineFormat = LineFormat()
@@ -79,7 +79,7 @@ class SerialImu(Device):
 
     def init(self) -> None:
         wanted = self.parameters
-        self._port: serial.Serial | None = None
+        self._line: SerialLine | None = None
         self._latest: ImuSample | None = None
         self._codec: ImuCodec = self._new_codec()
         self._period_ns = to_ns(1.0 / wanted.rate_hz)
@@ -89,20 +89,20 @@ class SerialImu(Device):
     def activate(self) -> None:
         wanted = self.parameters
         try:
-            self._port = serial.Serial(wanted.device, wanted.baud, timeout=0)
-        except (OSError, ValueError) as error:
-            raise ImuAbsent(f"no IMU at {wanted.device}: {error}") from error
+            self._line = self.env.open_serial(wanted.port, wanted.baud)
+        except HardwareAbsent as error:
+            raise ImuAbsent(f"no IMU at {wanted.port}: {error}") from error
         self._codec = self._new_codec()
         self._silence = Silence(to_ns(wanted.silent_s))
         self._heard_ns = self.env.clock.now_ns()
 
     def step(self) -> None:
-        if self._port is None:
+        if self._line is None:
             return
         try:
-            data = self._port.read(CHUNK_BYTES)
+            data = self._line.read()
         except OSError as error:
-            raise ImuAbsent(f"the line to the IMU at {self.parameters.device} is lost: {error}") from error
+            raise ImuAbsent(f"the line to the IMU at {self.parameters.port} is lost: {error}") from error
         now_ns = self.env.clock.now_ns()
         motions = [motion for motion in self._codec.feed(data) if self._is_possible(motion)]
         if motions:
@@ -112,14 +112,14 @@ class SerialImu(Device):
         silent_ns = self._silence.since(self._heard_ns, now_ns)
         if silent_ns > self._silence.limit_ns:
             raise ImuAbsent(
-                f"no measurement for {silent_ns / NS_PER_S:.2f} s from the IMU at {self.parameters.device}"
+                f"no measurement for {silent_ns / NS_PER_S:.2f} s from the IMU at {self.parameters.port}"
                 f"{', but bytes that are none' if self._codec.rejected or self._codec.stray_bytes else ''}"
             )
 
     def deactivate(self) -> None:
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+        if self._line is not None:
+            self._line.close()
+            self._line = None
 
     @external
     @unlocked

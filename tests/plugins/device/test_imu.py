@@ -18,7 +18,7 @@ from robrain.plugins.device.imu.serial_imu import ImuAbsent, ImuProtocol, Serial
 from robrain.plugins.device.imu.witmotion import ANGULAR_VELOCITY_RAD_S, FRAME_BYTES, WitMotionCodec
 from robrain.sim.peripherals.serial_plug import SerialPlug
 from robrain.sim.peripherals.wit_imu import WitImu, wit_frame
-from tests.plugins.device.bare_device import BareDevice
+from tests.plugins.device.serial_device import SerialDevice
 from tests.waiting import PATIENCE_S
 
 TURN = wit_frame(0x52, 11, 22, 1638, 2500)
@@ -118,13 +118,13 @@ class Unit:
 
     def __init__(self, folder: Path, **parameters: Any) -> None:
         self.plug = SerialPlug(folder / "ttyUSB0")
-        self.device = BareDevice(SerialImu, device=str(self.plug.path), **parameters)
+        self.device = SerialDevice(SerialImu, port=str(self.plug.path), **parameters)
 
     def say(self, data: bytes, after_s: float = 0.02) -> Any:
         """Have bytes arrive, and the device step."""
         assert self.plug.send(data) == len(data)
         deadline_s = time.monotonic() + PATIENCE_S
-        while self.device.it._port.in_waiting < len(data) and time.monotonic() < deadline_s:
+        while self.device.it._line._port.in_waiting < len(data) and time.monotonic() < deadline_s:
             time.sleep(0.0005)  # the kernel hands them over in its own time
         self.device.step(after_s)
         return self.device.it.latest()
@@ -202,7 +202,7 @@ def test_a_unit_that_is_pulled_out_is_a_fault_and_goes_on_when_it_is_in_again(un
 
 def test_a_robot_whose_unit_is_pulled_out_has_it_back_within_two_seconds(tmp_path: Path) -> None:
     plug, imu = SerialPlug(tmp_path / "ttyUSB0"), WitImu(np.random.default_rng(1))
-    parameters = {"imu": {"device": str(plug.path)}}
+    parameters = {"imu": {"port": str(plug.path)}}
     with PluginBench(load=["imu"], roles={"imu": "serial_imu"}, parameters=parameters) as bench:
         before = None
         for _ in range(40):

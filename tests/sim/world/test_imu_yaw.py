@@ -15,7 +15,7 @@ from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.peripherals.serial_plug import SerialPlug
 from robrain.sim.peripherals.wit_imu import WitImu
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
-from tests.plugins.device.bare_device import BareDevice
+from tests.plugins.device.serial_device import SerialDevice
 from tests.waiting import PATIENCE_S
 
 STILL_S, DRIVEN_S, TICK_S = 1.5, 60.0, 0.02
@@ -35,7 +35,7 @@ class Fitted:
         self._body = run.arena._robots[0].body
         self._plug = SerialPlug(folder / "ttyUSB0")
         self._unit = WitImu(np.random.default_rng(7), bias_rad_s=BIAS_RAD_S, noise_rad_s=0.005)
-        self._device = BareDevice(SerialImu, device=str(self._plug.path))
+        self._device = SerialDevice(SerialImu, port=str(self._plug.path))
         self._device.board, self._device.clock = run.hosts[0].board, run.hosts[0].clock
         self._device.it.activate()
         self._yaw_rad = self._body.yaw_rad
@@ -46,7 +46,7 @@ class Fitted:
         data = self._unit.run(turned_rad / TICK_S, TICK_S)
         self._plug.send(data)
         deadline_s = time.monotonic() + PATIENCE_S
-        while self._device.it._port.in_waiting < len(data) and time.monotonic() < deadline_s:
+        while self._device.it._line._port.in_waiting < len(data) and time.monotonic() < deadline_s:
             time.sleep(0.0005)  # the kernel hands the bytes over in its own time
         self._device.it.step()
 
