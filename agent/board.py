@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.localization.gyro_yaw import YawRate
 from robrain.protocol.model.localization.rssi_ranging import RssiSample
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
@@ -42,6 +43,8 @@ class Board:
         """Whether a lidar needs `odometry`, as the robot moves while it turns; scan writes it."""
         self.told_odometry: tuple[Pose2D, int] | None = None
         """Of a base that adds up its own odometry: the pose that it told last, and that message's number."""
+        self.yaw_rates: deque[YawRate] = deque(maxlen=256)
+        """Measurements of a gyroscope, which the device of an IMU leaves here for the odometry of mocdevice."""
         self.has_scanned = False
         """Whether the lidar has ever spoken; scan writes it."""
         self.doubted_scan: list[int] | None = None

@@ -50,6 +50,16 @@ class PluginRequests(Protocol):
         """See Environment.do_tasks."""
 
 
+class RobotHalting(Protocol):
+    """The robot's emergency halt, for plugins that halt it."""
+
+    def halt(self, by: str, reason: str) -> object:
+        """Halt the robot."""
+
+    def guard(self, plugin: str, why_not: Callable[[], str]) -> None:
+        """Have a plugin asked whether a halt may end."""
+
+
 class CommandDoor(Protocol):
     """The way to the robot's plugins by text commands."""
 
@@ -72,6 +82,7 @@ class Environment:
         board: Board,
         tasks: TaskDesk,
         *,
+        halting: RobotHalting,
         outside: CommandDoor | None = None,
         connect: list[str] | None = None,
     ) -> None:
@@ -92,6 +103,7 @@ class Environment:
         self._at_end: list[Callable[[str], None]] = []
         self._of_init: int | None = None
         self.__requests = plugin
+        self.__halting = halting
         self.clock = wire.clock
         """The run's clock."""
         self.gone: list[bool] = []
@@ -158,6 +170,20 @@ class Environment:
 
         """
         self.__requests.do_tasks(self.tasks, accept, let_go, work)
+
+    def halt_robot(self, reason: str) -> None:
+        """Halt this robot at once, in the plugin's name: only an operator ends it. On any thread."""
+        if not self.has_gone:
+            self.__halting.halt(self.plugin, reason)
+
+    def guard_resume(self, why_not: Callable[[], str]) -> None:
+        """Have `why_not` asked before a halt of this robot ends: it stays halted for the reason that this returns.
+
+        It may be called on any thread, without the plugin's lock, also after the plugin has faulted, until the plugin
+        is unloaded; it must not wait for anything. A later call takes the place of an earlier one.
+        """
+        if not self.has_gone:
+            self.__halting.guard(self.plugin, why_not)
 
     def begin(self, events: Mapping[str, Event[Any]]) -> None:
         """The plugin is about to be activated: its marked events leave the robot. Not for plugins."""

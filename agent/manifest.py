@@ -56,6 +56,8 @@ class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A step or call that takes longer is taken for hung, in live."""
     start_s: float = 20.0
     """To import it, its `init` and its `activate` may take so long each, in live."""
+    essential: bool = False
+    """Whether the robot is halted, and stays so, while this does not run."""
     isolation: Literal["none", "process"] = "none"
     """`process`: run it in a process of its own, in live."""
 

@@ -39,6 +39,8 @@ EXTRAS = {
     "sensor_msgs": "ros2",
     "std_msgs": "ros2",
     "std_srvs": "ros2",
+    "smbus2": "hardware",
+    "gpiod": "hardware",
     "ortools": "bench",
     "vrplib": "bench",
 }

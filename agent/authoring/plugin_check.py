@@ -52,6 +52,8 @@ class _Check:
         self._own: dict[str, Manifest] = {}
         """The folder's manifests, by name."""
         self._all: dict[str, Manifest] = {}
+        self._roles: set[str] = set()
+        """Those of robrain and of installed distributions, also where no plugin has the place if none is chosen."""
         """These, and those that come with robrain or are installed."""
         self._codes: dict[Path, PluginCode | None] = {}
         self._modules: set[tuple[Path, str]] = set()
@@ -68,6 +70,7 @@ class _Check:
                     self._all[path.stem] = read_manifest(path)
                 except ManifestError:
                     continue  # somebody else's mistake
+        self._roles = {manifest.name for manifest in self._all.values()}
         others = dict(self._all)
         for path in find_manifests(self._folder):
             try:
@@ -133,7 +136,7 @@ class _Check:
         return self._codes[manifest.path]
 
     def _role(self, manifest: Manifest) -> Iterator[Finding]:
-        if manifest.name not in self._all:
+        if manifest.name not in self._roles and manifest.name not in self._all:
             why = f"there is no plugin {manifest.name} whose place it could take{self._meant(manifest.name)}"
             yield Finding(manifest.path, "[plugin] role", why)
 

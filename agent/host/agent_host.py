@@ -297,6 +297,8 @@ class AgentHost:
                 said = f"does not run: {cut(self._faulted[plugin.name])}"
                 text = cut(f"{said}\n{plugin.raised.detail}" if plugin.raised.detail else said, TEXT_MAX)
                 self._log.put(LogRecord(robot=self.name, level="error", source=plugin.name, text=text))
+                if plugin.manifest.tag.essential:
+                    self.halting.halt(plugin.name, f"{plugin.name} {said}")
         for name in [name for name in before if name not in self._faulted]:
             self._log.put(LogRecord(robot=self.name, level="warning", source=name, text="runs again, or has gone"))
 
@@ -384,7 +386,17 @@ class AgentHost:
         door = self.door if plugin.name == COMMAND else None
         connect = self._connect
         wire, seeds = self._open_wire(), (self._seed, *names)
-        return Environment(plugin, self.name, wire, seeds, self.board, self.desk, outside=door, connect=connect)
+        return Environment(
+            plugin,
+            self.name,
+            wire,
+            seeds,
+            self.board,
+            self.desk,
+            halting=self.halting,
+            outside=door,
+            connect=connect,
+        )
 
 
 def stock_place() -> Path:

@@ -19,6 +19,8 @@ FLOOD_DROPS_A_SECOND = 1000
 """A plugin whose notifications overflow others' mailboxes faster than this floods."""
 STEADY_S = 60.0
 """A plugin that has run for so long has its restarts forgiven."""
+DOUBLINGS = 64
+"""More of them make no difference."""
 HUNG_PERIOD_NS = to_ns(0.1)
 
 
@@ -76,7 +78,9 @@ class FaultDesk:
         if policy.restart != "on-failure" or attempts >= policy.restart_limit:
             self._cases[plugin.name] = _Case(plugin, None, attempts=attempts)
             return
-        again_ns = now_ns + to_ns(min(policy.backoff_s * 2**attempts, policy.backoff_max_s))
+        # 2.0 to the power of a thousand restarts has no place in a float.
+        wait_s = min(policy.backoff_s * 2.0 ** min(attempts, DOUBLINGS), policy.backoff_max_s)
+        again_ns = now_ns + to_ns(wait_s)
         self._cases[plugin.name] = _Case(plugin, again_ns, attempts=attempts + 1)
         self.look_ns = min(self.look_ns, again_ns)
 

@@ -12,7 +12,9 @@ from collections.abc import Callable
 import msgspec
 import zenoh
 
+from robrain.agent.errors import FOREIGN_ERRORS
 from robrain.agent.host.plugin_manager import PluginManager
+from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
@@ -65,6 +67,8 @@ class HaltDesk:
         self._latch = HaltLatch()
         self._team_halt_ns = 0
         self._not_halted: list[str] = []
+        self._guards: dict[str, Callable[[], str]] = {}
+        """By plugin: says why a halt must not end yet."""
         self._is_started = self._is_closed = False
         self._stopping = False
         """The plugins are being told to stop."""
@@ -138,6 +142,11 @@ class HaltDesk:
                 raise CallError(ErrorCode.REFUSED, f"{self._robot} stays halted: {why}")
             return self._answer()
 
+    def guard(self, plugin: str, why_not: Callable[[], str]) -> None:
+        """Have a plugin asked before a halt ends, for as long as there is a plugin of that name."""
+        with self._acting:
+            self._guards[plugin] = why_not
+
     def mark(self, state: RobotState) -> RobotState:
         """The robot's state with how it stands to halts; it is halted when its plugins have been told to stop."""
         halted = self._manager.registry.halted and not self._stopping
@@ -183,7 +192,7 @@ class HaltDesk:
         self._tell_state()
 
     def _resume(self, by: str, stamp_ns: int = 0) -> str:
-        why = self._latch.release(by, stamp_ns)
+        why = self._why_kept() or self._latch.release(by, stamp_ns)
         if why:
             self._say(f"{by or 'nobody named'} tried to resume it, and it stays halted: {why}")
             return why
@@ -194,6 +203,31 @@ class HaltDesk:
             self._tell_state()
             self._say(f"resumed by {by or 'nobody named'}")
         return ""
+
+    def _why_kept(self) -> str:
+        """Why nobody may end the halt yet; the plugin that says so holds the halt from now on."""
+        if not self._latch.is_held:
+            return ""
+        for name, plugin in self._manager.plugins.items():
+            why = self._why_kept_by(plugin)
+            if why:
+                if name not in self._latch.holders:
+                    self._latch.hold(name, why)
+                    self._tell_state()
+                return why
+        return ""
+
+    def _why_kept_by(self, plugin: ManagedPlugin) -> str:
+        tag, guard = plugin.manifest.tag, self._guards.get(plugin.name)
+        # One that has faulted is started again after the halt, and its guard knows whether it can be.
+        if tag.essential and not plugin.state.is_running and (guard is None or tag.restart == "no"):
+            return f"{plugin.name} does not run: {plugin.why or plugin.state}"
+        if guard is None:
+            return ""
+        try:
+            return guard()
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            return f"{plugin.name} does not say whether the robot may drive: {type(error).__name__}: {error}"
 
     def _answer(self) -> HaltAnswer:
         return HaltAnswer(

@@ -86,7 +86,9 @@ def _common_section(struct: Struct) -> str:
 
 
 def _words(struct: Struct) -> str:
-    return struct.__name__.removesuffix("Parameters").lower()
+    owner, _, name = struct.__qualname__.rpartition(".")
+    own = name.removesuffix("Parameters") or owner
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", own).lower()
 
 
 def manifest_comments(manifest: Manifest) -> dict[str, str]:

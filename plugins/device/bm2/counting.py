@@ -1,6 +1,9 @@
 """Charge and energy drawn, added up from one measurement to the next."""
 
+import msgspec
+
 from robrain.plugins.device.bm2.interface import BatteryMeasurement
+from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.wire.clock import NS_PER_S
 
 
@@ -10,6 +13,7 @@ def counted(
     voltage_v: float,
     current_a: float,
     temperature_c: float,
+    report: BatteryReport | msgspec.UnsetType = msgspec.UNSET,
     *,
     gap_s: float,
 ) -> BatteryMeasurement:
@@ -24,4 +28,4 @@ def counted(
         charge_c = before.charge_c + current_a * counted_s
         energy_j = before.energy_j + voltage_v * current_a * counted_s
         from_ns = before.counted_from_ns
-    return BatteryMeasurement(stamp_ns, voltage_v, current_a, temperature_c, charge_c, energy_j, from_ns)
+    return BatteryMeasurement(stamp_ns, voltage_v, current_a, temperature_c, charge_c, energy_j, from_ns, report)

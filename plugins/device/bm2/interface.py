@@ -4,6 +4,11 @@ from typing import Protocol
 
 import msgspec
 
+from robrain.protocol.model.energy.battery_report import BatteryReport
+
+ASSUMED_C = 25.0
+"""Temperature of a battery that does not measure it."""
+
 
 class BatteryMeasurement(msgspec.Struct, frozen=True):
     """One frame of the battery manager. Current is positive while discharging."""
@@ -18,6 +23,8 @@ class BatteryMeasurement(msgspec.Struct, frozen=True):
     """The same for energy at the terminals."""
     counted_from_ns: int = 0
     """Stamp of the first frame; another one means that the count began anew."""
+    report: BatteryReport | msgspec.UnsetType = msgspec.UNSET
+    """What the battery says of its charge, and whether its current is measured; unset if it is, and it says nothing."""
 
 
 class Bm2Interface(Protocol):

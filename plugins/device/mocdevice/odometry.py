@@ -57,6 +57,8 @@ class WheelOdometry:
         self.pose = pose
         self.ticks = ticks
         self.velocity = STANDING
+        self.turned_rad = 0.0
+        """By the wheels alone, in the last frame."""
         self.jumps = 0
         """How often the counts have jumped, as after a restart of the controller; the pose stays as it was then."""
         self._base = base
@@ -81,7 +83,7 @@ class WheelOdometry:
         before, self.ticks = self.ticks, ticks
         since_ns, self._stamp_ns = self._stamp_ns, stamp_ns
         has_jumped = False
-        self.velocity = STANDING
+        self.velocity, self.turned_rad = STANDING, 0.0
         if before is not None and ticks != before:
             half, modulus = self._half, self._modulus
             # The shortest way round the counter.
@@ -98,6 +100,7 @@ class WheelOdometry:
             else:
                 displacement = self._base.twist(*turns)
                 self.pose = moved(self.pose, displacement)
+                self.turned_rad = displacement.yaw_rad_s
                 if since_ns is not None:  # by the controller's time, as frames may arrive in bursts
                     elapsed_s = frames * self._period_s
                     self.velocity = Twist2D(
@@ -115,6 +118,19 @@ class WheelOdometry:
         history = self._history
         first = max(0, len(history) - RECENT_FRAMES)
         return tuple([(stamp_ns + offset_ns, pose) for stamp_ns, pose in itertools.islice(history, first, None)])
+
+    def turn(self, angle_rad: float, rate_rad_s: float | None) -> None:
+        """Turn the pose of the last frame by what a gyroscope has measured beyond the wheels' turning.
+
+        `rate_rad_s` takes the place of the wheels' turn rate in the velocity; None leaves it.
+        """
+        pose = self.pose
+        self.pose = Pose2D(pose.x_m, pose.y_m, wrap_angle_rad(pose.yaw_rad + angle_rad))
+        if self._history:
+            self._history[-1] = (self._history[-1][0], self.pose)
+        if rate_rad_s is not None:
+            velocity = self.velocity
+            self.velocity = Twist2D(velocity.forward_m_s, velocity.left_m_s, rate_rad_s)
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last five seconds, between the frames before and after it.

@@ -17,9 +17,10 @@ from robrain.agent.silence import Silence
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
 from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters, MocDeviceInterface
-from robrain.plugins.device.mocdevice.odometry import Counting, WheelOdometry
+from robrain.plugins.device.mocdevice.odometry import Counting, Ticks, WheelOdometry
 from robrain.plugins.device.mocdevice.wheel_link import WheelLink, WheelReport
 from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.localization.gyro_yaw import GyroYaw
 from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.model.navigation.wheel_bases import WheelBase
 from robrain.protocol.model.ranges import check_positive
@@ -73,6 +74,7 @@ class WheelDevice(Device):
         self._pending: Sized = ()
         """Empty if there is nothing to catch up with."""
         self._believed = self._rejected = 0
+        self._gyro = GyroYaw()
 
     def open_link(self) -> "OpenLink":
         """Open the connection to the controller (HardwareAbsent, or ValueError naming a wrong parameter)."""
@@ -94,6 +96,7 @@ class WheelDevice(Device):
             counting=opened.counting,
             period_s=opened.period_s,
         )
+        self._gyro = GyroYaw()
         self._frame_clock = FrameClock(opened.stamped_at, self._period_ns)
         self._acknowledged_ns: int | None = None
         self._statuses = self._measured_ns = 0
@@ -208,6 +211,11 @@ class WheelDevice(Device):
             self._catch_up()
         return self._link.status if self._link is not None else None
 
+    @external
+    def gyro_bias_rad_s(self) -> float | None:
+        """Bias of the gyroscope that the yaw comes from; null while the yaw is the wheels'."""
+        return self._gyro.bias_rad_s if self._gyro.is_used else None
+
     def _catch_up(self) -> None:
         """Take in what has arrived. The device's own step raises a fault of the bus, never a caller's call."""
         link = self._link
@@ -249,7 +257,7 @@ class WheelDevice(Device):
         measured_ns, missing = self._frame_clock.note(counter, report.stamp_ns, now_ns), report.missing
         if counter is None and self._heard_ns is not None:  # by the time since the one before
             missing = max(0, round((measured_ns - self._measured_ns) / self._period_ns) - 1)
-        self._measured_ns = measured_ns
+        self._measured_ns, before = measured_ns, self._odometry.ticks
         if self._odometry.take(report.counts, measured_ns, missing):
             self._believed += 1
         else:
@@ -259,4 +267,13 @@ class WheelDevice(Device):
             self.condition.notify(Condition(True, "the motor controller speaks again"))
         self._heard_ns = now_ns
         board = self.env.board
+        if board.yaw_rates or self._gyro.is_used:
+            self._correct_yaw(report.counts, before, measured_ns + self._frame_clock.offset_ns)
         board.T_odom_robot, board.wheel_ticks = self._odometry.pose, report.counts
+
+    def _correct_yaw(self, counts: Ticks, before: Ticks | None, stamp_ns: int) -> None:
+        gyro, odometry = self._gyro, self._odometry
+        # Between two marks of an encoder a standing wheel goes to and fro by one count.
+        is_moving = before is None or any(abs(now - then) > 1 for now, then in zip(counts, before, strict=True))
+        beyond_rad = gyro.follow(self.env.board.yaw_rates, odometry.turned_rad, stamp_ns, is_moving=is_moving)
+        odometry.turn(beyond_rad, gyro.rate_rad_s)

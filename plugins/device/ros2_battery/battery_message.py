@@ -34,6 +34,8 @@ class ToldBattery(NamedTuple):
     current_a: float
     """Positive while discharging."""
     temperature_c: float
+    has_current: bool
+    """False if the current is the one that was given."""
 
 
 def read_battery(message: BatteryMessage, current_a: float | None, temperature_c: float) -> ToldBattery:
@@ -51,7 +53,8 @@ def read_battery(message: BatteryMessage, current_a: float | None, temperature_c
     if not 0.0 < message.voltage <= VOLTAGE_MAX_V:
         raise BadBattery(f"expected a voltage up to {VOLTAGE_MAX_V:g} V, got {message.voltage:g}")
     drawn_a = -message.current
-    if math.isnan(drawn_a):
+    has_current = not math.isnan(drawn_a)
+    if not has_current:
         if current_a is None:
             raise BadBattery("the robot does not measure its current: give current_a")
         drawn_a = current_a
@@ -61,4 +64,4 @@ def read_battery(message: BatteryMessage, current_a: float | None, temperature_c
     if not abs(measured_c) <= TEMPERATURE_MAX_C:
         raise BadBattery(f"expected a temperature up to {TEMPERATURE_MAX_C:g} °C, got {message.temperature:g}")
     stamp = message.header.stamp
-    return ToldBattery(stamp.sec * NS_PER_S + stamp.nanosec, message.voltage, drawn_a, measured_c)
+    return ToldBattery(stamp.sec * NS_PER_S + stamp.nanosec, message.voltage, drawn_a, measured_c, has_current)

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState
 
@@ -12,6 +13,7 @@ from robrain.plugins.device.ros2.link import Ros2Link, Subscription, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.stamp_clock import StampClock
 from robrain.plugins.device.ros2_battery.battery_message import BadBattery, BatteryMessage, read_battery
+from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 
 
@@ -66,7 +68,8 @@ class Ros2Battery(Device):
                 continue
             stamp_ns = self._clock.measured_ns(told.stamp_ns, arrived.arrived_ns)
             volts, amps, celsius = told.voltage_v, told.current_a, told.temperature_c
-            self._latest = counted(self._latest, stamp_ns, volts, amps, celsius, gap_s=wanted.gap_s)
+            report = msgspec.UNSET if told.has_current else BatteryReport(has_current=False)
+            self._latest = counted(self._latest, stamp_ns, volts, amps, celsius, report, gap_s=wanted.gap_s)
 
     def deactivate(self) -> None:
         link, self._link = self._link, None

@@ -1,10 +1,17 @@
 """Battery: state of charge and energy left, with an interval, from measurements that are doubted first."""
 
+import msgspec
+
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.plugins.unit.battery.interface import BatteryAlarm, BatteryInterface
-from robrain.protocol.model.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
+from robrain.protocol.model.energy.battery_report import NOTHING_MORE, BatteryReport
+from robrain.protocol.model.energy.battery_tracker import (
+    BatteryTracker,
+    GaugeLimits,
+    Measured,
+)
 from robrain.protocol.model.energy.consumption import Drawn
 from robrain.protocol.model.energy.soc_filter import PackModel
 from robrain.protocol.wire.clock import to_seconds
@@ -59,7 +66,7 @@ class Battery(Unit):
         if measured is None:
             return
         if last is None:
-            self._tracker.begin(_values(measured))
+            self._tracker.begin(_values(measured), _report(measured))
             self._heard_ns = now_ns
         elif measured.stamp_ns != last.stamp_ns:
             self._follow(last, measured)
@@ -89,7 +96,7 @@ class Battery(Unit):
             charge_c = measured.current_a * elapsed_s
             energy_j = measured.voltage_v * charge_c
         self._energy_j += energy_j
-        self._tracker.follow(_values(measured), charge_c, elapsed_s)
+        self._tracker.follow(_values(measured), charge_c, elapsed_s, _report(measured))
 
     def _tell(self, measured: BatteryMeasurement) -> None:
         believed = self._tracker.filter
@@ -110,7 +117,8 @@ class Battery(Unit):
             charging=charging and not why,
             implausible=why,
         )
-        is_own = not why and measured.current_a > 0
+        # What is only guessed teaches nothing about the cost of work.
+        is_own = not why and measured.current_a > 0 and _report(measured).has_current
         self._drawn = Drawn(measured.stamp_ns, self._energy_j, is_own)
         self._warn(why, soc, remaining_j, measured.voltage_v)
 
@@ -136,3 +144,7 @@ class Battery(Unit):
 
 def _values(measured: BatteryMeasurement) -> Measured:
     return Measured(measured.voltage_v, measured.current_a, measured.temperature_c)
+
+
+def _report(measured: BatteryMeasurement) -> BatteryReport:
+    return NOTHING_MORE if isinstance(measured.report, msgspec.UnsetType) else measured.report

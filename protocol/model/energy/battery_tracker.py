@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.protocol.model.energy.battery_report import NOTHING_MORE, BatteryReport
 from robrain.protocol.model.energy.soc_filter import PackModel, SocFilter
 from robrain.protocol.model.ranges import check_positive
 
@@ -82,6 +83,8 @@ class GaugeCheck:
         since_s: float,
         expected_v: float,
         resistance_ohm: float,
+        *,
+        compares: bool = True,
     ) -> bool:
         """Whether to believe this measurement.
 
@@ -92,9 +95,12 @@ class GaugeCheck:
             since_s: time since the measurement before.
             expected_v: what the estimate expects at this current.
             resistance_ohm: as estimated.
+            compares: whether to hold voltage and current against each other, and against the estimate.
 
         """
-        wrong = self._wrong(voltage_v, current_a, temperature_c, since_s, expected_v, resistance_ohm)
+        wrong = self._out_of_range(voltage_v, current_a, temperature_c)
+        if not wrong and compares:
+            wrong = self._contradiction(voltage_v, current_a, since_s, expected_v, resistance_ohm)
         self._voltage_v, self._current_a = voltage_v, current_a
         return self._settle(wrong, since_s)
 
@@ -113,15 +119,7 @@ class GaugeCheck:
                 self.why = ""
         return not self.why
 
-    def _wrong(
-        self,
-        voltage_v: float,
-        current_a: float,
-        temperature_c: float,
-        since_s: float,
-        expected_v: float,
-        resistance_ohm: float,
-    ) -> str:
+    def _out_of_range(self, voltage_v: float, current_a: float, temperature_c: float) -> str:
         limits = self.limits
         if not limits.voltage_min_v <= voltage_v <= limits.voltage_max_v:
             return f"{voltage_v:.2f} V is out of range"
@@ -129,7 +127,12 @@ class GaugeCheck:
             return f"{current_a:.2f} A is out of range"
         if not limits.temperature_min_c <= temperature_c <= limits.temperature_max_c:
             return f"{temperature_c:.0f} degrees are out of range"
+        return ""
 
+    def _contradiction(
+        self, voltage_v: float, current_a: float, since_s: float, expected_v: float, resistance_ohm: float
+    ) -> str:
+        limits = self.limits
         same = voltage_v == self._voltage_v and current_a == self._current_a
         self._same_s = self._same_s + since_s if same else 0.0
         if self._same_s >= limits.frozen_s:
@@ -189,30 +192,48 @@ class BatteryTracker:
         """What is wrong with the measurements, in words; empty while they are believed."""
         return self._check.why
 
-    def begin(self, measured: Measured) -> None:
+    def begin(self, measured: Measured, report: BatteryReport = NOTHING_MORE) -> None:
         """The first measurement."""
-        self._check.judge(*measured, 0.0, measured.voltage_v, 0.0)
+        self._check.judge(*measured, 0.0, measured.voltage_v, 0.0, compares=report.is_plain)
         if self._soc_at_start is not None:
             self.filter.start_at(self._soc_at_start, KNOWN_START_SD)
         elif self.why_doubted:
             self.filter.start_at(0.5, 0.3)
+        elif report.soc is not None:
+            self.filter.start_at(report.soc, report.soc_sd)
         else:
             self.filter.start_from(measured.voltage_v, measured.current_a)
         self._older = self._newer = self.filter.snapshot()
 
-    def follow(self, measured: Measured, counted_c: float, elapsed_s: float) -> None:
+    def follow(
+        self, measured: Measured, counted_c: float, elapsed_s: float, report: BatteryReport = NOTHING_MORE
+    ) -> None:
         """A measurement `elapsed_s` (above 0) after the one before, with the charge that has flown since."""
         blind_s, self._blind_s = self._blind_s, 0.0
         expected_v = self.filter.expected_v(measured.current_a)
-        if not self._check.judge(*measured, elapsed_s, expected_v, self.filter.resistance_ohm):
+        resistance_ohm = self.filter.resistance_ohm
+        if not self._check.judge(*measured, elapsed_s, expected_v, resistance_ohm, compares=report.is_plain):
             self._go_on_blindly(max(0.0, elapsed_s - blind_s))
             return
         self._was_believed = True
         self._keep(elapsed_s)
-        self.filter.count(counted_c / elapsed_s, elapsed_s)
-        self.filter.fuse(measured.voltage_v, measured.current_a)
-        if measured.current_a > 0:
+        self._correct(measured, counted_c / elapsed_s, elapsed_s, report)
+        if measured.current_a > 0 and report.has_current:
             self.usual_a += min(1.0, elapsed_s / USUAL_OVER_S) * (measured.current_a - self.usual_a)
+
+    def _correct(self, measured: Measured, mean_a: float, elapsed_s: float, report: BatteryReport) -> None:
+        believed = self.filter
+        unsure_a = DOUBT_SHARE * max(abs(mean_a), self.usual_a)
+        if report.has_current:
+            believed.count(mean_a, elapsed_s)
+        else:
+            believed.count_guess(mean_a, unsure_a, elapsed_s)
+        if report.soc is not None:  # the battery knows its own cells; the curve of the datasheet may be any
+            believed.fuse_soc(report.soc, report.soc_sd, elapsed_s)
+        elif report.has_current:
+            believed.fuse(measured.voltage_v, measured.current_a)
+        else:
+            believed.fuse_at_guess(measured.voltage_v, mean_a, unsure_a, elapsed_s)
 
     def hear_nothing(self, since_s: float, elapsed_s: float) -> None:
         """No measurement has come for `since_s`; `elapsed_s` have passed since the last call of this or `follow`."""

@@ -23,10 +23,14 @@ from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.ranges import check_positive
 
 J_PER_WH = 3600.0
+CELLS_MAX = 200
 SOC_LEAST, SOC_MOST = 0.0, 1.02
 HEALTH_LEAST, HEALTH_MOST = 0.3, 1.3
 RESISTANCE_LEAST = 0.2
 """Shares of the nominal values that the filter does not leave."""
+SAME_ERROR_S = 60.0
+"""Errors of a guessed current, or of a state of charge that the battery tells, are the same for about so long: what is
+told many times in that time is worth one measurement. Chosen."""
 _SD_95 = 1.959964
 """Half of a two-sided 95 % interval of a normal distribution, in standard deviations."""
 
@@ -56,7 +60,9 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         *(10.6, 12.7, 14.07, 14.7, 14.84, 14.9, 14.99, 15.08, 15.2),
         *(15.36, 15.56, 15.78, 16.07, 16.41),
     )
-    """Open-circuit voltage at these states of charge, rising."""
+    """Open-circuit voltage at these states of charge, rising; of the pack, or of each of its `cells`."""
+    cells: int = 1
+    """In series: `curve_v` is multiplied by this. All other figures are those of the pack."""
     curve_sd_v: float = 0.03
     """Standard deviation of a pack's curve."""
     curve_wander_s: float = 1800.0
@@ -103,7 +109,9 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
                 raise ValueError(f"expected {name} to rise, got {getattr(self, name)}")
         if self.curve_soc[0] != 0 or self.curve_soc[-1] != 1:
             raise ValueError(f"expected curve_soc from 0 to 1, got {self.curve_soc[0]} to {self.curve_soc[-1]}")
-        if not self.cut_off_v < self.curve_v[-1]:
+        if not 1 <= self.cells <= CELLS_MAX:
+            raise ValueError(f"expected 1 to {CELLS_MAX} cells, got {self.cells}")
+        if not self.cut_off_v < self.curve_v[-1] * self.cells:
             raise ValueError(f"expected cut_off_v below the curve's end, got {self.cut_off_v}")
 
 
@@ -118,7 +126,7 @@ class SocFilter:
     def __init__(self, pack: PackModel) -> None:
         self.pack = pack
         self._curve_soc = np.array(pack.curve_soc)
-        self._curve_v = np.array(pack.curve_v)
+        self._curve_v = np.array(pack.curve_v) * pack.cells
         spans = np.diff(self._curve_soc)
         mean_v = float(((self._curve_v[1:] + self._curve_v[:-1]) / 2 * spans).sum())
         self.rated_c = pack.capacity_wh * J_PER_WH / mean_v
@@ -204,6 +212,35 @@ class SocFilter:
         """Correct by a voltage that was measured together with this current."""
         _update(self._state, self._covariance, self._constants, self._curve_soc, self._curve_v, voltage_v, current_a)
 
+    def count_guess(self, current_a: float, sd_a: float, duration_s: float) -> None:
+        """Let a current have flown that is only guessed, with this standard deviation."""
+        self.count(current_a, duration_s)
+        share = sd_a / (self.rated_c * float(self._state[4]))
+        grown = self._covariance[0, 0] + share * share * SAME_ERROR_S * duration_s
+        self._covariance[0, 0] = max(float(self._covariance[0, 0]), min(0.25, grown))
+
+    def fuse_at_guess(self, voltage_v: float, current_a: float, sd_a: float, duration_s: float) -> None:
+        """As `fuse`, with a guessed current; `duration_s` since the last time."""
+        behind_ohm = self.resistance_ohm * (1.0 + self.pack.relaxation_share)
+        constants = self._constants.copy()
+        constants[_VOLTAGE_SD] = _once(math.hypot(self.pack.voltage_sd_v, sd_a * behind_ohm), duration_s)
+        _update(self._state, self._covariance, constants, self._curve_soc, self._curve_v, voltage_v, current_a)
+
+    def fuse_soc(self, soc: float, sd: float, duration_s: float) -> None:
+        """Correct by a state of charge that the battery itself tells; `duration_s` since it last did.
+
+        The estimate follows it within `SAME_ERROR_S`, and is never surer than it is.
+        """
+        state, covariance = self._state, self._covariance
+        covariance[0, 0] += sd * sd * min(1.0, duration_s / SAME_ERROR_S)
+        cross = covariance[:, 0].copy()
+        spread = float(cross[0]) + _once(sd, duration_s) ** 2
+        state += cross / spread * (soc - float(state[0]))
+        covariance -= np.outer(cross, cross) / spread
+        state[0] = min(SOC_MOST, max(SOC_LEAST, float(state[0])))
+        state[3] = max(RESISTANCE_LEAST * self.pack.resistance_ohm, float(state[3]))
+        state[4] = min(HEALTH_MOST, max(HEALTH_LEAST, float(state[4])))
+
     def remaining_j(self) -> tuple[float, float]:
         """Energy at the terminals above the cut-off, and its standard deviation."""
         pack, state, covariance = self.pack, self._state, self._covariance
@@ -234,6 +271,15 @@ class SocFilter:
         span = soc - float(self._curve_soc[upper - 1])
         here_v = _along(self._curve_soc, self._curve_v, soc)
         return float(self._areas[upper - 1]) + span * (float(self._curve_v[upper - 1]) + here_v) / 2
+
+
+_VOLTAGE_SD = 5
+"""Place of `voltage_sd_v` in the constants."""
+
+
+def _once(sd: float, duration_s: float) -> float:
+    """Standard deviation for each of several measurements with the same error that are to count as one."""
+    return sd * math.sqrt(max(1.0, SAME_ERROR_S / duration_s))
 
 
 @njit(cache=True, nogil=True)
@@ -296,7 +342,7 @@ def _update(
     voltage_v: float,
     current_a: float,
 ) -> None:
-    voltage_sd_v, nominal_ohm = constants[5], constants[7]
+    voltage_sd_v, nominal_ohm = constants[_VOLTAGE_SD], constants[7]
     # The measurement's row is H = (slope, -1, 1, -current, 0).
     slope_v = _slope(curve_soc, curve_v, x[0])
     innovation_v = voltage_v - (_along(curve_soc, curve_v, x[0]) - x[1] + x[2] - current_a * x[3])

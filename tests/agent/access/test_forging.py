@@ -191,7 +191,7 @@ def test_a_tag_cannot_be_made_without_the_manager(lab, env):
 def test_an_environment_made_of_a_stand_in_leads_to_the_stand_in(lab, env):
     asked = []
     stand_in = SimpleNamespace(name="friend", use=lambda *request: asked.append(request))
-    forged = Environment(stand_in, "r1", env.wire, env.seeds, env.board, env.tasks)
+    forged = Environment(stand_in, "r1", env.wire, env.seeds, env.board, env.tasks, halting=lab.hosts[-1].halting)
     forged.use("switch", SwitchInterface)
     assert asked == [("switch", SwitchInterface)]
     assert lab.infos()["switch"].holder == ""

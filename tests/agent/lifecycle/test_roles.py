@@ -102,6 +102,11 @@ def test_a_role_must_be_a_name(place: Path) -> None:
         read_manifest(place / "bright_lamp.toml")
 
 
+def test_a_role_of_stock_plugins_that_has_no_plugin_of_its_own_is_one(place: Path) -> None:
+    (place / "bright_lamp.toml").write_text('[plugin]\nclass = "lamps:Bright"\nrole = "imu"\n')
+    assert check_plugins(place) == []
+
+
 def test_the_check_finds_nothing_wrong_but_a_role_that_there_is_not(place: Path) -> None:
     assert check_plugins(place) == []
     (place / "bright_lamp.toml").write_text('[plugin]\nclass = "lamps:Bright"\nrole = "lampe"\n')

@@ -134,3 +134,21 @@ def test_five_seconds_of_frames_are_kept_and_no_more():
     for number in range(HISTORY_FRAMES + 10):
         one.take((number,) * 3, number, 0)
     assert one.pose_at(0).yaw_rad == pytest.approx(yaw_rad(10))
+
+
+def test_angle_beyond_the_wheels_turns_the_newest_pose_alone():
+    one = fresh()
+    one.take((0, 0, 0), to_ns(1.0), 0)
+    one.take((100, 100, 100), to_ns(1.02), 0)
+    before = one.pose
+    assert one.turned_rad == pytest.approx(yaw_rad(100))
+    one.turn(0.25, 3.0)
+    assert one.pose.yaw_rad == pytest.approx(before.yaw_rad + 0.25)
+    assert (one.pose.x_m, one.pose.y_m) == (before.x_m, before.y_m)
+    assert one.velocity.yaw_rad_s == 3.0
+    assert one.pose_at(to_ns(1.02)) == one.pose
+    assert one.pose_at(to_ns(1.0)) == START
+    one.turn(-0.25, None)
+    assert one.velocity.yaw_rad_s == 3.0
+    assert one.take((100, 100, 100), to_ns(1.04), 0)
+    assert one.turned_rad == 0.0

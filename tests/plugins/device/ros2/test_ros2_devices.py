@@ -306,6 +306,18 @@ def test_charge_and_energy_are_counted_between_measurements_but_not_across_a_gap
     assert (latest["charge_c"], latest["energy_j"]) == (4.0, 60.0)
 
 
+def test_a_current_that_the_robot_does_not_measure_is_told_as_a_guess(build):
+    robot = build(bm2={"current_a": 0.8})
+    inbox = robot.link.inboxes["/r1/battery_state"]
+    inbox.put(battery(15.0, -2.0, stamp_ns=to_ns(1.0)), to_ns(1.0))
+    robot.run(0.3)
+    assert "report" not in robot.one.call("bm2", "latest")
+    inbox.put(battery(15.0, math.nan, stamp_ns=to_ns(2.0)), to_ns(2.0))
+    robot.run(0.3)
+    latest = robot.one.call("bm2", "latest")
+    assert (latest["current_a"], latest["report"]["has_current"]) == (0.8, False)
+
+
 def test_at_the_end_everything_is_released(robot):
     robot.run(0.1)
     assert robot.link.users == 3

@@ -1,0 +1,181 @@
+"""Which frames and signals of a DBC file carry a battery's voltage, current, temperature and state of charge.
+
+The defaults are those of the Robertino's battery manager (`protocol/can/robertino.dbc`).
+"""
+
+import math
+from enum import StrEnum
+from typing import Annotated, NamedTuple
+
+import can
+import msgspec
+from msgspec import Meta
+
+from robrain.plugins.device.bm2.interface import ASSUMED_C
+from robrain.plugins.device.mocdevice.frame_map import Checksum, Sign, SignalName
+from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc, signal_frame
+from robrain.protocol.can.frame_port import Frame
+from robrain.protocol.can.frames import BadFrame, FrameCodec
+from robrain.protocol.can.payload import EXTENDED, ID_MASK
+from robrain.protocol.model.energy.battery_report import BatteryReport
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.wire.clock import to_ns
+
+SIGNALS_MAX = 8
+RECENT_NS = to_ns(5.0)
+"""What another frame told longer ago than this is not taken with a measurement."""
+
+
+class Quantity(StrEnum):
+    """What a signal carries, and in which unit."""
+
+    VOLTAGE_V = "voltage V"
+    VOLTAGE_MV = "voltage mV"
+    CURRENT_A = "current A"
+    """Positive while discharging; see `current_sign`."""
+    CURRENT_MA = "current mA"
+    TEMPERATURE_C = "temperature °C"
+    TEMPERATURE_K = "temperature K"
+    SOC = "soc"
+    """0 to 1."""
+    SOC_PERCENT = "soc %"
+
+    @property
+    def field(self) -> str:
+        """Name of the quantity, without the unit."""
+        return self.partition(" ")[0]
+
+    def in_si(self, value: float) -> float:
+        """A value of the signal in V, A, °C, or from 0 to 1."""
+        if self is Quantity.TEMPERATURE_K:
+            return value - 273.15
+        return value * _FACTORS.get(self, 1.0)
+
+
+_FACTORS = {Quantity.VOLTAGE_MV: 1e-3, Quantity.CURRENT_MA: 1e-3, Quantity.SOC_PERCENT: 1e-2}
+
+
+class BatteryFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One frame, with the signals in it that are of use, by name."""
+
+    frame: SignalName
+    signals: Annotated[dict[SignalName, Quantity], Meta(min_length=1, max_length=SIGNALS_MAX)]
+
+
+class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of it, with what the frames have in common.
+
+    Raises ValueError where a quantity is told twice, or no voltage.
+    """
+
+    dbc: Annotated[str, Meta(min_length=1, max_length=4096)] = "robertino"
+    """Path of the DBC file; or `robertino` or `two_wheels`, which come with robrain."""
+    frames: Annotated[tuple[BatteryFrame, ...], Meta(min_length=1, max_length=SIGNALS_MAX)] = (
+        BatteryFrame(
+            frame="BatteryStatus",
+            signals={
+                "voltage_v": Quantity.VOLTAGE_V,
+                "current_a": Quantity.CURRENT_A,
+                "temperature_c": Quantity.TEMPERATURE_C,
+            },
+        ),
+    )
+    """Each frame with the voltage is a measurement; the others tell what is taken with the next one."""
+    current_sign: Sign = 1
+    """-1 if the battery tells a current that is positive while charging."""
+    current_a: float = 1.0
+    """Taken as drawn if no signal tells the current."""
+    soc_sd: float = 0.03
+    """Standard deviation of the state of charge that the battery tells."""
+    counter: str = "counter"
+    """Name of the signal that counts a sender's frames, 8 bits; empty if there is none."""
+    checksum: Checksum = Checksum.CRC8_J1850_ID
+
+    def __post_init__(self) -> None:
+        check_positive(self, "soc_sd", below=1.0)
+        if not math.isfinite(self.current_a):
+            raise ValueError(f"expected a finite current_a, got {self.current_a}")
+        fields = [quantity.field for one in self.frames for quantity in one.signals.values()]
+        if len(fields) != len(set(fields)) or "voltage" not in fields:
+            raise ValueError(f"frames: expected a voltage and each quantity once, got {', '.join(fields)}")
+
+
+class BatteryValues(NamedTuple):
+    """One measurement, in SI units and degrees Celsius; current is positive while discharging."""
+
+    voltage_v: float
+    current_a: float
+    temperature_c: float
+    report: BatteryReport | msgspec.UnsetType
+
+
+class BatteryFrames:
+    """The codecs of a map, and the values that its frames have told last.
+
+    Args:
+        wanted: the map.
+
+    Raises:
+        ValueError: naming the frame or signal that the DBC file does not have.
+
+    """
+
+    def __init__(self, wanted: BatteryMap) -> None:
+        dbc = read_dbc(wanted.dbc)
+        self._codecs: dict[int, tuple[FrameCodec | SignalFrame, tuple[Quantity, ...]]] = {}
+        for one in wanted.frames:
+            try:
+                codec = signal_frame(dbc, one.frame, tuple(one.signals), wanted.counter, wanted.checksum)
+            except ValueError as error:
+                raise ValueError(f"battery.frames: {error}") from error
+            if codec.arbitration_id in self._codecs:
+                raise ValueError(f"battery.frames: expected each frame once, got {one.frame} again")
+            self._codecs[codec.arbitration_id] = codec, tuple(one.signals.values())
+        self._wanted = wanted
+        fields = {quantity.field for one in wanted.frames for quantity in one.signals.values()}
+        self._has_current, self._has_soc = "current" in fields, "soc" in fields
+        self._told: dict[str, tuple[float, int]] = {}
+        """Value and stamp of each quantity."""
+
+    @property
+    def filters(self) -> "can.typechecking.CanFilters":
+        """python-can's filters for these frames alone."""
+        return [
+            {"can_id": identifier & ID_MASK, "can_mask": ID_MASK, "extended": True}
+            if identifier & EXTENDED
+            else {"can_id": identifier, "can_mask": 0x7FF, "extended": False}
+            for identifier in self._codecs
+        ]
+
+    def read(self, frame: Frame) -> BatteryValues | None:
+        """The measurement that a frame completes, if it does (BadFrame: wrong length or checksum, or no number)."""
+        known = self._codecs.get(frame.identifier)
+        if known is None:
+            return None
+        codec, quantities = known
+        values = codec.decode(frame.data)
+        if not all(map(math.isfinite, values)):
+            raise BadFrame(f"{codec.name}: expected finite values, got {values}")
+        stamp_ns = frame.stamp_ns
+        for quantity, value in zip(quantities, values, strict=False):
+            self._told[quantity.field] = quantity.in_si(value), stamp_ns
+        if not any(quantity.field == "voltage" for quantity in quantities):
+            return None
+        current_a = self._recent("current", stamp_ns) if self._has_current else self._wanted.current_a
+        if current_a is None:
+            return None  # the frame with the current has not come, or comes no more
+        signed_a = self._wanted.current_sign * current_a if self._has_current else current_a
+        temperature_c = self._recent("temperature", stamp_ns)
+        temperature_c = ASSUMED_C if temperature_c is None else temperature_c
+        return BatteryValues(self._told["voltage"][0], signed_a, temperature_c, self._report(stamp_ns))
+
+    def _recent(self, field: str, stamp_ns: int) -> float | None:
+        value, told_ns = self._told.get(field, (None, 0))
+        return value if stamp_ns - told_ns <= RECENT_NS else None
+
+    def _report(self, stamp_ns: int) -> BatteryReport | msgspec.UnsetType:
+        if self._has_current and not self._has_soc:
+            return msgspec.UNSET
+        soc = self._recent("soc", stamp_ns)
+        believable = soc if soc is not None and 0.0 <= soc <= 1.0 else None
+        return BatteryReport(has_current=self._has_current, soc=believable, soc_sd=self._wanted.soc_sd)

@@ -1,0 +1,1 @@
+"""Contacts on GPIO lines: bumpers and the emergency stop's button."""

@@ -1,0 +1,168 @@
+"""An inertial measurement unit on a serial line.
+
+Its turn rate goes to the odometry by the board, because devices do not call each other; decision 0067.
+"""
+
+import math
+from enum import StrEnum
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from robrain.agent.errors import HardwareAbsent
+from robrain.agent.plugin import Device, external, unlocked
+from robrain.agent.silence import Silence
+from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
+from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
+from robrain.plugins.device.imu.lines import LineCodec, LineFormat
+from robrain.plugins.device.imu.witmotion import WitMotionCodec
+from robrain.protocol.model.localization.gyro_yaw import YawRate
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.serial_lines.serial_line import SerialLine
+from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+RATE_MAX_RAD_S = 40.0
+"""Beyond the range of any gyroscope of this kind."""
+
+
+class ImuAbsent(OSError):
+    """The unit is not there, or says nothing. A fault like others: the plugin is started again later."""
+
+
+class ImuProtocol(StrEnum):
+    """What the unit speaks."""
+
+    WITMOTION = "witmotion"
+    LINES = "lines"
+
+
+class ImuCounters(msgspec.Struct, frozen=True):
+    """What came over the line."""
+
+    samples: int
+    rejected: int
+    """Frames or lines with a wrong checksum, or that cannot be read, or beyond what a unit can measure."""
+    stray_bytes: int
+
+
+class SerialImu(Device):
+    """Reads a unit's turn rate and acceleration, and leaves the turn rate to the odometry."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """The line, what is spoken on it, and how the unit is mounted."""
+
+        port: Annotated[str, Meta(min_length=1, max_length=4096)] = "/dev/imu"
+        """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:imu` is the simulator's."""
+        baud: int = 9600
+        protocol: ImuProtocol = ImuProtocol.WITMOTION
+        lines: LineFormat = LineFormat()
+        """For the protocol `lines`."""
+        rate_hz: float = 100.0
+        """Measurements a second, by which those that arrive together are told apart."""
+        upside_down: bool = False
+        mounted_yaw_rad: float = 0.0
+        """Direction of the unit's x axis, robot's frame; for the accelerations alone."""
+        yaw_sign: Literal[1, -1] = 1
+        """-1 for a unit whose rate is positive to the right."""
+        silent_s: float = 0.5
+        """Time without a measurement after which the unit counts as gone."""
+
+        def __post_init__(self) -> None:
+            check_positive(self, "baud", "rate_hz", "silent_s", below=10_000_000.0)
+            if not math.isfinite(self.mounted_yaw_rad):
+                raise ValueError(f"expected a finite mounted_yaw_rad, got {self.mounted_yaw_rad}")
+
+    interface = ImuInterface
+    period_s = 0.02
+    parameters: Parameters
+
+    def init(self) -> None:
+        wanted = self.parameters
+        self._line: SerialLine | None = None
+        self._latest: ImuSample | None = None
+        self._codec: ImuCodec = self._new_codec()
+        self._period_ns = to_ns(1.0 / wanted.rate_hz)
+        self._cos, self._sin = math.cos(wanted.mounted_yaw_rad), math.sin(wanted.mounted_yaw_rad)
+        self._samples = self._beyond = 0
+
+    def activate(self) -> None:
+        wanted = self.parameters
+        try:
+            self._line = self.env.open_serial(wanted.port, wanted.baud)
+        except HardwareAbsent as error:
+            raise ImuAbsent(f"no IMU at {wanted.port}: {error}") from error
+        self._codec = self._new_codec()
+        self._silence = Silence(to_ns(wanted.silent_s))
+        self._heard_ns = self.env.clock.now_ns()
+
+    def step(self) -> None:
+        if self._line is None:
+            return
+        try:
+            data = self._line.read()
+        except OSError as error:
+            raise ImuAbsent(f"the line to the IMU at {self.parameters.port} is lost: {error}") from error
+        now_ns = self.env.clock.now_ns()
+        motions = [motion for motion in self._codec.feed(data) if self._is_possible(motion)]
+        if motions:
+            self._heard_ns = now_ns
+            self._take(motions, now_ns)
+            return
+        silent_ns = self._silence.since(self._heard_ns, now_ns)
+        if silent_ns > self._silence.limit_ns:
+            raise ImuAbsent(
+                f"no measurement for {silent_ns / NS_PER_S:.2f} s from the IMU at {self.parameters.port}"
+                f"{', but bytes that are none' if self._codec.rejected or self._codec.stray_bytes else ''}"
+            )
+
+    def deactivate(self) -> None:
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+
+    @external
+    @unlocked
+    def latest(self) -> ImuSample | None:
+        """The last measurement; null before the first."""
+        return self._latest
+
+    @external
+    def counters(self) -> ImuCounters:
+        """Measurements taken and rejected, and bytes that belong to none."""
+        codec = self._codec
+        return ImuCounters(self._samples, codec.rejected + self._beyond, codec.stray_bytes)
+
+    def _new_codec(self) -> ImuCodec:
+        wanted = self.parameters
+        return LineCodec(wanted.lines) if wanted.protocol is ImuProtocol.LINES else WitMotionCodec()
+
+    def _is_possible(self, motion: Motion) -> bool:
+        is_possible = abs(motion.yaw_rate_rad_s) <= RATE_MAX_RAD_S
+        self._beyond += not is_possible
+        return is_possible
+
+    def _take(self, motions: list[Motion], now_ns: int) -> None:
+        rates = self.env.board.yaw_rates
+        latest = self._latest
+        before_ns = latest.stamp_ns if latest is not None and latest.stamp_ns <= now_ns else 0  # the clock was set back
+        for number, motion in enumerate(motions, 1 - len(motions)):
+            stamp_ns = max(before_ns + 1, now_ns + number * self._period_ns)
+            self._latest = sample = self._sample(motion, stamp_ns)
+            rates.append(YawRate(stamp_ns, sample.yaw_rate_rad_s))
+            before_ns = stamp_ns
+        self._samples += len(motions)
+
+    def _sample(self, motion: Motion, stamp_ns: int) -> ImuSample:
+        wanted = self.parameters
+        turns = -wanted.yaw_sign if wanted.upside_down else wanted.yaw_sign
+        rate_rad_s = turns * motion.yaw_rate_rad_s
+        if motion.x_m_s2 is None or motion.y_m_s2 is None:
+            return ImuSample(stamp_ns, rate_rad_s)
+        x_m_s2, y_m_s2 = motion.x_m_s2, -motion.y_m_s2 if wanted.upside_down else motion.y_m_s2
+        return ImuSample(
+            stamp_ns,
+            rate_rad_s,
+            self._cos * x_m_s2 - self._sin * y_m_s2,
+            self._sin * x_m_s2 + self._cos * y_m_s2,
+        )

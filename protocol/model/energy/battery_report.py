@@ -1,0 +1,22 @@
+"""What batteries say beside their measurements."""
+
+import msgspec
+
+
+class BatteryReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What a battery says of its charge, and whether it measures its current."""
+
+    has_current: bool = True
+    """False: nothing measures the current, and that of the measurement is a guess."""
+    soc: float | None = None
+    """State of charge that the battery has found itself, 0 to 1, of its full charge as it is now; None if none."""
+    soc_sd: float = 0.03
+    """Standard deviation of that, above 0."""
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the current is measured and the charge is to be found from it and the voltage."""
+        return self.has_current and self.soc is None
+
+
+NOTHING_MORE = BatteryReport()

@@ -1,0 +1,147 @@
+"""Yaw of a robot by a gyroscope, where wheels slip or their track is not known well.
+
+The gyroscope's turning takes the place of the wheels' for as long as it is heard. Its bias is the mean of what it
+measures while the wheels stand, a zero-velocity update (Skog, Händel, Nilsson, Rantakokko: Zero-Velocity Detection—An
+Algorithm Evaluation, IEEE Transactions on Biomedical Engineering 57(11), 2010). Before the bias is known, and over a
+gap, the wheels' turning counts.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+GAP_NS = 300_000_000
+"""A longer time between two measurements is not added up."""
+FRAMES_KEPT = 64
+"""Frames of the wheels, so that measurements may arrive later than these: 1.3 s at the usual period."""
+STILL_AFTER_NS = 200_000_000
+"""The robot may still rock for so long after its wheels have stopped."""
+WINDOW_NS = 500_000_000
+SPREAD_RAD_S = 0.05
+"""Measurements of a window differ by less while the robot stands."""
+STILL_RAD_S = 0.02
+"""Slower turning while the wheels stand is taken for a change of the bias; a person who turns the robot is faster."""
+BIAS_MAX_RAD_S = 0.2
+"""Largest bias that is believed."""
+ELSEWHERE_WINDOWS = 10
+"""So many windows in a row with another steady value are another bias, not a turn."""
+WINDOWS_MAX = 60
+"""The bias is the mean of at least this many recent windows, once there have been as many."""
+
+
+class YawRate(NamedTuple):
+    """One measurement of a gyroscope."""
+
+    stamp_ns: int
+    """Time of measurement, robot's clock."""
+    rad_s: float
+    """About the robot's vertical axis, to the left positive, with its bias."""
+
+
+class _Wheels(NamedTuple):
+    stamp_ns: int
+    turned_rad: float
+    """Sum of the wheels' turning until then."""
+
+
+class GyroYaw:
+    """Finds how far the robot has turned beyond what its wheels say."""
+
+    def __init__(self) -> None:
+        self.bias_rad_s: float | None = None
+        """None before the robot has stood for half a second."""
+        self.is_used = False
+        """Whether `follow` has had a measurement."""
+        self.rate_rad_s: float | None = None
+        """Rate without the bias by the last measurement; None while there is none, or the bias is not known."""
+        self._wheels: deque[_Wheels] = deque(maxlen=FRAMES_KEPT)
+        self._turned_rad = 0.0
+        self._moved_ns = 0
+        self._last: YawRate | None = None
+        self._last_wheels_rad: float | None = None
+        self._windows = self._elsewhere = 0
+        self._window: list[float] = []
+        self._window_ns = 0
+
+    def follow(self, rates: deque[YawRate], turned_rad: float, stamp_ns: int, *, is_moving: bool) -> float:
+        """Take a frame of the wheels, and the measurements until its time; returns the angle to add to the yaw.
+
+        Args:
+            rates: measurements in order; those that are used are taken out.
+            turned_rad: by the wheels, since the frame before.
+            stamp_ns: time of the frame, robot's clock.
+            is_moving: whether any wheel has turned since the frame before.
+
+        """
+        if self._wheels and stamp_ns <= self._wheels[-1].stamp_ns:  # a clock was set back: times before mean nothing
+            self._wheels.clear()
+            rates.clear()
+            self._last = self._last_wheels_rad = None
+        self._turned_rad += turned_rad
+        self._wheels.append(_Wheels(stamp_ns, self._turned_rad))
+        if is_moving:
+            self._moved_ns = stamp_ns
+        beyond_rad = 0.0
+        while rates and rates[0].stamp_ns <= stamp_ns:
+            self.is_used = True
+            beyond_rad += self._take(rates.popleft())
+        if self._last is None or stamp_ns - self._last.stamp_ns > GAP_NS:
+            self.rate_rad_s = None
+        return beyond_rad
+
+    def _take(self, rate: YawRate) -> float:
+        last, self._last = self._last, rate
+        wheels_rad, self._last_wheels_rad = self._last_wheels_rad, self._wheels_at(rate.stamp_ns)
+        bias_rad_s = self.bias_rad_s
+        self.rate_rad_s = None if bias_rad_s is None else rate.rad_s - bias_rad_s
+        elapsed_ns = 0 if last is None else rate.stamp_ns - last.stamp_ns
+        if last is None or not 0 < elapsed_ns <= GAP_NS:
+            self._forget_window()
+            return 0.0
+        stands = last.stamp_ns - self._moved_ns >= STILL_AFTER_NS
+        if stands:
+            self._learn(rate.rad_s, elapsed_ns)
+        else:
+            self._forget_window()
+        if bias_rad_s is None or wheels_rad is None or self._last_wheels_rad is None:
+            return 0.0
+        if stands and abs(rate.rad_s - bias_rad_s) <= STILL_RAD_S:
+            self.rate_rad_s = 0.0
+            return 0.0
+        turned_rad = ((last.rad_s + rate.rad_s) / 2 - bias_rad_s) * elapsed_ns * 1e-9
+        return turned_rad - (self._last_wheels_rad - wheels_rad)
+
+    def _wheels_at(self, stamp_ns: int) -> float | None:
+        """Sum of the wheels' turning at a time; None before the frames that are kept."""
+        after = self._wheels[-1]
+        for frame in reversed(self._wheels):
+            if frame.stamp_ns <= stamp_ns:
+                if after.stamp_ns <= stamp_ns:
+                    return after.turned_rad
+                share = (stamp_ns - frame.stamp_ns) / (after.stamp_ns - frame.stamp_ns)
+                return frame.turned_rad + share * (after.turned_rad - frame.turned_rad)
+            after = frame
+        return None
+
+    def _learn(self, rad_s: float, elapsed_ns: int) -> None:
+        self._window.append(rad_s)
+        self._window_ns += elapsed_ns
+        if self._window_ns < WINDOW_NS:
+            return
+        window = self._window
+        mean_rad_s, spread_rad_s = sum(window) / len(window), max(window) - min(window)
+        self._forget_window()
+        if spread_rad_s > SPREAD_RAD_S or abs(mean_rad_s) > BIAS_MAX_RAD_S:
+            self._elsewhere = 0
+            return
+        if self.bias_rad_s is not None and abs(mean_rad_s - self.bias_rad_s) > STILL_RAD_S:
+            self._elsewhere += 1
+            if self._elsewhere < ELSEWHERE_WINDOWS:
+                return
+            self._windows = 0
+        self._elsewhere = 0
+        self._windows = min(self._windows + 1, WINDOWS_MAX)
+        before_rad_s = 0.0 if self._windows == 1 or self.bias_rad_s is None else self.bias_rad_s
+        self.bias_rad_s = before_rad_s + (mean_rad_s - before_rad_s) / self._windows
+
+    def _forget_window(self) -> None:
+        self._window, self._window_ns = [], 0

@@ -1,0 +1,1 @@
+"""Parts that people fit to their own robots, byte for byte: for trying the devices that drive them without them."""

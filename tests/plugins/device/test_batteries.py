@@ -1,0 +1,316 @@
+"""Batteries that are asked: smart batteries, current monitors and those of the kernel, on simulated chips and files."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robrain.agent.authoring.testing import PluginBench
+from robrain.plugins.device.bm2 import ina_battery, smart_battery
+from robrain.plugins.device.bm2.ina_battery import Chip, InaBattery
+from robrain.plugins.device.bm2.polled_battery import BatteryAbsent
+from robrain.plugins.device.bm2.power_supply import PowerSupply
+from robrain.plugins.device.bm2.smart_battery import SmartBattery, SmartBatteryStatus
+from robrain.protocol.model.energy.battery_report import BatteryReport
+from robrain.sim.peripherals.battery_chips import InaChip, SmartBatteryChip
+from robrain.sim.peripherals.i2c_bus import I2cBus
+from tests.plugins.device.bare_device import BareDevice
+
+ADDRESS = 0x0B
+
+
+@pytest.fixture
+def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[I2cBus]:
+    wires = I2cBus()
+    monkeypatch.setattr(smart_battery, "SMBus", wires.open)
+    monkeypatch.setattr(ina_battery, "SMBus", wires.open)
+    yield wires
+    assert wires.opened == wires.closed, "each handle on the bus is closed"
+
+
+@pytest.fixture
+def chip(bus: I2cBus) -> SmartBatteryChip:
+    bus.chips[ADDRESS] = one = SmartBatteryChip()
+    return one
+
+
+@pytest.fixture
+def device(bus: I2cBus) -> Iterator[Any]:
+    made: list[BareDevice] = []
+
+    def build(device_class: type, **parameters: Any) -> BareDevice:
+        one = BareDevice(device_class, **parameters)
+        made.append(one)
+        one.it.activate()
+        return one
+
+    yield build
+    for one in made:
+        one.it.deactivate()
+
+
+def latest(one: BareDevice) -> Any:
+    one.step(0.2)
+    return one.it.latest()
+
+
+def step_often(one: BareDevice) -> None:
+    for _ in range(8):
+        one.step(0.2)
+
+
+# -- smart batteries --------------------------------------------------------------------------------------------
+
+
+def test_a_smart_battery_tells_its_measurements_and_its_charge(device: Any, chip: SmartBatteryChip) -> None:
+    one = device(SmartBattery)
+    chip.voltage_v, chip.current_a, chip.temperature_c, chip.soc, chip.error_percent = 14.321, 1.234, -5.0, 0.63, 8
+    found = latest(one)
+    assert (found.voltage_v, found.current_a) == (pytest.approx(14.321), pytest.approx(1.234))
+    assert found.temperature_c == pytest.approx(-5.0, abs=0.06)
+    assert found.report == BatteryReport(soc=0.63, soc_sd=0.04)
+
+
+def test_a_smart_battery_that_is_charged_has_a_current_below_nothing(device: Any, chip: SmartBatteryChip) -> None:
+    chip.current_a = -2.5
+    assert latest(device(SmartBattery)).current_a == pytest.approx(-2.5)
+
+
+def test_scales_of_a_large_battery_are_read_from_it(device: Any, bus: I2cBus) -> None:
+    bus.chips[ADDRESS] = chip = SmartBatteryChip(voltage_scale=1, current_scale=1)
+    chip.voltage_v, chip.current_a = 96.0, 45.0
+    found = latest(device(SmartBattery))
+    assert (found.voltage_v, found.current_a) == (pytest.approx(96.0), pytest.approx(45.0))
+
+
+def test_alarms_of_a_smart_battery_are_told_by_name(device: Any, chip: SmartBatteryChip) -> None:
+    one = device(SmartBattery)
+    chip.status, chip.remaining_mah = 0x1000 | 0x0200 | 0x0040 | 0x0007, 123
+    one.step()
+    assert one.it.status() == SmartBatteryStatus(("over temperature", "remaining capacity low"), 123, 7)
+
+
+def test_charge_and_energy_are_added_up_between_readings(device: Any, chip: SmartBatteryChip) -> None:
+    one = device(SmartBattery)
+    chip.voltage_v, chip.current_a = 10.0, 2.0
+    for _ in range(5):
+        found = latest(one)
+    assert (found.charge_c, found.energy_j) == (pytest.approx(2.0), pytest.approx(20.0))
+
+
+def test_noise_is_noticed_where_packets_have_a_checksum(device: Any, bus: I2cBus, chip: SmartBatteryChip) -> None:
+    one = device(SmartBattery, pec=True)
+    before = latest(one)
+    for bit in range(16):
+        bus.flips.append(bit)
+        one.step(0.1)
+        assert one.it.latest() == before
+        latest(one)
+        before = one.it.latest()
+    counters = one.it.counters()
+    assert (counters.failed, counters.last_error) == (16, "Bad message")
+
+
+def test_a_charge_of_more_than_all_is_rejected_where_they_have_none(
+    device: Any, bus: I2cBus, chip: SmartBatteryChip
+) -> None:
+    one = device(SmartBattery)
+    first = latest(one)
+    chip.soc = 1.28
+    assert latest(one) == first
+    chip.soc = 0.7
+    assert latest(one).report.soc == 0.7
+    assert one.it.counters().rejected == 1
+
+
+@given(st.lists(st.integers(0, 0xFFFF), min_size=8, max_size=8))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_a_battery_answers_is_a_measurement_or_rejected(bus: I2cBus, words: list[int]) -> None:
+    bus.chips[ADDRESS] = SmartBatteryChip()
+    one = BareDevice(SmartBattery)
+    one.it.activate()
+    registers = (0x08, 0x09, 0x0A, 0x0C, 0x0D, 0x0F, 0x16, 0x1A)
+    bus.chips[ADDRESS] = SimpleNamespace(word=dict(zip(registers, words, strict=True)).__getitem__)
+    one.step(0.2)
+    counters, found = one.it.counters(), one.it.latest()
+    assert (counters.readings, counters.rejected, counters.failed) in ((2, 0, 0), (1, 1, 0))
+    assert found.report.soc is not None
+    assert 0.0 <= found.report.soc <= 1.0
+    assert found.report.soc_sd >= 0.01
+    one.it.deactivate()
+
+
+@pytest.mark.parametrize("is_whole_bus", [False, True])
+def test_a_battery_that_is_pulled_out_for_a_moment_is_no_fault(
+    device: Any, bus: I2cBus, chip: SmartBatteryChip, is_whole_bus: bool
+) -> None:
+    one = device(SmartBattery)
+    latest(one)
+    bus.is_there = not is_whole_bus
+    del bus.chips[ADDRESS]
+    for _ in range(24):
+        one.step(0.2)
+    bus.is_there, bus.chips[ADDRESS] = True, chip
+    assert latest(one).stamp_ns == one.clock.now_ns()
+    assert one.it.counters().failed == 24
+
+
+@pytest.mark.parametrize("is_whole_bus", [False, True])
+def test_a_battery_that_stays_away_is_a_fault_that_names_it(
+    device: Any, bus: I2cBus, chip: SmartBatteryChip, is_whole_bus: bool
+) -> None:
+    one = device(SmartBattery, silent_s=1.0)
+    latest(one)
+    bus.is_there = not is_whole_bus
+    bus.chips.clear()
+    with pytest.raises(BatteryAbsent, match=r"for 1\.\d s from the smart battery at /dev/i2c-1, address 0x0b: "):
+        step_often(one)
+
+
+# -- current monitors -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", list(Chip))
+@pytest.mark.parametrize("current_a", [1.5, -0.75, 0.0])
+def test_a_monitor_tells_voltage_and_current(device: Any, bus: I2cBus, kind: Chip, current_a: float) -> None:
+    bus.chips[0x41] = chip = InaChip(is_226=kind is Chip.INA226, shunt_ohm=0.02)
+    chip.voltage_v, chip.current_a = 12.6, current_a
+    found = latest(device(InaBattery, chip=kind, address=0x41, shunt_ohm=0.02))
+    assert found.voltage_v == pytest.approx(12.6, abs=0.003)
+    assert found.current_a == pytest.approx(current_a, abs=0.001)
+    assert latest(device(InaBattery, chip=kind, address=0x41, shunt_ohm=0.02, current_sign=-1)).current_a == (
+        pytest.approx(-current_a, abs=0.001)
+    )
+
+
+@pytest.mark.parametrize(("kind", "averaging"), [(Chip.INA219, 0x3FFF), (Chip.INA226, 0x4727)])
+def test_a_monitor_that_has_lost_power_is_told_again_how_to_measure(
+    device: Any, bus: I2cBus, kind: Chip, averaging: int
+) -> None:
+    bus.chips[0x40] = chip = InaChip(is_226=kind is Chip.INA226)
+    one = device(InaBattery, chip=kind)
+    first = latest(one)
+    assert chip.configuration == averaging
+    chip.restart()
+    assert latest(one) == first
+    assert chip.configuration == averaging
+    assert latest(one).stamp_ns > first.stamp_ns
+    assert one.it.counters().rejected == 1
+
+
+@pytest.mark.parametrize("current_a", [10.0, -10.0])
+def test_a_current_beyond_the_shunt_is_rejected(device: Any, bus: I2cBus, current_a: float) -> None:
+    bus.chips[0x40] = chip = InaChip()
+    one = device(InaBattery, chip=Chip.INA219)
+    before = latest(one)
+    chip.current_a = 4 * current_a
+    assert latest(one) == before
+    assert one.it.counters().rejected == 1
+
+
+# -- batteries of the kernel ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def supply(tmp_path: Path) -> Any:
+    def write(name: str = "BAT0", **values: Any) -> Path:
+        folder = tmp_path / name
+        folder.mkdir(exist_ok=True)
+        for key, value in ({"type": "Battery", "status": "Discharging"} | values).items():
+            if value is None:
+                (folder / key).unlink(missing_ok=True)
+            else:
+                (folder / key).write_text(f"{value}\n")
+        return tmp_path
+
+    return write
+
+
+def test_a_battery_of_the_kernel_tells_what_its_files_say(device: Any, supply: Any) -> None:
+    folder = supply(voltage_now=12_345_000, current_now=-1_500_000, temp=312, capacity=87, present=1)
+    found = latest(device(PowerSupply, folder=str(folder)))
+    assert (found.voltage_v, found.current_a) == (pytest.approx(12.345), pytest.approx(1.5))
+    assert found.temperature_c == pytest.approx(31.2)
+    assert found.report == BatteryReport(soc=0.87, soc_sd=0.05)
+
+
+@pytest.mark.parametrize(
+    ("status", "current_a"), [("Charging", -1.5), ("Discharging", 1.5), ("Full", 0.0), ("Unknown", 1.5)]
+)
+def test_the_status_tells_the_sign_of_the_current(device: Any, supply: Any, status: str, current_a: float) -> None:
+    folder = supply(voltage_now=12_000_000, current_now=1_500_000, status=status)
+    assert latest(device(PowerSupply, folder=str(folder))).current_a == pytest.approx(current_a)
+
+
+def test_current_is_power_by_voltage_where_only_that_is_told(device: Any, supply: Any) -> None:
+    folder = supply(voltage_now=10_000_000, power_now=25_000_000)
+    assert latest(device(PowerSupply, folder=str(folder))).current_a == pytest.approx(2.5)
+
+
+def test_voltage_alone_comes_with_a_guessed_current_that_says_so(device: Any, supply: Any) -> None:
+    folder = supply(voltage_now=11_000_000)
+    found = latest(device(PowerSupply, folder=str(folder), current_a=0.8))
+    assert (found.current_a, found.report) == (0.8, BatteryReport(has_current=False, soc_sd=0.05))
+
+
+def test_batteries_of_mice_and_other_supplies_are_not_the_robots(device: Any, supply: Any) -> None:
+    supply("AC", type="Mains", voltage_now=1)
+    supply("BAT_mouse", scope="Device", voltage_now=2)
+    folder = supply("BAT_pack", voltage_now=15_000_000)
+    assert latest(device(PowerSupply, folder=str(folder))).voltage_v == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize("voltage", ["", "abc", "1" * 100, "12.5"])
+def test_what_is_no_number_is_rejected(device: Any, supply: Any, voltage: str) -> None:
+    one = device(PowerSupply, folder=str(supply(voltage_now=12_000_000)))
+    before = latest(one)
+    supply(voltage_now=voltage)
+    assert latest(one) == before
+    assert one.it.counters().rejected == 1
+
+
+def test_a_battery_of_the_kernel_that_is_taken_out_is_a_fault_and_back_when_it_is_in(device: Any, supply: Any) -> None:
+    folder = supply(voltage_now=12_000_000, present=1)
+    one = device(PowerSupply, folder=str(folder), silent_s=1.0)
+    latest(one)
+    supply(present=0)
+    with pytest.raises(BatteryAbsent, match="no battery is inserted"):
+        step_often(one)
+    with pytest.raises(BatteryAbsent, match="no battery is inserted"):
+        one.it.activate()
+    supply(present=1)
+    one.it.activate()
+    assert latest(one).stamp_ns == one.clock.now_ns()
+
+
+@pytest.mark.parametrize("name", ["../BAT0", "a/b", "..", "x" * 65])
+def test_a_name_that_leaves_the_folder_is_refused(name: str) -> None:
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"name": name}, PowerSupply.Parameters)
+
+
+# -- on a robot -------------------------------------------------------------------------------------------------
+
+
+def test_a_robot_whose_battery_is_pulled_out_says_so_and_has_it_back_within_two_seconds(
+    bus: I2cBus, chip: SmartBatteryChip
+) -> None:
+    with PluginBench(load=["battery"], roles={"bm2": "smart_battery"}, parameters={"bm2": {"silent_s": 1.0}}) as bench:
+        bench.run(1.0)
+        assert bench.call("battery", "state")["soc"] == pytest.approx(0.8, abs=0.01)
+        del bus.chips[ADDRESS]
+        bench.run(60.0)
+        info = bench.info("bm2")
+        assert info.state == "faulted"
+        assert "BatteryAbsent" in info.why
+        assert "the smart battery at /dev/i2c-1, address 0x0b: Remote I/O error" in info.why
+        chip.soc = 0.75
+        bus.chips[ADDRESS] = chip
+        bench.run(2.0)
+        assert (bench.info("bm2").state, bench.info("battery").state) == ("active", "active")
+        assert bench.call("bm2", "latest")["report"]["soc"] == 0.75

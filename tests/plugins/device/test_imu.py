@@ -1,0 +1,224 @@
+"""An inertial measurement unit on a serial line: the real driver, and a unit's bytes on a pseudo terminal."""
+
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.agent.authoring.testing import PluginBench
+from robrain.plugins.device.imu.imu_codec import Motion
+from robrain.plugins.device.imu.lines import LINE_BYTES_MAX, LineChecksum, LineCodec, LineFormat, RateUnit
+from robrain.plugins.device.imu.serial_imu import ImuAbsent, ImuProtocol, SerialImu
+from robrain.plugins.device.imu.witmotion import ANGULAR_VELOCITY_RAD_S, FRAME_BYTES, WitMotionCodec
+from robrain.sim.peripherals.serial_plug import SerialPlug
+from robrain.sim.peripherals.wit_imu import WitImu, wit_frame
+from tests.plugins.device.serial_device import SerialDevice
+from tests.waiting import PATIENCE_S
+
+TURN = wit_frame(0x52, 11, 22, 1638, 2500)
+"""About 100 degrees a second to the left."""
+RATE_RAD_S = 1638 * ANGULAR_VELOCITY_RAD_S
+
+
+# -- frames -----------------------------------------------------------------------------------------------------
+
+
+def test_frame_of_the_manual_is_its_turn_rate() -> None:
+    (motion,) = WitMotionCodec().feed(bytes.fromhex("55 52 00 00 00 00 66 06 C4 09 E0"))
+    assert math.degrees(motion.yaw_rate_rad_s) == pytest.approx(0x0666 / 32768 * 2000)
+    assert (motion.x_m_s2, motion.y_m_s2) == (None, None)
+
+
+def test_acceleration_comes_with_the_turn_rate_behind_it_and_other_frames_are_passed_over() -> None:
+    codec = WitMotionCodec()
+    first, second = codec.feed(
+        wit_frame(0x50, 0, 0, 0, 0) + wit_frame(0x51, 2048, -4096, 16384, 0) + TURN + wit_frame(0x53, 1, 2, 3, 4) + TURN
+    )
+    assert (first.x_m_s2, first.y_m_s2) == (pytest.approx(9.8), pytest.approx(-19.6))
+    assert second == Motion(pytest.approx(RATE_RAD_S))
+    assert (codec.rejected, codec.stray_bytes) == (0, 0)
+
+
+@pytest.mark.parametrize("byte", range(FRAME_BYTES))
+def test_a_byte_that_was_changed_costs_its_frame_alone(byte: int) -> None:
+    codec = WitMotionCodec()
+    broken = bytearray(TURN)
+    broken[byte] ^= 0x10
+    assert codec.feed(TURN + bytes(broken) + TURN + TURN) == [Motion(pytest.approx(RATE_RAD_S))] * 3
+    assert codec.rejected + codec.stray_bytes > 0
+
+
+@given(st.lists(st.binary(max_size=30), max_size=8), st.integers(1, 13))
+def test_noise_between_frames_of_any_cut_is_survived(noise: list[bytes], cut: int) -> None:
+    codec, found = WitMotionCodec(), []
+    stream = b"".join(each + TURN for each in noise) + TURN * 4
+    for begin in range(0, len(stream), cut):
+        found += codec.feed(stream[begin : begin + cut])
+    # Noise may look like a frame and swallow the beginning of a true one, but not of all that follow.
+    assert found[-2:] == [Motion(pytest.approx(RATE_RAD_S))] * 2
+
+
+# -- lines ------------------------------------------------------------------------------------------------------
+
+
+def nmea(body: str) -> bytes:
+    total = 0
+    for byte in body.encode():
+        total ^= byte
+    return f"${body}*{total:02X}\r\n".encode()
+
+
+def test_lines_of_any_order_and_unit_are_read() -> None:
+    wanted = LineFormat(
+        prefix="IMU ", separator=" ", yaw_rate_column=2, yaw_rate_unit=RateUnit.DEG_S, acceleration_columns=(0, 1)
+    )
+    codec = LineCodec(wanted)
+    assert codec.feed(b"0 90\nIMU 0.5 -0.25 90\r\nhello\nIMU 1 2 -180\nIMU 1 2") == [
+        Motion(pytest.approx(math.pi / 2), 0.5, -0.25),
+        Motion(pytest.approx(-math.pi), 1.0, 2.0),
+    ]
+    assert codec.feed(b" 3\n") == [Motion(pytest.approx(math.radians(3)), 1.0, 2.0)]
+
+
+@pytest.mark.parametrize("line", [b"x", b"", b"nan,1", b"inf,1", b"1,2,3", b"1", b"\xff\xfe,1", b"9" * 300])
+def test_lines_that_are_no_numbers_are_rejected(line: bytes) -> None:
+    codec = LineCodec(LineFormat(columns=2))
+    assert codec.feed(b"\n" + line + b"\n0.25,7\n") == [Motion(0.25)]
+    assert codec.rejected == (line != b"")
+
+
+def test_lines_with_a_wrong_checksum_are_rejected() -> None:
+    codec = LineCodec(LineFormat(prefix="$G,", checksum=LineChecksum.NMEA))
+    good = nmea("G,0.125")
+    spoiled = [good[:index] + bytes((good[index] ^ 1,)) + good[index + 1 :] for index in range(1, len(good) - 2)]
+    assert codec.feed(b"\n" + good + b"".join(spoiled) + b"$G,0.125\n" + good) == [Motion(0.125)] * 2
+    assert codec.rejected >= len(spoiled) - 3
+
+
+def test_a_line_without_an_end_is_not_kept_for_ever() -> None:
+    codec = LineCodec(LineFormat())
+    assert codec.feed(b"\n") == []
+    for _ in range(100):
+        codec.feed(b"1" * LINE_BYTES_MAX)
+    assert codec.feed(b"1\n0.5\n") == [Motion(0.5)]
+    assert codec.stray_bytes > 99 * LINE_BYTES_MAX
+
+
+# -- the device -------------------------------------------------------------------------------------------------
+
+
+class Unit:
+    """A unit on a pseudo terminal, and the device that reads it."""
+
+    def __init__(self, folder: Path, **parameters: Any) -> None:
+        self.plug = SerialPlug(folder / "ttyUSB0")
+        self.device = SerialDevice(SerialImu, port=str(self.plug.path), **parameters)
+
+    def say(self, data: bytes, after_s: float = 0.02) -> Any:
+        """Have bytes arrive, and the device step."""
+        assert self.plug.send(data) == len(data)
+        deadline_s = time.monotonic() + PATIENCE_S
+        while self.device.it._line._port.in_waiting < len(data) and time.monotonic() < deadline_s:
+            time.sleep(0.0005)  # the kernel hands them over in its own time
+        self.device.step(after_s)
+        return self.device.it.latest()
+
+
+@pytest.fixture
+def unit(tmp_path: Path) -> Iterator[Any]:
+    made: list[Unit] = []
+
+    def build(**parameters: Any) -> Unit:
+        made.append(Unit(tmp_path, **parameters))
+        made[-1].device.it.activate()
+        return made[-1]
+
+    yield build
+    for one in made:
+        one.device.it.deactivate()
+        one.plug.pull_out()
+
+
+def test_turn_rates_are_left_for_the_odometry_with_their_times(unit: Any) -> None:
+    one = unit(rate_hz=200.0)
+    found = one.say(TURN * 3)
+    now_ns = one.device.clock.now_ns()
+    assert found.yaw_rate_rad_s == pytest.approx(RATE_RAD_S)
+    rates = list(one.device.board.yaw_rates)
+    assert [rate.stamp_ns for rate in rates] == [now_ns - 10_000_000, now_ns - 5_000_000, now_ns]
+    assert [rate.rad_s for rate in rates] == [pytest.approx(RATE_RAD_S)] * 3
+    one.say(TURN * 8)
+    stamps = [rate.stamp_ns for rate in one.device.board.yaw_rates]
+    assert stamps == sorted(set(stamps))
+
+
+def test_a_unit_upside_down_that_looks_to_the_left_is_put_right(unit: Any) -> None:
+    one = unit(upside_down=True, mounted_yaw_rad=math.pi / 2)
+    found = one.say(wit_frame(0x51, 2048, 4096, 0, 0) + TURN)
+    assert found.yaw_rate_rad_s == pytest.approx(-RATE_RAD_S)
+    assert (found.forward_m_s2, found.left_m_s2) == (pytest.approx(19.6), pytest.approx(9.8))
+
+
+def test_a_microcontroller_that_prints_lines_will_do(unit: Any) -> None:
+    one = unit(protocol=ImuProtocol.LINES, lines=LineFormat(columns=3, yaw_rate_column=2), yaw_sign=-1)
+    assert one.say(b"\n1,2,0.5\n").yaw_rate_rad_s == -0.5
+
+
+def test_a_rate_that_no_unit_measures_is_rejected(unit: Any) -> None:
+    one = unit(protocol=ImuProtocol.LINES)
+    assert one.say(b"\n0.5\n1e9\n").yaw_rate_rad_s == 0.5
+    assert one.device.it.counters().rejected == 1
+
+
+def test_noise_alone_is_a_fault_that_names_the_unit(unit: Any) -> None:
+    one, rng = unit(), np.random.default_rng(1)
+    one.say(TURN)
+    for _ in range(24):
+        one.say(rng.bytes(50))
+    with pytest.raises(ImuAbsent, match=r"no measurement for 0\.\d\d s from the IMU at .*ttyUSB0, but bytes that"):
+        one.device.step(0.2)
+    assert len(one.device.board.yaw_rates) < 5
+
+
+def test_a_unit_that_is_pulled_out_is_a_fault_and_goes_on_when_it_is_in_again(unit: Any) -> None:
+    one = unit()
+    one.say(TURN)
+    one.plug.pull_out()
+    with pytest.raises(ImuAbsent, match=r"the line to the IMU at .*ttyUSB0 is lost"):
+        one.device.step(0.02)
+    one.device.it.deactivate()
+    with pytest.raises(ImuAbsent, match=r"no IMU at .*ttyUSB0"):
+        one.device.it.activate()
+    one.plug.plug_in()
+    one.device.it.activate()
+    assert one.say(TURN[5:] + TURN).yaw_rate_rad_s == pytest.approx(RATE_RAD_S)
+
+
+def test_a_robot_whose_unit_is_pulled_out_has_it_back_within_two_seconds(tmp_path: Path) -> None:
+    plug, imu = SerialPlug(tmp_path / "ttyUSB0"), WitImu(np.random.default_rng(1))
+    parameters = {"imu": {"port": str(plug.path)}}
+    with PluginBench(load=["imu"], roles={"imu": "serial_imu"}, parameters=parameters) as bench:
+        before = None
+        for _ in range(40):
+            plug.send(imu.run(0.5, 0.02))
+            bench.run(0.02)
+        before = bench.call("imu", "latest")
+        assert before["yaw_rate_rad_s"] == pytest.approx(0.5, abs=0.02)
+        plug.pull_out()
+        bench.run(60.0)
+        info = bench.info("imu")
+        assert info.state == "faulted"
+        assert "ImuAbsent" in info.why
+        plug.plug_in()
+        for _ in range(100):
+            plug.send(imu.run(-0.5, 0.02))
+            bench.run(0.02)
+        assert bench.info("imu").state == "active"
+        assert bench.call("imu", "latest")["yaw_rate_rad_s"] == pytest.approx(-0.5, abs=0.02)
+    plug.pull_out()
