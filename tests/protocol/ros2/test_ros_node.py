@@ -47,7 +47,7 @@ class Two(NamedTuple):
 
 @pytest.fixture
 def sessions() -> Iterator[list[zenoh.Session]]:
-    """Of each test its own: a token that goes while another asks for those there are may be told and never taken back."""
+    """Of each test its own: a token that goes while somebody asks for all may be told, and never be taken back."""
     router = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
     opened = [open_session(connect=listening_at(router)) for _ in range(2)]
     yield opened
