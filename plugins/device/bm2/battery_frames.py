@@ -45,14 +45,18 @@ class Quantity(StrEnum):
         """Name of the quantity, without the unit."""
         return self.partition(" ")[0]
 
-    def in_si(self, value: float) -> float:
-        """A value of the signal in V, A, °C, or from 0 to 1."""
-        if self is Quantity.TEMPERATURE_K:
-            return value - 273.15
-        return value * _FACTORS.get(self, 1.0)
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Factor and offset from the signal to V, A, °C, or a share from 0 to 1."""
+        return _SCALES.get(self, (1.0, 0.0))
 
 
-_FACTORS = {Quantity.VOLTAGE_MV: 1e-3, Quantity.CURRENT_MA: 1e-3, Quantity.SOC_PERCENT: 1e-2}
+_SCALES = {
+    Quantity.VOLTAGE_MV: (1e-3, 0.0),
+    Quantity.CURRENT_MA: (1e-3, 0.0),
+    Quantity.SOC_PERCENT: (1e-2, 0.0),
+    Quantity.TEMPERATURE_K: (1.0, -273.15),
+}
 
 
 class BatteryFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -109,6 +113,15 @@ class BatteryValues(NamedTuple):
     report: BatteryReport | msgspec.UnsetType
 
 
+class _Read(NamedTuple):
+    """How one frame is read."""
+
+    codec: FrameCodec | SignalFrame
+    signals: tuple[tuple[str, float, float], ...]
+    """Of each signal the quantity, and factor and offset to its unit."""
+    has_voltage: bool
+
+
 class BatteryFrames:
     """The codecs of a map, and the values that its frames have told last.
 
@@ -122,7 +135,7 @@ class BatteryFrames:
 
     def __init__(self, wanted: BatteryMap) -> None:
         dbc = read_dbc(wanted.dbc)
-        self._codecs: dict[int, tuple[FrameCodec | SignalFrame, tuple[Quantity, ...]]] = {}
+        self._codecs: dict[int, _Read] = {}
         for one in wanted.frames:
             try:
                 codec = signal_frame(dbc, one.frame, tuple(one.signals), wanted.counter, wanted.checksum)
@@ -130,7 +143,12 @@ class BatteryFrames:
                 raise ValueError(f"battery.frames: {error}") from error
             if codec.arbitration_id in self._codecs:
                 raise ValueError(f"battery.frames: expected each frame once, got {one.frame} again")
-            self._codecs[codec.arbitration_id] = codec, tuple(one.signals.values())
+            quantities = one.signals.values()
+            self._codecs[codec.arbitration_id] = _Read(
+                codec,
+                tuple((quantity.field, *quantity.scale) for quantity in quantities),
+                any(quantity.field == "voltage" for quantity in quantities),
+            )
         self._wanted = wanted
         fields = {quantity.field for one in wanted.frames for quantity in one.signals.values()}
         self._has_current, self._has_soc = "current" in fields, "soc" in fields
@@ -152,14 +170,14 @@ class BatteryFrames:
         known = self._codecs.get(frame.identifier)
         if known is None:
             return None
-        codec, quantities = known
+        codec, signals, has_voltage = known
         values = codec.decode(frame.data)
         if not all(map(math.isfinite, values)):
             raise BadFrame(f"{codec.name}: expected finite values, got {values}")
         stamp_ns = frame.stamp_ns
-        for quantity, value in zip(quantities, values, strict=False):
-            self._told[quantity.field] = quantity.in_si(value), stamp_ns
-        if not any(quantity.field == "voltage" for quantity in quantities):
+        for (field, factor, offset), value in zip(signals, values, strict=False):
+            self._told[field] = factor * value + offset, stamp_ns
+        if not has_voltage:
             return None
         current_a = self._recent("current", stamp_ns) if self._has_current else self._wanted.current_a
         if current_a is None:

@@ -74,7 +74,7 @@ class WheelDevice(Device):
         self._pending: Sized = ()
         """Empty if there is nothing to catch up with."""
         self._believed = self._rejected = 0
-        self._gyro = GyroYaw()
+        self._gyro, self._has_gyro = GyroYaw(), False
 
     def open_link(self) -> "OpenLink":
         """Open the connection to the controller (HardwareAbsent, or ValueError naming a wrong parameter)."""
@@ -96,7 +96,7 @@ class WheelDevice(Device):
             counting=opened.counting,
             period_s=opened.period_s,
         )
-        self._gyro = GyroYaw()
+        self._gyro, self._has_gyro = GyroYaw(), False
         self._frame_clock = FrameClock(opened.stamped_at, self._period_ns)
         self._acknowledged_ns: int | None = None
         self._statuses = self._measured_ns = 0
@@ -267,7 +267,7 @@ class WheelDevice(Device):
             self.condition.notify(Condition(True, "the motor controller speaks again"))
         self._heard_ns = now_ns
         board = self.env.board
-        if board.yaw_rates or self._gyro.is_used:
+        if board.yaw_rates or self._has_gyro:
             self._correct_yaw(report.counts, before, measured_ns + self._frame_clock.offset_ns)
         board.T_odom_robot, board.wheel_ticks = self._odometry.pose, report.counts
 
@@ -277,3 +277,4 @@ class WheelDevice(Device):
         is_moving = before is None or any(abs(now - then) > 1 for now, then in zip(counts, before, strict=True))
         beyond_rad = gyro.follow(self.env.board.yaw_rates, odometry.turned_rad, stamp_ns, is_moving=is_moving)
         odometry.turn(beyond_rad, gyro.rate_rad_s)
+        self._has_gyro = gyro.is_used
