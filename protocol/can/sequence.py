@@ -11,20 +11,22 @@ class SequenceWatch:
     Attributes:
         lost: frames that never came, by the gaps between those that did.
         repeated: frames with the counter of the one before: sent twice, or by two senders.
+        expected: the next counter if nothing is lost; None before the first. Who reads many frames may take that one
+            without `note`, and count it up.
 
     """
 
     def __init__(self) -> None:
         self.lost = 0
         self.repeated = 0
-        self._last: int | None = None
+        self.expected: int | None = None
 
     def note(self, counter: int) -> int:
         """Take the counter of a frame that is believed; how many frames are missing before it."""
-        last, self._last = self._last, counter
-        if last is None:
+        expected, self.expected = self.expected, (counter + 1) % MODULUS
+        if expected is None:
             return 0
-        step = (counter - last) % MODULUS
+        step = (counter + 1 - expected) % MODULUS
         if step == 0:
             self.repeated += 1
             return 0

@@ -185,15 +185,15 @@ class BatteryFrames:
         signed_a = self._wanted.current_sign * current_a if self._has_current else current_a
         temperature_c = self._recent("temperature", stamp_ns)
         temperature_c = ASSUMED_C if temperature_c is None else temperature_c
-        return BatteryValues(self._told["voltage"][0], signed_a, temperature_c, self._report(stamp_ns))
+        is_plain = self._has_current and not self._has_soc
+        report = msgspec.UNSET if is_plain else self._report(stamp_ns)
+        return BatteryValues(self._told["voltage"][0], signed_a, temperature_c, report)
 
     def _recent(self, field: str, stamp_ns: int) -> float | None:
         value, told_ns = self._told.get(field, (None, 0))
         return value if stamp_ns - told_ns <= RECENT_NS else None
 
-    def _report(self, stamp_ns: int) -> BatteryReport | msgspec.UnsetType:
-        if self._has_current and not self._has_soc:
-            return msgspec.UNSET
+    def _report(self, stamp_ns: int) -> BatteryReport:
         soc = self._recent("soc", stamp_ns)
         believable = soc if soc is not None and 0.0 <= soc <= 1.0 else None
         return BatteryReport(has_current=self._has_current, soc=believable, soc_sd=self._wanted.soc_sd)

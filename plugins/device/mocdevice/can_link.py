@@ -13,7 +13,7 @@ from robrain.protocol.can.bus_state import BusState, state_in
 from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.can.frames import BadFrame
 from robrain.protocol.can.payload import ERROR, ID_MASK
-from robrain.protocol.can.sequence import SequenceWatch
+from robrain.protocol.can.sequence import MODULUS, SequenceWatch
 
 ECHOES = 64
 """Own frames that are remembered: some interfaces give them back."""
@@ -81,7 +81,7 @@ class CanLink:
         except (can.CanError, OSError) as error:
             self.broken = BusFault(self._plugin, f"the CAN bus cannot be read: {error}")
             return reports
-        plain = self._frames.encoders[0].codec
+        plain, sequence = self._frames.encoders[0].codec, self._sequences[0]
         for frame in frames:
             identifier = frame.identifier
             if identifier == self._plain_id:  # the Robertino's: nothing to convert
@@ -90,7 +90,11 @@ class CanLink:
                 except BadFrame:
                     self._rejected += 1
                     continue
-                missing = self._sequences[0].note(counter)
+                if counter == sequence.expected:
+                    sequence.expected = (counter + 1) % MODULUS
+                    missing = 0
+                else:
+                    missing = sequence.note(counter)
                 reports.append(WheelReport(tuple(counts), frame.stamp_ns, counter, missing))
             elif (number := self._by_id.get(identifier)) is not None:
                 if (report := self._read_encoders(number, frame)) is not None:

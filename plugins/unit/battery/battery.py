@@ -118,7 +118,8 @@ class Battery(Unit):
             implausible=why,
         )
         # What is only guessed teaches nothing about the cost of work.
-        is_own = not why and measured.current_a > 0 and _report(measured).has_current
+        report = measured.report
+        is_own = not why and measured.current_a > 0 and (isinstance(report, msgspec.UnsetType) or report.has_current)
         self._drawn = Drawn(measured.stamp_ns, self._energy_j, is_own)
         self._warn(why, soc, remaining_j, measured.voltage_v)
 

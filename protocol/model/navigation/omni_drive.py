@@ -53,9 +53,9 @@ class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     def commands(self, twist: Twist2D, wheel_speed_max_rad_s: float) -> tuple[float, ...]:
         """Wheel speeds for a velocity, slower in proportion if one were too fast."""
-        wanted = self.wheel_speeds_rad_s(twist)
-        share = wheel_speed_max_rad_s / max(wheel_speed_max_rad_s, *map(abs, wanted))
-        return share * wanted[0], share * wanted[1], share * wanted[2]
+        first, second, third = self.wheel_speeds_rad_s(twist)
+        share = wheel_speed_max_rad_s / max(wheel_speed_max_rad_s, abs(first), abs(second), abs(third))
+        return share * first, share * second, share * third
 
     def twist(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> Twist2D:
         """Forward kinematics: velocity in the body frame from wheel speeds (also turns → displacement)."""
