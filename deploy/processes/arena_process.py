@@ -4,17 +4,23 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Protocol
 
 import zenoh
 
 from robrain.deploy.commands.terminal import own_program, say
 from robrain.deploy.processes.forwarder_words import said
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
-from robrain.deploy.processes.robot_files import addresses, loadable_from_here, open_forwarders, write_robot_files
+from robrain.deploy.processes.robot_files import (
+    addresses,
+    loadable_from_here,
+    open_forwarders,
+    open_lidars,
+    write_robot_files,
+)
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.supervision.arena_resume import resumed
 from robrain.protocol.wire.session import listening_at
-from robrain.sim.motes.serial_forwarder import SerialForwarder
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.arena import Arena
 
@@ -50,9 +56,10 @@ def arena_command(
         wire = closing.enter_context(live_endpoint(session, team))
         where = place.connect or listening_at(session)
         forwarders = open_forwarders(wire, [robot.name for robot in world.robots], closing)
-        listening = addresses(forwarders)
+        listening, lidars = addresses(forwarders), []
         if robot_files is not None:
             robot_files.mkdir(parents=True, exist_ok=True)
+            lidars = open_lidars(wire, world, robot_files, closing)
             for path in write_robot_files(
                 world,
                 robot_files,
@@ -60,6 +67,7 @@ def arena_command(
                 connect=where[0],
                 forwarders=listening,
                 loadable=loadable_from_here(where),
+                lidars=lidars,
             ):
                 say(f"{own_program()} agent {path}")
         arena = world.arena(wire)
@@ -69,7 +77,7 @@ def arena_command(
                 tell(said(robot, address))
             tell(f"arena: {scenario.name} at {', '.join(where)}, robots {names}; Ctrl-C ends it")
             should_stop.ready()
-            run_arena(arena, should_stop, forwarders)
+            run_arena(arena, should_stop, [*forwarders, *lidars])
         finally:
             arena.close()
 
@@ -83,8 +91,15 @@ def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
     return session
 
 
-def run_arena(arena: Arena, should_stop: Callable[[], bool], forwarders: Sequence[SerialForwarder] = ()) -> None:
-    """Step an arena, and its base stations' forwarders, in real time until `should_stop()`.
+class Stepped(Protocol):
+    """What lets others in: a base station's forwarder, a lidar's line."""
+
+    def step(self) -> None:
+        """Pass on what there is."""
+
+
+def run_arena(arena: Arena, should_stop: Callable[[], bool], lines: Sequence[Stepped] = ()) -> None:
+    """Step an arena, and its lines to others, in real time until `should_stop()`.
 
     After a pause of the machine the arena makes up for at most half a second; the rest of the time is lost to the
     simulated world, so that it does not race.
@@ -92,8 +107,8 @@ def run_arena(arena: Arena, should_stop: Callable[[], bool], forwarders: Sequenc
     due_s = time.monotonic()
     while not should_stop():
         arena.step()
-        for forwarder in forwarders:
-            forwarder.step()
+        for line in lines:
+            line.step()
         due_s += arena.tick_s
         ahead_s = due_s - time.monotonic()
         if ahead_s > 0:

@@ -14,8 +14,11 @@ from robrain.agent.host.robot_file import RobotFile
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import is_loopback
+from robrain.sim.firmware.lidar_line import LidarProtocol
 from robrain.sim.motes.serial_forwarder import SerialForwarder
+from robrain.sim.peripherals.lidar_plug import LidarPlug
 from robrain.sim.robot.robot_hardware import ArenaRobot
+from robrain.sim.world.robot_specs import LIDAR_PLUGIN
 from robrain.sim.world.world import World
 
 MOVED_ON = {"start_known": True, "start_sigma_m": 0.2, "start_sigma_rad": 0.1}
@@ -41,6 +44,7 @@ def write_robot_files(
     connect: str,
     forwarders: Mapping[str, str] = NO_FORWARDERS,
     loadable: Sequence[Path] = (),
+    lidars: Iterable[LidarPlug] = (),
 ) -> list[Path]:
     """Write one file per robot into a folder.
 
@@ -51,11 +55,16 @@ def write_robot_files(
         connect: endpoint that their agents connect to.
         forwarders: `host:port` of the robots' Serial Forwarders, written as a comment.
         loadable: folders from which plugins may be loaded while the robots run.
+        lidars: serial lines of the robots' lidars.
 
     """
-    paths = []
+    paths, ports = [], {plug.robot: str(plug.path.absolute()) for plug in lidars}
     for robot in world.robots:
         robot_file = robot_file_of(world, robot, team=team, connect=connect, loadable=loadable)
+        if robot.name in ports:
+            scan = {**robot_file.parameters.get(LIDAR_PLUGIN, {}), "port": ports[robot.name]}
+            parameters = {**robot_file.parameters, LIDAR_PLUGIN: scan}
+            robot_file = msgspec.structs.replace(robot_file, parameters=parameters)
         paths.append(write_robot_file(robot_file, folder, forwarders))
     return paths
 
@@ -102,6 +111,17 @@ def open_forwarders(endpoint: Endpoint, robots: Iterable[str], closing: ExitStac
         closing.callback(forwarder.close)
         forwarders.append(forwarder)
     return forwarders
+
+
+def open_lidars(endpoint: Endpoint, world: World, folder: Path, closing: ExitStack) -> list[LidarPlug]:
+    """The serial lines of lidars as pseudo terminals, `ROBOT-lidar` in a folder; closed with `closing`."""
+    plugs = []
+    for robot in world.robots:
+        if robot.lidar.protocol is not LidarProtocol.WIRE:
+            plug = LidarPlug(endpoint, robot.name, folder / f"{robot.name}-lidar")
+            closing.callback(plug.close)
+            plugs.append(plug)
+    return plugs
 
 
 def addresses(forwarders: Iterable[SerialForwarder]) -> dict[str, str]:

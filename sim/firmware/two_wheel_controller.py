@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import can
 
-from robrain.plugins.device.mocdevice.frame_map import Checksum, FrameMap, FrameSignals, StatusFrame, Unit
+from robrain.plugins.device.mocdevice.frame_map import Checksum, FrameMap, FrameSignals, StatusFrame, StopFrame, Unit
 from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame
@@ -25,7 +25,7 @@ FRAMES = FrameMap(
         FrameSignals(frame="LeftEncoder", signals=("left_counts",)),
         FrameSignals(frame="RightEncoder", signals=("right_counts",)),
     ),
-    stop=None,
+    stop=StopFrame(frame=""),
     status=StatusFrame(frame="DriveState"),
     counter="",
     checksum=Checksum.NONE,

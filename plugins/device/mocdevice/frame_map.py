@@ -15,6 +15,7 @@ from robrain.protocol.model.ranges import check_positive
 SIGNALS_MAX = 8
 Sign = Literal[1, -1]
 SignalName = Annotated[str, Meta(min_length=1, max_length=128)]
+FrameOrNone = Annotated[str, Meta(max_length=128)]
 Signals = Annotated[tuple[SignalName, ...], Meta(min_length=1, max_length=SIGNALS_MAX)]
 
 
@@ -79,14 +80,16 @@ class FrameSignals(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 class StopFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The frame that stops the wheels at once; signals that are not named are 0."""
 
-    frame: SignalName
+    frame: FrameOrNone
+    """Empty if there is none: the commands are then all 0."""
     values: dict[SignalName, float] = {}
 
 
 class StatusFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The frame in which the controller tells its state."""
 
-    frame: SignalName
+    frame: FrameOrNone
+    """Empty if there is none."""
     state: SignalName = "state"
     failed: tuple[int, ...] = (3,)
     """Values of `state` that say that the power stage has failed."""
@@ -106,9 +109,8 @@ class FrameMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     )
     """Frames that are received; the last one completes the counts. `units` are used by `measure = "speed"` only."""
     measure: Measure = Measure.COUNTS
-    stop: StopFrame | None = StopFrame(frame="Stop", values={"latched": 0})
-    """Without one the commands are all 0."""
-    status: StatusFrame | None = StatusFrame(frame="MotorStatus")
+    stop: StopFrame = StopFrame(frame="Stop", values={"latched": 0})
+    status: StatusFrame = StatusFrame(frame="MotorStatus")
     counter: str = "counter"
     """Name of the signal that counts a sender's frames, 8 bits; empty if there is none."""
     checksum: Checksum = Checksum.CRC8_J1850_ID

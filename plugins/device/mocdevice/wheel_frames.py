@@ -70,11 +70,11 @@ class WheelFrames:
         self.modulus = SPEED_MODULUS if is_speed else _modulus(self.encoders)
         """Counts wrap at this."""
         self.stop, self.stop_values = None, ()
-        if wanted.stop is not None:
+        if wanted.stop.frame:
             names = tuple(wanted.stop.values)
             self.stop, self.stop_values = codec("stop", wanted.stop.frame, names), tuple(wanted.stop.values.values())
         self.status, self.status_fields, self.failed = None, (), frozenset(())
-        if wanted.status is not None:
+        if wanted.status.frame:
             names = _status_signals(dbc, wanted.status.frame, wanted.status.state)
             self.status = codec("status", wanted.status.frame, names)
             self.status_fields = tuple("state" if name == wanted.status.state else name for name in names)

@@ -144,7 +144,7 @@ def own(tmp_path: Path) -> FrameMap:
         encoders=(FrameSignals(frame="Measured", signals=("left", "right"), signs=(-1, 1)),),
         measure=Measure.SPEED,
         stop=StopFrame(frame="Halt", values={"brake": 1}),
-        status=None,
+        status=StatusFrame(frame=""),
         counter="alive",
         checksum=Checksum.SUM8,
     )
