@@ -1,0 +1,1 @@
+"""Bases whose motor controller is on a serial line."""

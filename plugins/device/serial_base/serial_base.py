@@ -1,0 +1,141 @@
+"""A base whose motor controller is on a serial line: lines by the manifest, or frames by a codec class."""
+
+import importlib
+from collections.abc import Callable, Sequence, Sized
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
+from robrain.plugins.device.mocdevice.frame_clock import StampedAt
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
+from robrain.plugins.device.mocdevice.odometry import Counting
+from robrain.plugins.device.mocdevice.wheel_device import OpenLink, WheelDevice
+from robrain.plugins.device.mocdevice.wheel_link import WheelReport
+from robrain.plugins.device.serial_base.line_codec import LineCodec, LineWords, WheelCodec
+from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.model.navigation.wheel_bases import Differential, WheelBase
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.serial_lines.serial_line import SerialLine
+from robrain.protocol.wire.clock import to_ns
+
+
+class SerialBase(WheelDevice):
+    """Turns velocities into lines or frames on a serial line, and counts into odometry."""
+
+    class Parameters(WheelDevice.Parameters, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+        """The line, and what is spoken on it."""
+
+        base: WheelBase = Differential(wheel_radius_m=0.033, track_m=0.16, encoder_ticks_per_turn=1440)
+        port: str = "/dev/base"
+        baud: int = 57_600
+        period_s: float = 0.05
+        """Period of the counts: how often they are asked for, or come."""
+        lines: LineWords = LineWords()
+        """What is said and heard."""
+        codec: Annotated[str, Meta(max_length=200)] = ""
+        """`module:Class` of a codec of one's own instead of `lines`; it is made with the base."""
+        count_bits: Annotated[int, Meta(ge=8, le=64)] = 32
+        """With `codec`: length at which its counts wrap."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            check_positive(self, "baud", below=10_000_000)
+            check_positive(self, "period_s", below=1.0)
+
+    parameters: Parameters
+
+    def init(self) -> None:
+        super().init()
+        self.period_s = min(self.period_s, self.parameters.period_s)
+
+    def open_link(self) -> OpenLink:
+        wanted, base = self.parameters, self.parameters.base
+        bits = wanted.lines.count_bits
+        if wanted.codec:
+            made: WheelCodec = _codec_class(wanted.codec)(base)
+            bits = wanted.count_bits
+        else:
+            commands = len(base.commands(Twist2D(), wanted.wheel_speed_max_rad_s))
+            made = LineCodec(wanted.lines, commands, base.wheels, base.wheel_radius_m)
+        line = self.env.open_serial(wanted.port, wanted.baud)
+        link = SerialLink(line, made, self.env.plugin, wanted.port, self.env.clock.now_ns, to_ns(wanted.period_s))
+        where = f"the controller at {wanted.port} is silent, or what it says is not understood"
+        return OpenLink(link, where, Counting(1 << bits, base.rad_per_tick), wanted.period_s, StampedAt.ARRIVAL)
+
+
+def _codec_class(path: str) -> Callable[[WheelBase], WheelCodec]:
+    module, _, name = path.partition(":")
+    try:
+        made: Callable[[WheelBase], WheelCodec] = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"codec: expected module:Class that can be imported, got {path!r}: {error}") from error
+    return made
+
+
+class SerialLink:
+    """See WheelLink.
+
+    Args:
+        line: closed with the link.
+        codec: of the controller.
+        plugin: the device, named in faults.
+        port: of the line, for words.
+        now_ns: the robot's clock.
+        period_ns: how often counts are asked for.
+
+    """
+
+    pending: Sized = (None,)
+
+    def __init__(
+        self, line: SerialLine, codec: WheelCodec, plugin: str, port: str, now_ns: Callable[[], int], period_ns: int
+    ) -> None:
+        self.status: ControllerStatus | None = None
+        self.statuses, self.has_failed = 0, False
+        self.broken: MotionFault | None = None
+        self._line, self._codec, self._plugin, self._port = line, codec, plugin, port
+        self._now_ns, self._period_ns = now_ns, period_ns
+        self._asked_ns: int | None = None
+
+    def command(self, values: Sequence[float]) -> None:
+        """As WheelLink."""
+        self._write(self._codec.command(values))
+
+    def stop(self) -> None:
+        """As WheelLink."""
+        self._write(self._codec.stop())
+
+    def take(self) -> list[WheelReport]:
+        """As WheelLink; the counts are asked for when it is time."""
+        if self.broken is not None:
+            return []
+        now_ns = self._now_ns()
+        try:
+            counts = self._codec.feed(self._line.read())
+        except OSError as error:
+            self._lose(error)
+            return []
+        if self._asked_ns is None or not 0 <= now_ns - self._asked_ns < self._period_ns:
+            self._asked_ns = now_ns
+            if asks := self._codec.poll():
+                self._write(asks)
+        return [WheelReport(each, now_ns) for each in counts]
+
+    def counters(self, believed: int, rejected: int) -> Counters:
+        """As WheelLink."""
+        return Counters(believed, rejected + self._codec.rejected, 0, 0, 0)
+
+    def close(self) -> None:
+        """As WheelLink."""
+        self._line.close()
+
+    def _write(self, data: bytes) -> None:
+        try:
+            self._line.write(data)
+        except OSError as error:
+            self._lose(error)
+
+    def _lose(self, error: OSError) -> None:
+        self.broken = BusFault(self._plugin, f"the serial line {self._port} is lost: {error}")

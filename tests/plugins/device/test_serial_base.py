@@ -1,0 +1,226 @@
+"""A base on a serial line: an Arduino's lines on a pty, broken lines, a plug that is pulled, a codec of one's own."""
+
+import math
+import os
+import struct
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.agent.errors import HardwareAbsent
+from robrain.plugins.device.mocdevice.errors import BusFault
+from robrain.plugins.device.mocdevice.frame_map import Unit
+from robrain.plugins.device.serial_base.line_codec import LINE_BYTES_MAX, LineCodec, LineWords
+from robrain.plugins.device.serial_base.serial_base import SerialBase
+from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.model.navigation.wheel_bases import Differential, WheelBase
+from robrain.protocol.serial_lines.serial_line import PortLine
+from robrain.sim.peripherals.serial_plug import SerialPlug
+from tests.plugins.device.bare_device import BareDevice
+
+BASE = Differential(wheel_radius_m=0.05, track_m=0.2, encoder_ticks_per_turn=600)
+WORDS = LineWords(units=(Unit.TURNS_S,), scale=20.0)  # counts per cycle of 1/30 s
+CYCLES_S = 30.0
+
+
+class Arduino(BareDevice):
+    """The device, and at the other end of its line a controller as ROSArduinoBridge is."""
+
+    def __init__(self, folder: Path, **parameters: Any) -> None:
+        self.plug = SerialPlug(folder / "base")
+        self.counts = [0.0, 0.0]
+        self.speeds = (0.0, 0.0)
+        self.heard: list[bytes] = []
+        super().__init__(SerialBase, port=str(self.plug.path), base=BASE, **({"lines": WORDS} | parameters))
+
+    def open_serial(self, port: str, baud: int) -> PortLine:
+        try:
+            return PortLine(port, baud)
+        except OSError as error:
+            raise HardwareAbsent(self.plugin, str(error)) from error
+
+    def turn(self, seconds: float) -> None:
+        """Let the wheels turn, answer what was asked, and step the device, in steps of 20 ms."""
+        for _ in range(round(seconds / 0.02)):
+            self.counts = [
+                count + speed * CYCLES_S * 0.02 for count, speed in zip(self.counts, self.speeds, strict=True)
+            ]
+            self.answer()
+            self.step(0.02)
+
+    def wait_in_silence(self, seconds: float) -> None:
+        """Step the device, and answer nothing."""
+        for _ in range(round(seconds / 0.02)):
+            self.step(0.02)
+
+    def answer(self) -> None:
+        left = b""
+        for _ in range(50):  # the kernel passes bytes on when it likes
+            left += self.plug.receive()
+            if left.endswith(b"\r"):
+                break
+            os.sched_yield()
+        for line in left.split(b"\r")[:-1]:
+            self.heard.append(line)
+            if line == b"e":
+                self.plug.send(b"%d %d\r\n" % tuple(map(int, self.counts)))
+            elif line.startswith(b"m"):
+                first, second = map(int, line.split()[1:])
+                self.speeds = float(first), float(second)
+                self.plug.send(b"OK\r\n")
+
+
+@pytest.fixture
+def arduino(tmp_path: Path) -> Iterator[Arduino]:
+    one = Arduino(tmp_path)
+    one.it.activate()
+    yield one
+    one.it.deactivate()
+    one.plug.pull_out()
+
+
+def test_it_is_driven_by_lines_and_its_counts_are_the_odometry(arduino: Arduino) -> None:
+    arduino.turn(0.3)
+    for _ in range(20):
+        arduino.it.drive(Twist2D(0.3, 0.0, 0.0))
+        arduino.turn(0.1)
+    assert b"m 19 19" in arduino.heard  # 0.3 m/s are 0.955 turns/s, 20 counts a cycle each
+    driven_m = arduino.counts[0] / 600 * math.tau * 0.05
+    assert driven_m > 0.5
+    assert arduino.it.pose().x_m == pytest.approx(driven_m, abs=0.03)
+    assert arduino.it.pose().yaw_rad == 0.0
+    assert arduino.it.velocity().forward_m_s == pytest.approx(0.3, rel=0.2)
+    assert arduino.it.is_fresh()
+    arduino.it.stop()
+    arduino.turn(0.2)
+    assert arduino.heard.count(b"m 0 0") == 1
+    assert arduino.speeds == (0.0, 0.0)
+
+
+def test_a_turn_to_the_left_is_the_right_wheel_forwards(arduino: Arduino) -> None:
+    arduino.turn(0.2)
+    arduino.it.drive(Twist2D(0.0, 0.0, 1.0))
+    arduino.turn(1.0)
+    assert arduino.speeds == (-6.0, 6.0)
+    turned_rad = 2 * arduino.counts[1] / 600 * math.tau * 0.05 / 0.2
+    assert arduino.it.pose().yaw_rad == pytest.approx(turned_rad, abs=0.06)
+
+
+def test_noise_and_half_lines_cost_a_report_and_are_counted(arduino: Arduino) -> None:
+    arduino.turn(0.3)
+    for noise in (b"\xff\x00\xfe\n", b"12 1", b"\r\n", b"9" * 1000 + b"\r\n", b"12 x\r\n"):
+        arduino.plug.send(noise)
+        arduino.turn(0.1)
+    arduino.it.drive(Twist2D(0.3))
+    arduino.turn(0.5)
+    assert arduino.it.pose().x_m > 0.05
+    assert arduino.it.counters().rejected >= 2
+
+
+def test_a_plug_that_is_pulled_is_a_fault_and_the_odometry_goes_on_when_it_is_back(arduino: Arduino) -> None:
+    arduino.turn(0.3)
+    arduino.it.drive(Twist2D(0.3))
+    arduino.turn(0.5)
+    before = arduino.it.pose()
+    assert before.x_m > 0.05
+    arduino.plug.pull_out()
+    with pytest.raises(BusFault, match=r"the serial line .* is lost"):
+        arduino.turn(1.0)
+    arduino.it.deactivate()
+    with pytest.raises(HardwareAbsent):
+        arduino.it.activate()
+    arduino.speeds = (0.0, 0.0)
+    arduino.plug.plug_in()
+    arduino.it.activate()
+    arduino.turn(0.3)
+    assert arduino.it.pose().x_m >= before.x_m
+    assert arduino.it.pose().x_m == pytest.approx(arduino.counts[0] / 600 * math.tau * 0.05, abs=0.02)
+    arduino.it.drive(Twist2D(0.3))
+    arduino.turn(0.5)
+    assert arduino.it.pose().x_m > before.x_m + 0.05
+
+
+def test_a_controller_that_says_nothing_any_more_is_a_fault(arduino: Arduino) -> None:
+    arduino.it.env.board.T_odom_robot = arduino.it.pose()
+    arduino.it.deactivate()
+    arduino.it.activate()
+    with pytest.raises(BusFault, match=r"no encoder frame for .*: the controller at .* is silent"):
+        arduino.wait_in_silence(1.2)
+
+
+class Frames:
+    """Frames of a sync byte, two 32-bit counts and a sum."""
+
+    def __init__(self, base: WheelBase) -> None:
+        self.rejected = 0
+
+    def command(self, values: Sequence[float]) -> bytes:
+        return b"\xaa" + struct.pack("<2f", *values)
+
+    def stop(self) -> bytes:
+        return self.command((0.0, 0.0))
+
+    def poll(self) -> bytes:
+        return b""
+
+    def feed(self, data: bytes) -> list[tuple[int, ...]]:
+        return [struct.unpack("<2I", data[1:9])] if len(data) == 9 else []
+
+
+def test_a_class_of_ones_own_speaks_frames(tmp_path: Path) -> None:
+    one = Arduino(tmp_path, codec=f"{__name__}:Frames")
+    import sys
+
+    sys.modules.setdefault(__name__, sys.modules[Frames.__module__])
+    one.it.activate()
+    for step in range(10):
+        one.plug.send(b"\xaa" + struct.pack("<2I", 10 * step, 10 * step))
+        for _ in range(50):
+            one.step(0.001)
+        one.wait(0.0)
+    assert one.it.pose().x_m == pytest.approx(90 / 600 * math.tau * 0.05)
+    one.it.deactivate()
+    one.plug.pull_out()
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"report": "("}, "regular expression"),
+        ({"command": "m {speed}"}, "expected fields such as"),
+        ({"command": "m 1 1"}, "expected fields such as"),
+        ({"command": "m {0"}, "format"),
+        ({"stop": "a\nb"}, "one line of ASCII"),
+        ({"count_bits": 4}, ">= 8"),
+    ],
+)
+def test_words_that_make_no_line_are_refused(changes: dict[str, Any], why: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=why):
+        msgspec.convert(changes, LineWords)
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (LineWords(report=r"(\d+)"), "lines.report: expected 2 groups for this base, got 1"),
+        (LineWords(command="m {0} {1} {2}"), "lines.command: .*for 2 values"),
+        (LineWords(signs=(1, 1, 1)), "lines.signs: expected 1 or 2, got 3"),
+    ],
+)
+def test_words_for_another_number_of_wheels_are_refused(words: LineWords, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        LineCodec(words, 2, 2, 0.05)
+
+
+@given(st.lists(st.binary(max_size=100), max_size=30))
+def test_no_bytes_break_the_lines_or_fill_their_memory(chunks: list[bytes]) -> None:
+    codec = LineCodec(WORDS, 2, 2, 0.05)
+    for chunk in chunks:
+        for counts in codec.feed(chunk):
+            assert len(counts) == 2
+        assert len(codec._left) <= LINE_BYTES_MAX
