@@ -28,7 +28,7 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     floor: bool = True
     """Steps on the floor."""
     rounds: int = 1
-    """Squares of each kind."""
+    """Squares of each kind; 0 for none."""
     measured: bool = False
     """A person measures where squares end."""
     write: bool = True
@@ -121,7 +121,9 @@ class BringUp:
         self._do(Step.SCAN, [finding])
         if base is not None and isinstance(base.base, Ackermann):
             sentence = "this base cannot turn on the spot: measure the lidar's mounting and the track by hand"
-            self._do(Step.ORIENTATION, [Finding(step=Step.ORIENTATION, found=Found.NOT_DONE, ok=None, sentence=sentence)])
+            self._do(
+                Step.ORIENTATION, [Finding(step=Step.ORIENTATION, found=Found.NOT_DONE, ok=None, sentence=sentence)]
+            )
             return
         self._step = Step.ORIENTATION
         found, view = check_orientation(bench, view)
@@ -133,7 +135,7 @@ class BringUp:
         found, view = check_turn(bench, view, bench.base())
         view = self._look_again(Step.TURN, found, view)
         self._step = Step.SQUARE
-        for _ in range(2):  # again with what the first ones have corrected
+        for _ in range(2 if self._wanted.rounds else 0):  # again with what the first ones have corrected
             found, view = check_square(
                 bench, view, bench.base(), self._operator, rounds=self._wanted.rounds, measured=self._wanted.measured
             )

@@ -57,7 +57,12 @@ def bringup_command(robot: Path, connect: str | None, wanted: Wanted, *, yes: bo
         bench = LiveBench(session, robot.parent)
         stack.callback(bench.close)
         said = note if as_json else print_line
-        report = BringUp(robot, bench, operator, lambda one: [said(line) for line in lines_of(one)], robot_file).run(wanted)
+
+        def tell(finding: Finding) -> None:
+            for line in lines_of(finding):
+                said(line)
+
+        report = BringUp(robot, bench, operator, tell, robot_file).run(wanted)
     if as_json:
         tell_json(report)
     elif report.backup:
@@ -93,5 +98,3 @@ def _open(robot_file: RobotFile, base: Path, connect: str | None) -> zenoh.Sessi
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
-
-

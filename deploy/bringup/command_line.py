@@ -14,7 +14,9 @@ def bringup(
     yes: Annotated[bool, typer.Option("--yes", help="Give the default answer to all questions.")] = False,
     air: Annotated[bool, typer.Option(help="Do the steps with the wheels in the air.")] = True,
     floor: Annotated[bool, typer.Option(help="Do the steps on the floor.")] = True,
-    rounds: Annotated[int, typer.Option(min=1, max=5, help="Squares to the left, and as many to the right.")] = 1,
+    rounds: Annotated[
+        int, typer.Option(min=0, max=5, help="Squares to the left, and as many to the right; 0 for none.")
+    ] = 1,
     measured: Annotated[bool, typer.Option("--measured", help="Measure the ends of squares by hand.")] = False,
     write: Annotated[bool, typer.Option(help="Write what is found into the file.")] = True,
     as_json: JsonOption = False,

@@ -100,7 +100,7 @@ def check_scan(bench: Bench) -> tuple[Finding, View]:
 
 
 def check_orientation(bench: Bench, view: View) -> tuple[list[Finding], View]:
-    """Turn a little to the left and drive a little ahead: is the scan mirrored, and where does its front look?"""
+    """Turn a little to the left and drive a little ahead: whether the scan is mirrored, and where its front looks."""
     turned, view = move(bench, view, TurnOnSpot(FIRST_TURN_RAD))
     if turned is None:
         return [_blind(Step.ORIENTATION)], view
@@ -123,6 +123,9 @@ def check_orientation(bench: Bench, view: View) -> tuple[list[Finding], View]:
         return [_blind(Step.ORIENTATION)], view
     is_mirrored = share < 0
     yaw_rad = _direction_rad(driven.scan, is_mirrored=is_mirrored)
+    bench.perform(Straight(-FIRST_WAY_M))  # back to where the person has put it
+    bench.perform(TurnOnSpot(-FIRST_TURN_RAD))
+    view, _ = look(bench)
     values["scan_yaw_rad"] = yaw_rad
     return _orientation(bench, Step.ORIENTATION, yaw_rad, is_mirrored=is_mirrored, values=values), view
 
@@ -134,14 +137,15 @@ def check_distance(bench: Bench, view: View, base: WheelDevice.Parameters | None
         sentence = f"there is no room to drive {SHORTEST_WAY_M:g} m"
         return [_not_done(Step.DISTANCE, sentence, "turn the robot to where it has 1.5 m ahead")], view
     driven, view = move(bench, view, Straight(way_m))
-    if driven is None:
+    back, view = move(bench, view, Straight(-way_m))
+    if driven is None or back is None:
         return [_blind(Step.DISTANCE)], view
-    true_m = math.hypot(driven.scan.x_m, driven.scan.y_m)
-    by_odometry_m = math.hypot(driven.odometry.x_m, driven.odometry.y_m)
+    true_m = 0.5 * (_length_m(driven.scan) + _length_m(back.scan))
+    by_odometry_m = 0.5 * (_length_m(driven.odometry) + _length_m(back.odometry))
     ratio = true_m / by_odometry_m
     values = {"by_odometry_m": by_odometry_m, "by_scan_m": true_m}
-    direction = driven.scan if way_m > 0 else Pose2D(-driven.scan.x_m, -driven.scan.y_m, 0.0)
-    yaw_rad = _direction_rad(direction, is_mirrored=False)
+    ahead = driven.scan if way_m > 0 else back.scan
+    yaw_rad = _direction_rad(ahead, is_mirrored=False)
     found = []
     if abs(yaw_rad) > TURNED_RAD:
         found += _orientation(bench, Step.DISTANCE, yaw_rad, is_mirrored=False, values={"scan_yaw_rad": yaw_rad})
@@ -210,7 +214,9 @@ def _track(base: WheelDevice.Parameters | None, by_scan_rad: float, by_odometry_
     if base is not None and sizes:
         values |= sizes
         patch = base_patch(base.base, **sizes)
-        sentence += ": " + ", ".join(f"{key} is {value:.4g}" for key, value in sizes.items())
+        sentence += ": " + ", ".join(
+            f"{key} is {value:.4g}, not {getattr(base.base, key):g}" for key, value in sizes.items()
+        )
     return Finding(step=Step.TURN, found=Found.WRONG_TRACK, ok=False, sentence=sentence, values=values, patch=patch)
 
 
@@ -254,7 +260,9 @@ def _orientation(
         found.append(say(Found.SCAN_MIRRORED, "the scan turns the wrong way: the lidar hangs upside down"))
     if is_turned:
         degrees = math.degrees(yaw_rad)
-        sentence = f"the scan is turned: its front looks {abs(degrees):.1f}° to the {'left' if degrees > 0 else 'right'}"
+        sentence = (
+            f"the scan is turned: its front looks {abs(degrees):.1f}° to the {'left' if degrees > 0 else 'right'}"
+        )
         found.append(say(Found.SCAN_TURNED, sentence))
     if not found:
         sentence = f"the scan's front is the robot's, to {abs(math.degrees(yaw_rad)):.1f}°, and turns as the robot does"
@@ -262,9 +270,17 @@ def _orientation(
     return found
 
 
+def _length_m(moved: Pose2D) -> float:
+    return math.hypot(moved.x_m, moved.y_m)
+
+
 def _direction_rad(moved: Pose2D, *, is_mirrored: bool) -> float:
-    """Yaw of the scan's front in the robot's frame, from how the scan's origin moved while the robot drove ahead."""
-    return -math.atan2(-moved.y_m if is_mirrored else moved.y_m, moved.x_m)
+    """Yaw of the scan's front in the robot's frame, from how the scan's origin moved while the robot drove ahead.
+
+    A robot with unequal wheels drives an arc; the chord from its start to its end is turned by half the arc's angle.
+    """
+    sign = -1.0 if is_mirrored else 1.0
+    return math.remainder(0.5 * sign * moved.yaw_rad - math.atan2(sign * moved.y_m, moved.x_m), math.tau)
 
 
 def _room_m(view: View, radius_m: float) -> float:

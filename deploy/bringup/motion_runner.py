@@ -5,11 +5,13 @@ It takes the place of `driver`. The wheels turn only while who asked for the mot
 """
 
 import math
+from contextlib import suppress
 
 from robrain.agent.errors import AccessDenied
 from robrain.agent.plugin import Unit
 from robrain.deploy.bringup.motions import (
     LONGEST_S,
+    RAMP_S,
     SPEED_M_S,
     TURN_RATE_RAD_S,
     Ending,
@@ -33,8 +35,6 @@ LEASE_NS = to_ns(0.2)
 SETTLE_NS = to_ns(0.8)
 """How long it is recorded after the end, so that the robot stands and lidar turns from there have come."""
 SCAN_FRESH_NS = to_ns(1.0)
-RAMP_S = 0.4
-"""From standing to full speed."""
 NEAR_M = 0.10
 """Nothing may come nearer to the robot's edge on the floor."""
 BRAKING_M_S2, BRAKING_RAD_S2 = 0.2, 0.5
@@ -46,7 +46,7 @@ SAMPLES_MAX = int((LONGEST_S + 10.0) / STEP_S)
 
 
 class MotionRunner(Unit):
-    """See the module. `begin` and `ask` are called from bring-up's own thread; each of them only reads or sets fields."""
+    """See the module. `begin`, `ask` and `abort` are called on bring-up's own thread, and only read or set fields."""
 
     Parameters = Driver.Parameters
     """The file's `[parameters.driver]` are for the driver; nothing of them is used here."""
@@ -61,15 +61,14 @@ class MotionRunner(Unit):
         self._wanted: Motion | None = None
         self._motion: Motion | None = None
         self._asked_ns = 0
+        self._ended_ns: int | None = None
         self._scan: ScanInterface | None = None
 
     def activate(self) -> None:
         self._moc: MocDeviceInterface = self.env.use("mocdevice", MocDeviceInterface)
         self._wheels: WheelsInterface | None = None
-        try:
+        with suppress(AccessDenied):  # a base that takes velocities alone
             self._wheels = self.env.use("mocdevice", WheelsInterface)
-        except AccessDenied:
-            pass  # a base that takes velocities alone
 
     @property
     def has_wheels(self) -> bool:
@@ -93,7 +92,7 @@ class MotionRunner(Unit):
 
     def record(self) -> Record:
         """What was seen during the last motion."""
-        return Record(tuple(self._samples), tuple(self._scans), self._commanded_s)
+        return Record(tuple(self._samples), tuple(self._scans))
 
     def look(self) -> None:
         """Add what the encoders say now to the record of a motion that has ended."""
@@ -141,11 +140,10 @@ class MotionRunner(Unit):
 
     def _start(self, motion: Motion) -> None:
         self._motion = motion
-        self._began_ns = self._stepped_ns = self.env.clock.now_ns()
-        self._ended_ns: int | None = None
+        self._began_ns = self.env.clock.now_ns()
+        self._ended_ns = None
         self._samples: list[Sample] = []
         self._scans: list[LaserScan] = []
-        self._commanded_s = 0.0
         self._counts = self._read_counts()
         self._turns_rad = [0.0] * (len(self._counts.counts) if self._counts is not None else 0)
         self._from = self._pose = self._moc.pose()
@@ -182,9 +180,9 @@ class MotionRunner(Unit):
                 )
             )
         scan = self._latest_scan()
-        if scan is not None and (not self._scans or scan.stamp_ns > self._scans[-1].stamp_ns):
-            if len(self._scans) < SAMPLES_MAX:
-                self._scans.append(scan)
+        is_new = scan is not None and (not self._scans or scan.stamp_ns > self._scans[-1].stamp_ns)
+        if scan is not None and is_new and len(self._scans) < SAMPLES_MAX:
+            self._scans.append(scan)
 
     def _latest_scan(self) -> LaserScan | None:
         return self._scan.latest() if self._scan is not None else None
@@ -214,13 +212,10 @@ class MotionRunner(Unit):
         return min(1.0, (self._elapsed_s(now_ns) + STEP_S) / RAMP_S)
 
     def _turn_wheels(self, motion: TurnWheels, now_ns: int) -> None:
-        elapsed_s = to_seconds(now_ns - self._stepped_ns)
-        self._stepped_ns = now_ns
         if self._wheels is None:
             self.failed = "this base takes no commands for single wheels"
             self._end(now_ns)
             return
-        share = self._ramp(now_ns)
         if self._elapsed_s(now_ns) >= motion.seconds:
             if motion.ending is not Ending.HOST:
                 self._ended_ns = now_ns
@@ -228,7 +223,7 @@ class MotionRunner(Unit):
                     self._moc.stop()
                 return
             self.is_cruising = True
-        self._commanded_s += elapsed_s * share
+        share = self._ramp(now_ns)
         self._wheels.drive_wheels([share * speed for speed in motion.speeds_rad_s])
 
     def _drive(self, motion: Straight | TurnOnSpot, now_ns: int) -> None:
@@ -279,5 +274,3 @@ def _time_limit_s(motion: Motion) -> float:
         case TurnWheels(seconds=seconds) | Rest(seconds=seconds):
             needed_s = seconds
     return min(LONGEST_S, 2.0 * needed_s + 5.0)
-
-

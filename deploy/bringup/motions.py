@@ -11,6 +11,8 @@ WHEEL_SPEED_RAD_S = 2.0
 """With a wheel of 5 cm: 0.1 m/s."""
 SPEED_M_S = 0.15
 TURN_RATE_RAD_S = 0.4
+RAMP_S = 0.4
+"""From standing to full speed."""
 LONGEST_S = 120.0
 """Of any motion."""
 
@@ -77,5 +79,3 @@ class Record(msgspec.Struct, frozen=True):
     samples: tuple[Sample, ...]
     scans: tuple[LaserScan, ...]
     """Different ones, in their order."""
-    commanded_s: float
-    """Of `TurnWheels`: its speeds times this are the angles by which the wheels were told to turn."""

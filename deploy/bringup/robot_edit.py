@@ -27,7 +27,9 @@ def patched(parameters: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str
     found = dict(parameters)
     for key, value in patch.items():
         below = found.get(key)
-        found[key] = patched(below if isinstance(below, Mapping) else {}, value) if isinstance(value, Mapping) else value
+        found[key] = (
+            patched(below if isinstance(below, Mapping) else {}, value) if isinstance(value, Mapping) else value
+        )
     return found
 
 
@@ -51,7 +53,7 @@ def write_patch(path: Path, patch: Patch, backup: Path | None) -> Path:
         document = tomlkit.parse(path.read_text(encoding="utf-8"))
         if PARAMETERS not in document:
             document[PARAMETERS] = tomlkit.table(is_super_table=True)
-        _put(document[PARAMETERS], patch)  # type: ignore[arg-type]
+        _put(document[PARAMETERS], patch)
         kept = backup or _backup(path)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".toml")
         new = Path(name)

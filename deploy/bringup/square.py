@@ -10,6 +10,7 @@ from robrain.deploy.bringup.motions import Straight, TurnOnSpot
 from robrain.deploy.bringup.operator import Operator
 from robrain.deploy.bringup.wheel_table import base_patch
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
+from robrain.plugins.device.scan.interface import LaserScan
 from robrain.protocol.model.localization.scan_motion import followed, scan_motion
 from robrain.protocol.model.localization.umbmark import OdometryErrors, SquareEnd, odometry_errors
 from robrain.protocol.model.navigation.omni_drive import OmniBase
@@ -69,9 +70,7 @@ def check_square(
         for list_of, corner_rad in ((ends.counter_clockwise, 0.5 * math.pi), (ends.clockwise, -0.5 * math.pi)):
             end, view = _drive(bench, view, side, corner_rad, operator if measured else None)
             if end is None:
-                finding = Finding(
-                    step=Step.SQUARE, found=Found.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS
-                )
+                finding = Finding(step=Step.SQUARE, found=Found.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)
                 return [finding], view
             list_of.append(end)
     return _judge(ends, side, base), view
@@ -81,7 +80,7 @@ def _drive(
     bench: Bench, before: View, side: float, corner_rad: float, operator: Operator | None
 ) -> tuple[SquareEnd | None, View]:
     """One square; where it really ended less where it did by odometry, in the frame of its start."""
-    scans = []
+    scans: list[LaserScan] = []
     for _ in range(CORNERS):
         scans += bench.perform(Straight(side)).scans
         scans += bench.perform(TurnOnSpot(corner_rad)).scans

@@ -1,11 +1,12 @@
 """Steps with the wheels in the air: the bus, which wheel is whose, which way it turns, and how far."""
 
 import math
+from collections.abc import Sequence
 from statistics import median
 
 from robrain.deploy.bringup.bench import BASE, BATTERY, Bench, DeviceAbsent
 from robrain.deploy.bringup.findings import Finding, Found, Patch, Step
-from robrain.deploy.bringup.motions import WHEEL_SPEED_RAD_S, Ending, Record, Rest, TurnWheels
+from robrain.deploy.bringup.motions import WHEEL_SPEED_RAD_S, Ending, Record, Rest, Sample, TurnWheels
 from robrain.deploy.bringup.operator import Operator
 from robrain.deploy.bringup.wheel_table import (
     Slot,
@@ -18,15 +19,17 @@ from robrain.deploy.bringup.wheel_table import (
 )
 from robrain.plugins.device.mocdevice.frame_map import Measure
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.clock import to_ns, to_seconds
 
 LOOK_S = 2.0
-TURN_S = 1.0
+TURN_S = 1.6
+STEADY_S = 0.5
+"""After this time wheels turn as fast as they are told."""
 RATE_MIN_HZ = 8.0
 """Fewer frames than this make no odometry for a robot that drives."""
 STILL_RAD = 0.02
-SILENT_RAD = 0.05
-"""A wheel that was told to turn, and has turned by less, has not."""
+SILENT_RAD_S = 0.05
+"""A wheel that was told to turn, and is slower, stands."""
 COUPLED = 0.5
 """An encoder that turns by more than this share of another one turns with it."""
 SCALE_TOLERANCE = 0.05
@@ -82,11 +85,10 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
         there = bench.perform(TurnWheels(speeds, TURN_S))
         answer = _who_turned(operator, names, index, positive_way(base.base))
         back = bench.perform(TurnWheels(tuple([-each for each in speeds]), TURN_S))
-        turned_rad = [0.5 * (a - b) for a, b in zip(_turned_rad(there), _turned_rad(back), strict=True)]
-        expected_rad = 0.5 * speed * (there.commanded_s + back.commanded_s)
-        encoder = max(range(len(names)), key=lambda other: abs(turned_rad[other]))
-        others = [abs(each) for other, each in enumerate(turned_rad) if other != encoder]
-        if abs(turned_rad[encoder]) < SILENT_RAD or answer is None:
+        turned_rad_s = [0.5 * (a - b) for a, b in zip(_speeds_rad_s(there), _speeds_rad_s(back), strict=True)]
+        encoder = max(range(len(names)), key=lambda other: abs(turned_rad_s[other]))
+        others = [abs(each) for other, each in enumerate(turned_rad_s) if other != encoder]
+        if abs(turned_rad_s[encoder]) < SILENT_RAD_S or answer is None:
             why = "no encoder counts" if answer is not None else "no wheel turns"
             return [
                 Finding(
@@ -94,11 +96,11 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
                     found=Found.WHEEL_SILENT,
                     ok=False,
                     sentence=f"{name}: {why} while it is told to turn",
-                    values={"turned_rad": turned_rad[encoder], "expected_rad": expected_rad},
+                    values={"turned_rad_s": turned_rad_s[encoder], "expected_rad_s": speed},
                     remedy="check motor, power stage, encoder and its cable, and the signals in frames",
                 )
             ]
-        if max(others, default=0.0) > COUPLED * abs(turned_rad[encoder]):
+        if max(others, default=0.0) > COUPLED * abs(turned_rad_s[encoder]):
             return [
                 Finding(
                     step=Step.WHEELS,
@@ -108,7 +110,7 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
                     remedy="put the wheels in the air, so that none turns another",
                 )
             ]
-        seen.append(Seen(index, *answer, encoder, turned_rad[encoder] / expected_rad))
+        seen.append(Seen(index, *answer, encoder, turned_rad_s[encoder] / speed))
     return [*_assign(seen, base, names), *_scale(seen, base)]
 
 
@@ -136,8 +138,8 @@ def check_halt(bench: Bench, base: WheelDevice.Parameters) -> Finding:
     record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, Ending.HOST))
     bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
     driven = [sample for sample in record.samples if sample.is_commanded]
-    ran_on_rad = max(abs(a - b) for a, b in zip(record.samples[-1].turns_rad, driven[-1].turns_rad, strict=True))
-    after_s = ran_on_rad / _speed_of(record)
+    ran_on_rad = _farthest_rad(record.samples[-1], driven[-1].turns_rad)
+    after_s = ran_on_rad / max(0.1, *map(abs, _speeds_rad_s(record)))
     is_right = after_s <= STOP_MAX_S
     return Finding(
         step=Step.HALT,
@@ -156,9 +158,7 @@ def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> Finding:
     bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
     driven = [sample for sample in record.samples if sample.is_commanded]
     last = record.samples[-1].turns_rad
-    moving = [
-        sample for sample in record.samples if max(abs(a - b) for a, b in zip(sample.turns_rad, last, strict=True)) > STILL_RAD
-    ]
+    moving = [sample for sample in record.samples if _farthest_rad(sample, last) > STILL_RAD]
     stopped_ns = moving[-1].stamp_ns if moving else driven[-1].stamp_ns
     after_s = max(0.0, to_seconds(stopped_ns - driven[-1].stamp_ns))
     is_right = after_s <= WATCHDOG_MAX_S
@@ -170,8 +170,9 @@ def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> Finding:
         if is_right
         else f"{1000 * after_s:.0f} ms after the last command the wheels still turned",
         values={"stopped_after_s": after_s},
-        remedy="" if is_right else "set the controller's watchdog to 200 ms: without it a robot drives on if this "
-        "computer dies",
+        remedy=""
+        if is_right
+        else "set the controller's watchdog to 200 ms: without it a robot drives on if this computer dies",
     )
 
 
@@ -322,10 +323,14 @@ def _turned_rad(record: Record) -> tuple[float, ...]:
     return record.samples[-1].turns_rad if record.samples else ()
 
 
-def _speed_of(record: Record) -> float:
-    """Fastest wheel's speed at the end of what was commanded, rad/s."""
+def _speeds_rad_s(record: Record) -> list[float]:
+    """Of each encoder, once the wheels turned as fast as they were told."""
     driven = [sample for sample in record.samples if sample.is_commanded]
-    first, last = driven[max(0, len(driven) - 11)], driven[-1]
-    elapsed_s = to_seconds(last.stamp_ns - first.stamp_ns)
-    turned = max(abs(a - b) for a, b in zip(last.turns_rad, first.turns_rad, strict=True))
-    return max(turned / elapsed_s, 0.1) if elapsed_s > 0 else WHEEL_SPEED_RAD_S
+    begin_ns = driven[0].stamp_ns + to_ns(STEADY_S)
+    first, last = next((sample for sample in driven if sample.stamp_ns >= begin_ns), driven[0]), driven[-1]
+    elapsed_s = max(to_seconds(last.stamp_ns - first.stamp_ns), 1e-3)
+    return [(b - a) / elapsed_s for a, b in zip(first.turns_rad, last.turns_rad, strict=True)]
+
+
+def _farthest_rad(sample: Sample, turns_rad: Sequence[float]) -> float:
+    return max(abs(a - b) for a, b in zip(sample.turns_rad, turns_rad, strict=True))

@@ -89,7 +89,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
 def endpoints_of(settings: ZenohTable, connect: str | None) -> list[str]:
     """Where a robot connects to: what the command line says, else its file, else $ROBRAIN_CONNECT or the hub."""
     if connect is not None:
-        return givenendpoints_of(connect)
+        return given_endpoints(connect)
     if settings.connect or settings.listen:
         return settings.connect
-    return teamendpoints_of() if settings.mode == "client" else given_endpoints(None)
+    return team_endpoints() if settings.mode == "client" else given_endpoints(None)

@@ -88,9 +88,9 @@ def scan_motion(before: Floats, after: Floats, guess: Pose2D) -> ScanMotion | No
         for _ in range(ITERATIONS):
             cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
             turned = after @ np.array([[cos, sin], [-sin, cos]])
-            there = turned + (x_m, y_m)
-            distance_m, nearest = tree.query(there, distance_upper_bound=reach_m)
-            found = np.isfinite(distance_m)
+            there = turned + np.array([x_m, y_m])
+            distances, indices = tree.query(there, distance_upper_bound=reach_m)
+            found, nearest = np.isfinite(distances), np.asarray(indices)
             share = float(found.mean())
             if found.sum() < POINTS_MIN:
                 return None
