@@ -313,9 +313,9 @@ def _mount(bench: Bench) -> Mount | None:
 
 def _mount_patch(mount: Mount) -> Patch:
     values: dict[str, Any] = {
-        "x_m": round(mount.x_m, 3),
-        "y_m": round(mount.y_m, 3),
-        "yaw_rad": round(mount.yaw_rad, 4),
+        "x_m": round(mount.x_m, 3) + 0.0,  # no -0.0
+        "y_m": round(mount.y_m, 3) + 0.0,
+        "yaw_rad": round(mount.yaw_rad, 4) + 0.0,
         "upside_down": mount.upside_down,
     }
     return {LIDAR: {"mount": values}}

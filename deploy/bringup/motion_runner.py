@@ -30,8 +30,9 @@ from robrain.protocol.model.geometry import Twist2D, wrap_angle_rad
 from robrain.protocol.wire.clock import to_ns, to_seconds
 
 STEP_S = 0.02
-LEASE_NS = to_ns(0.2)
-"""The wheels stop this long after the last question how the motion stands."""
+LEASE_NS = to_ns(0.5)
+"""The wheels stop this long after the last question how the motion stands: who asks hangs. A process that dies stops
+them sooner, as no command comes any more."""
 SETTLE_NS = to_ns(0.8)
 """How long it is recorded after the end, so that the robot stands and lidar turns from there have come."""
 SCAN_FRESH_NS = to_ns(1.0)
@@ -190,7 +191,7 @@ class MotionRunner(Unit):
     def _why_not(self, motion: Motion, now_ns: int) -> str:
         if isinstance(motion, Rest):
             return ""
-        if not 0 <= now_ns - self._asked_ns <= LEASE_NS:
+        if abs(now_ns - self._asked_ns) > LEASE_NS:  # it may have asked since this step began
             return "who asked for the motion is gone"
         if not self._moc.is_fresh():
             return "no data from the wheel encoders"

