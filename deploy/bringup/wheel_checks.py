@@ -36,6 +36,8 @@ SCALE_TOLERANCE = 0.05
 QUADRATURE = (0.25, 0.5, 2.0, 4.0)
 """Usual mistakes: edges of an encoder counted once, twice or four times."""
 NEARLY = 0.03
+YES, BACKWARDS, NONE, AGAIN = "y", "b", "n", "r"
+"""Answers of the person."""
 STOP_MAX_S, WATCHDOG_MAX_S = 0.3, 0.5
 
 
@@ -82,14 +84,16 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
     seen: list[Seen] = []
     for index, name in enumerate(names):
         speeds = tuple([speed if other == index else 0.0 for other in range(len(names))])
-        there = bench.perform(TurnWheels(speeds, TURN_S))
-        answer = _who_turned(operator, names, index, positive_way(base.base))
-        back = bench.perform(TurnWheels(tuple([-each for each in speeds]), TURN_S))
+        answer = AGAIN
+        while answer == AGAIN:
+            there = bench.perform(TurnWheels(speeds, TURN_S))
+            answer = _who_turned(operator, names, index, positive_way(base.base))
+            back = bench.perform(TurnWheels(tuple([-each for each in speeds]), TURN_S))
         turned_rad_s = [0.5 * (a - b) for a, b in zip(_speeds_rad_s(there), _speeds_rad_s(back), strict=True)]
         encoder = max(range(len(names)), key=lambda other: abs(turned_rad_s[other]))
         others = [abs(each) for other, each in enumerate(turned_rad_s) if other != encoder]
-        if abs(turned_rad_s[encoder]) < SILENT_RAD_S or answer is None:
-            why = "no encoder counts" if answer is not None else "no wheel turns"
+        if abs(turned_rad_s[encoder]) < SILENT_RAD_S or answer == NONE:
+            why = "no wheel turns" if answer == NONE else "no encoder counts"
             return [
                 Finding(
                     step=Step.WHEELS,
@@ -110,7 +114,9 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
                     remedy="put the wheels in the air, so that none turns another",
                 )
             ]
-        seen.append(Seen(index, *answer, encoder, turned_rad_s[encoder] / speed))
+        wheel = index if answer in (YES, BACKWARDS) else int(answer.rstrip(BACKWARDS)) - 1
+        way = -1 if answer.endswith(BACKWARDS) else 1
+        seen.append(Seen(index, wheel, way, encoder, turned_rad_s[encoder] / speed))
     return [*_assign(seen, base, names), *_scale(seen, base)]
 
 
@@ -204,19 +210,15 @@ def check_battery(bench: Bench) -> Finding:
     return say(Found.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", ok=True, **values)
 
 
-def _who_turned(operator: Operator, names: tuple[str, ...], index: int, way: str) -> tuple[int, int] | None:
-    """The wheel that turned and 1, or -1 if backwards; None if none did."""
-    choices = {"y": f"{names[index]}, {way}", "b": f"{names[index]}, the other way round"}
+def _who_turned(operator: Operator, names: tuple[str, ...], index: int, way: str) -> str:
+    """What the person saw: YES, BACKWARDS, NONE, AGAIN, or the number of another wheel, with BACKWARDS behind it."""
+    choices = {YES: f"{names[index]}, {way}", BACKWARDS: f"{names[index]}, the other way round"}
     for other, name in enumerate(names):
         if other != index:
             choices[f"{other + 1}"] = f"{name}, {way}"
-            choices[f"{other + 1}b"] = f"{name}, the other way round"
-    choices["n"] = "none"
-    answer = operator.choose(f"{names[index]} was told to turn, {way}. Which wheel turned?", choices, "y")
-    if answer == "n":
-        return None
-    wheel = index if answer in ("y", "b") else int(answer.rstrip("b")) - 1
-    return wheel, -1 if answer.endswith("b") else 1
+            choices[f"{other + 1}{BACKWARDS}"] = f"{name}, the other way round"
+    choices |= {NONE: "none", AGAIN: "turn it again"}
+    return operator.choose(f"{names[index]} was told to turn, {way}. Which wheel turned?", choices, YES)
 
 
 def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[Finding]:
