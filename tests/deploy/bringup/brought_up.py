@@ -16,8 +16,25 @@ from tests.deploy.bringup.lockstep_bench import LockstepBench
 
 AIR, FLOOR = Wanted(floor=False), Wanted(air=False)
 NO_SQUARES = Wanted(air=False, rounds=0)
-PLACE_M = (26.0, 15.9)
-"""On the office floor, with room for squares."""
+YARD = """
+[scenario]
+name = "yard"
+
+[floor]
+size_m = [7.0, 6.0]
+blocks = [
+    { x_m = 0.0, y_m = 4.6, width_m = 1.2, height_m = 0.6 },
+    { x_m = 6.0, y_m = 0.5, width_m = 0.7, height_m = 1.3 },
+]
+
+[motes]
+count = 0
+
+[team]
+robots = 1
+"""
+"""A floor with room for squares around `PLACE_M`."""
+PLACE_M = (3.0, 3.0)
 LEFT: dict[str, Any] = {"frame": "LeftEncoder", "signals": ["left_counts"]}
 RIGHT: dict[str, Any] = {"frame": "RightEncoder", "signals": ["right_counts"]}
 
@@ -44,7 +61,7 @@ class BroughtUp:
         lidar_known: bool = False,
     ) -> None:
         spec = RobotSpec(type=type, hardware=hardware or {}, place_m=PLACE_M)
-        self.world: World = Scenario.builtin("office").replace(robots=1, motes=0, roster=(spec,), seed=3).world()
+        self.world: World = Scenario.from_toml(YARD).replace(roster=(spec,), seed=3).world()
         robot_file = self.world.robot_file(self.world.robots[0])
         parameters = {key: value for key, value in robot_file.parameters.items() if key != "scan" or lidar_known}
         robot_file = msgspec.structs.replace(robot_file, parameters=patched(parameters, patch))

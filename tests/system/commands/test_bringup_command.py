@@ -11,35 +11,18 @@ import pytest
 import tomli_w
 
 from robrain.plugins.device.mocdevice.signal_frame import read_dbc
+from tests.deploy.bringup.brought_up import YARD
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
-YARD = """
-[scenario]
-name = "yard"
-
-[floor]
-size_m = [7.0, 6.0]
-blocks = [
-    { x_m = 0.0, y_m = 4.6, width_m = 1.2, height_m = 0.6 },
-    { x_m = 6.0, y_m = 0.5, width_m = 0.7, height_m = 1.3 },
-]
-
-[team]
-robots = 1
-
+ROBOT = """
 [[robots]]
 type = "two_wheels"
 place_m = [3.0, 3.0]
 hardware = { lidar = { mount = { yaw_rad = 1.5708 } } }
-
-[motes]
-count = 0
 """
-LEFT = '[[parameters.mocdevice.frames.encoders]]\nframe = "LeftEncoder"'
-RIGHT = '[[parameters.mocdevice.frames.encoders]]\nframe = "RightEncoder"'
 WATCHDOG_FRAMES = 15
 """Encoder frames, one each 20 ms of the arena's time, in which wheels may turn on: 300 ms."""
 FLIGHT_FRAMES = 5
@@ -51,7 +34,7 @@ class Yard:
 
     def __init__(self, commands: Commands) -> None:
         self.commands = commands
-        (commands.folder / "yard.toml").write_text(YARD)
+        (commands.folder / "yard.toml").write_text(YARD + ROBOT)
         self.arena = commands.start("arena", "yard.toml", "--robot-files", "robots")
         commands.line_with(self.arena, "arena: yard at ")
         self.file = commands.folder / "robots" / "r1.toml"
