@@ -57,10 +57,8 @@ class Moved(NamedTuple):
 def look(bench: Bench) -> tuple[View, Record]:
     """Stand for a while; what the lidar sees."""
     record = bench.perform(Rest(STILL_S))
-    scans = [scan for scan in record.scans if scan.beam_angles_rad == record.scans[-1].beam_angles_rad]
-    if not scans:
-        return View(np.empty((0, 2)), record.samples[-1].pose), record
-    points = still_points(scans[-1].angles_rad, [scan.ranges_m for scan in scans], scans[-1].range_max_m)
+    scans = [(scan.angles_rad, scan.ranges_m) for scan in record.scans]
+    points = still_points(scans, record.scans[-1].range_max_m) if scans else np.empty((0, 2))
     return View(points, record.samples[-1].pose), record
 
 

@@ -28,6 +28,8 @@ SHARE_MIN = 0.5
 """Least share of the points that find a line."""
 HELD_MIN = 0.02
 """Least information of the worst held direction, by the number of points: less is a corridor."""
+STILL_M = 0.1
+"""Ranges in one direction that differ by more from their median are other things, or outliers."""
 KEY_M, KEY_RAD = 0.4, 0.5
 """A motion this large is continued from the scan there."""
 
@@ -45,28 +47,34 @@ class ScanMotion(msgspec.Struct, frozen=True):
     """Whether walls hold all three directions, and most points fit."""
 
 
-def still_points(angles_rad: Floats, ranges_m: Sequence[Floats], range_max_m: float) -> Floats:
-    """(K, 2): ends of the beams of several scans from one place, by the median of each beam, sensor's frame.
+def still_points(scans: Sequence[tuple[Floats, Floats]], range_max_m: float) -> Floats:
+    """(K, 2): what several scans from one place have hit, in the order of the directions, sensor's frame, metres.
+
+    Each direction that most scans have hit is the mean of the points there whose ranges are near their median.
 
     Args:
-        angles_rad: (N,), the same for all.
-        ranges_m: (N,) of each scan; `range_max_m` or more is no return.
-        range_max_m: of the lidar.
+        scans: angles (N,) and ranges (N,) of each; N and the angles may differ from scan to scan.
+        range_max_m: of the lidar; that much or more is no return.
 
     Raises:
-        ValueError: there are none, or not all have N beams.
+        ValueError: there are none, or a scan's angles and ranges do not fit.
 
     """
-    if not ranges_m or any(one.shape != angles_rad.shape for one in ranges_m):
-        raise ValueError(f"expected scans of {angles_rad.shape} beams, got {[one.shape for one in ranges_m]}")
-    stacked = np.array(ranges_m)
-    heard = (stacked > 0) & (stacked < range_max_m)
-    some = heard.sum(axis=0) * 2 > len(ranges_m)
-    median_m = np.full(len(angles_rad), range_max_m)
-    masked = np.where(heard, stacked, np.nan)[:, some]
-    if masked.size:
-        median_m[some] = np.nanmedian(masked, axis=0)
-    return beam_ends(angles_rad, median_m, range_max_m)
+    if not scans:
+        raise ValueError("expected at least one scan")
+    points = np.concatenate([beam_ends(angles_rad, ranges_m, range_max_m) for angles_rad, ranges_m in scans])
+    directions = max(len(angles_rad) for angles_rad, _ in scans)
+    turns = np.arctan2(points[:, 1], points[:, 0]) / math.tau + 0.5
+    index = np.floor(turns * directions + 0.5).astype(np.int64) % max(directions, 1)
+    order = np.argsort(index, kind="stable")
+    points, index = points[order], index[order]
+    found = []
+    for there in np.split(points, np.flatnonzero(np.diff(index)) + 1):
+        if 2 * len(there) <= len(scans):
+            continue
+        ranges_m = np.hypot(there[:, 0], there[:, 1])
+        found.append(there[np.abs(ranges_m - np.sort(ranges_m)[len(ranges_m) // 2]) <= STILL_M].mean(axis=0))
+    return np.array(found).reshape(-1, 2)
 
 
 def scan_motion(before: Floats, after: Floats, guess: Pose2D) -> ScanMotion | None:

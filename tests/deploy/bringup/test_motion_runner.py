@@ -86,7 +86,7 @@ def test_closing_the_bench_stops_the_wheels(bench: LockstepBench) -> None:
 
 
 def test_a_way_to_a_wall_is_given_up_before_it(bench: LockstepBench) -> None:
-    with pytest.raises(MotionFailed, match=r"something is 0\.(29|30) m from the lidar"):
+    with pytest.raises(MotionFailed, match=r"something is 0\.(27|28|29|30) m from the lidar"):
         bench.perform(Straight(6.0))
     body = bench.arena._robots[0].body
     assert not any(wheels(bench))
