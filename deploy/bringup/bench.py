@@ -21,6 +21,8 @@ BASE, LIDAR, BATTERY, DRIVER = "mocdevice", "scan", "bm2", "driver"
 HALTED_BY = "bringup"
 HALTED_S = 1.0
 """A halted host's plugins do nothing; what the encoders say meanwhile is read afterwards."""
+LIDAR_START_S, LOOK_S = 8.0, 0.1
+"""How long a lidar has for its first turn: some begin to spin when they are asked."""
 START_S = 3.0
 """How long devices have to start."""
 
@@ -135,11 +137,12 @@ class Bench(abc.ABC):
             return str(error)
         return "" if managed.state is PluginState.ACTIVE else managed.why or str(managed.state)
 
-    def latest_scan(self) -> Any:
-        """The lidar's last scan; None if there is none yet, or no lidar that runs."""
-        if self.why_not(LIDAR):
-            return None
-        return cast(Any, self.host.manager.get(LIDAR).live_plugin()).latest()
+    def wait_for_scan(self) -> None:
+        """Wait for the lidar's first scan; a lidar that does not send one is left to the steps."""
+        for _ in range(round(LIDAR_START_S / LOOK_S)):
+            if not self.why_not(LIDAR) and cast(Any, self.host.manager.get(LIDAR).live_plugin()).latest() is not None:
+                return
+            self.pass_time(LOOK_S)
 
     def _runner(self) -> MotionRunner:
         self._check_runs()

@@ -151,6 +151,8 @@ class BringUp:
     def _start(self, *, with_lidar: bool) -> None:
         self._with_lidar = with_lidar
         self._bench.start(self._file, with_lidar=with_lidar)
+        if with_lidar:
+            self._bench.wait_for_scan()
 
     def _do(self, step: Step, found: list[Finding]) -> bool:
         """Note what a step has found, and go on with that; whether the devices were started anew for it."""

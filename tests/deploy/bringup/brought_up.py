@@ -63,7 +63,9 @@ class BroughtUp:
         spec = RobotSpec(type=type, hardware=hardware or {}, place_m=PLACE_M)
         self.world: World = Scenario.from_toml(YARD).replace(roster=(spec,), seed=3).world()
         robot_file = self.world.robot_file(self.world.robots[0])
-        parameters = {key: value for key, value in robot_file.parameters.items() if key != "scan" or lidar_known}
+        parameters = dict(robot_file.parameters)
+        if "scan" in parameters and not lidar_known:
+            parameters["scan"] = {key: value for key, value in parameters["scan"].items() if key != "mount"}
         robot_file = msgspec.structs.replace(robot_file, parameters=patched(parameters, patch))
         self.path = folder / "r1.toml"
         self.path.write_bytes(b"# hers\n" + msgspec.toml.encode(robot_file))

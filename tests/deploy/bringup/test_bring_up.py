@@ -220,3 +220,21 @@ def test_a_person_who_sees_no_wheel_turn_ends_it(tmp_path: Path) -> None:
     report = BroughtUp(tmp_path, {}).run(Wanted(), Watcher(lambda question, default: "n"))
     assert wrong(report) == {Found.WHEEL_SILENT}
     assert report.findings[-1].step is Step.WHEELS
+
+
+def test_a_lidar_on_a_serial_line_is_found_out_as_well(tmp_path: Path) -> None:
+    lidar = {"protocol": "ld19", "mount": {"yaw_rad": math.pi / 2, "upside_down": True}}
+    robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_radius_m": 0.045}}}, {"lidar": lidar})
+    report = robot.run(NO_SQUARES)
+    assert wrong(report) == {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.WRONG_WHEEL_RADIUS}
+    said = tomllib.loads(robot.path.read_text())["parameters"]
+    assert said["scan"]["mount"]["yaw_rad"] == pytest.approx(math.pi / 2, abs=0.02)
+    assert said["scan"]["mount"]["upside_down"]
+    assert said["mocdevice"]["base"]["wheel_radius_m"] == pytest.approx(0.05, rel=0.01)
+
+
+def test_a_lidar_that_never_sends_a_turn_ends_the_steps_on_the_floor(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {}, {"lidar": {"protocol": "ld19"}})
+    robot.path.write_text(robot.path.read_text().replace("zenoh:lidar", "zenoh:nowhere"))
+    report = robot.run(NO_SQUARES)
+    assert wrong(report) == {Found.NO_SCANS}
