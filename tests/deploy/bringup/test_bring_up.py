@@ -238,3 +238,22 @@ def test_a_lidar_that_never_sends_a_turn_ends_the_steps_on_the_floor(tmp_path: P
     robot.path.write_text(robot.path.read_text().replace("zenoh:lidar", "zenoh:nowhere"))
     report = robot.run(NO_SQUARES)
     assert wrong(report) == {Found.NO_SCANS}
+
+
+def test_a_base_in_another_plugin_that_takes_velocities_alone_is_measured_on_the_floor(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_radius_m": 0.06}}})
+    place = tmp_path / "plugins"
+    place.mkdir()
+    (place / "other_base.py").write_text(
+        "from robrain.plugins.device.mocdevice.interface import MocDeviceInterface\n"
+        "from robrain.plugins.device.mocdevice.mocdevice import MocDevice\n\n\n"
+        "class OtherBase(MocDevice):\n    interface = MocDeviceInterface\n"
+    )
+    (place / "other_base.toml").write_text(
+        '[plugin]\nclass = "other_base:OtherBase"\nrole = "mocdevice"\n\n[tag]\nvisibility = ["driver", "command"]\n'
+    )
+    roles = f'[robot]\nplaces = ["{place}"]\nroles = {{ mocdevice = "other_base" }}\n'
+    robot.path.write_text(robot.path.read_text().replace("[robot]\n", roles))
+    report = robot.run(Wanted(rounds=0))
+    assert wrong(report) == {Found.WRONG_WHEEL_RADIUS}
+    assert [finding.step for finding in report.findings if finding.found is Found.NOT_DONE] == [Step.WHEELS]
