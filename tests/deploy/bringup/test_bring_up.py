@@ -142,7 +142,10 @@ def test_however_the_lidar_is_mounted_it_is_found_out(
 def test_a_mounting_that_the_file_has_wrong_is_corrected_from_what_it_says(tmp_path: Path) -> None:
     hardware = {"lidar": {"mount": {"x_m": 0.1, "yaw_rad": 1.0, "upside_down": True}}}
     robot = BroughtUp(tmp_path, {"scan": {"mount": {"x_m": 0.05, "yaw_rad": -0.5, "upside_down": False}}}, hardware)
-    assert {Found.SCAN_TURNED, Found.SCAN_MIRRORED} <= wrong(robot.run(NO_SQUARES))
+    report = robot.run(NO_SQUARES)
+    assert {Found.SCAN_TURNED, Found.SCAN_MIRRORED} <= wrong(report)
+    turned = [finding.step for finding in report.findings if finding.found is Found.SCAN_TURNED]
+    assert turned == [Step.ORIENTATION]  # at once, not in two steps
     said = tomllib.loads(robot.path.read_text())["parameters"]["scan"]["mount"]
     assert said["yaw_rad"] == pytest.approx(1.0, abs=0.02)
     assert said["x_m"] == pytest.approx(0.1, abs=0.01)

@@ -134,6 +134,15 @@ def test_wheels_that_turn_on_without_commands_are_named_and_the_robot_is_not_put
     assert not any(seen)
 
 
+def test_wheels_that_turn_on_in_silence_are_stopped_at_the_end_of_the_motion(bench: LockstepBench) -> None:
+    bench.arena._robots[0].controller._watchdog_ticks = 1 << 40
+    record = bench.perform(TurnWheels((2.0, 2.0), 1.0, Ending.SILENCE))
+    turned = [sample.turns_rad[0] for sample in record.samples if not sample.is_commanded]
+    assert turned[-1] - turned[0] > 1.0
+    bench.pass_time(0.1)
+    assert not any(wheels(bench))
+
+
 def test_a_halt_is_timed_by_the_wheels_and_the_host_goes_on_afterwards(tmp_path: Path) -> None:
     report = BroughtUp(tmp_path, {}).run(AIR)
     assert value(report, Found.RIGHT, "rate_hz") > 0.0

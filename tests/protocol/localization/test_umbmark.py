@@ -64,6 +64,11 @@ def test_several_squares_count_by_their_centre_of_gravity() -> None:
     assert errors.largest_m == pytest.approx(0.0, abs=1e-12)
 
 
+def test_headings_count_for_more_than_places_as_they_are_measured_more_exactly() -> None:
+    errors = odometry_errors([SquareEnd(0.0, 0.0, -0.04)], [SquareEnd(0.0, 0.0, 0.04)], SIDE_M, TRACK_M)
+    assert 0.007 < errors.corner_rad < 0.01
+
+
 @pytest.mark.parametrize(
     ("clockwise", "counter", "side_m", "track_m"),
     [
