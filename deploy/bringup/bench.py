@@ -137,6 +137,13 @@ class Bench(abc.ABC):
             return str(error)
         return "" if managed.state is PluginState.ACTIVE else managed.why or str(managed.state)
 
+    def wait_for_counts(self) -> None:
+        """Wait until the wheels' encoders speak; those that do not are left to the steps."""
+        for _ in range(round(START_S / LOOK_S)):
+            if self.why_not(DRIVER) or self._runner().is_fresh:
+                return
+            self.pass_time(LOOK_S)
+
     def wait_for_scan(self) -> None:
         """Wait for the lidar's first scan; a lidar that does not send one is left to the steps."""
         for _ in range(round(LIDAR_START_S / LOOK_S)):

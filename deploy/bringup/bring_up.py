@@ -151,6 +151,7 @@ class BringUp:
     def _start(self, *, with_lidar: bool) -> None:
         self._with_lidar = with_lidar
         self._bench.start(self._file, with_lidar=with_lidar)
+        self._bench.wait_for_counts()
         if with_lidar:
             self._bench.wait_for_scan()
 

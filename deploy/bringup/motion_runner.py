@@ -76,6 +76,11 @@ class MotionRunner(Unit):
         """Whether wheels can be commanded one by one."""
         return self._wheels is not None
 
+    @property
+    def is_fresh(self) -> bool:
+        """Whether the encoders speak."""
+        return self._moc.is_fresh()
+
     def counters(self) -> Counters:
         """Counters of the base, which this plugin holds."""
         return self._moc.counters()
