@@ -6,6 +6,7 @@ EXTRAS = {
     "numpy": "navigation",
     "scipy": "navigation",
     "numba": "navigation",
+    "tomlkit": "bringup",
     "pymunk": "sim",
     "PIL": "sim",
     "yaml": "sim",

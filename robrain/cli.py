@@ -14,6 +14,7 @@ import typer
 from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bench.commands import bench_app
 from robrain.deploy.bridge.bridge_command import bridge
+from robrain.deploy.bringup.command_line import bringup
 from robrain.deploy.commands.extras import missing_extra
 from robrain.deploy.commands.journal_commands import journal_app
 from robrain.deploy.commands.plugin_commands import plugin_app
@@ -280,6 +281,7 @@ def replay(
 app.command()(assistant)
 app.command()(fork)
 app.command()(bridge)
+app.command()(bringup)
 app.command("ros2-zenoh")(ros2_zenoh)
 app.command()(machine_files)
 app.command()(router)

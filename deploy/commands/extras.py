@@ -8,6 +8,7 @@ from robrain.protocol.extras import missing_package
 OF_COMMANDS = {
     **dict.fromkeys(("run", "demo", "up", "arena", "scenarios", "bench", "soak"), "sim"),
     **dict.fromkeys(("dashboard", "replay", "record", "info", "check", "diff", "recover", "export"), "team"),
+    "bringup": "bringup",
     "report": "report",
     "sweep": "sweep",
     "fork": "sim,team",

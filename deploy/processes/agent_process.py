@@ -42,7 +42,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
     table, settings = robot_file.robot, robot_file.zenoh
     if team is not None:
         table = msgspec.structs.replace(table, team=check_name("team", team))
-    where = _endpoints(settings, connect)
+    where = endpoints_of(settings, connect)
     if isinstance(settings.tls, TlsTable):  # for plugins in processes of their own as well
         os.environ[TLS_VARIABLE] = str(folder_of(robot.parent, settings.tls.folder).resolve())
     warn_of_listening("agent", settings.listen, note)
@@ -86,7 +86,8 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         watch.check()
 
 
-def _endpoints(settings: ZenohTable, connect: str | None) -> list[str]:
+def endpoints_of(settings: ZenohTable, connect: str | None) -> list[str]:
+    """Where a robot connects to: what the command line says, else its file, else $ROBRAIN_CONNECT or the hub."""
     if connect is not None:
         return given_endpoints(connect)
     if settings.connect or settings.listen:

@@ -1,4 +1,4 @@
-"""A lidar at the centre of a simulated robot: walls and other robots, all around."""
+"""A lidar on a simulated robot: walls and other robots, all around."""
 
 import math
 
@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.plugins.device.lidar_mount import Mount
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays_of
@@ -14,6 +15,7 @@ from robrain.sim.firmware.lidar_line import LidarProtocol
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
+PLAIN = Mount()
 NEAREST_OUTLIER_M = 0.05
 """Least range of an outlier."""
 
@@ -35,6 +37,8 @@ class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """What it speaks; the robot's file then has the plugin for that."""
     outlier: float = 0.0
     """Share of the beams, drawn at random, with a random range: mixed pixels, stray reflections."""
+    mount: Mount = Mount()
+    """How it is mounted on the robot; its turns are in its own frame. The robot's file knows of it."""
 
     def __post_init__(self) -> None:
         check_above_zero(self, "rays", "rate_hz", "range_max_m")
@@ -81,6 +85,9 @@ class Lidar:
         """A frozen lidar goes on sending the turn before, with new stamps: what a stuck driver or buffer does."""
         self._last: Scan | None = None
         self._angles_rad = np.linspace(-math.pi, math.pi, spec.rays, endpoint=False)
+        mount = spec.mount
+        self._T_robot_sensor = None if mount == PLAIN else Pose2D(mount.x_m, mount.y_m, mount.yaw_rad)
+        self._is_mirrored = mount.upside_down
 
     def scan(self, pose: Pose2D, robots: NDArray[np.float64]) -> Scan:
         """One turn from `pose`, arena frame.
@@ -106,8 +113,11 @@ class Lidar:
     def measure(
         self, pose: Pose2D, robots: NDArray[np.float64], angles_rad: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Ranges (N,) from `pose` in these directions (N,) of the robot's frame; 0 if nothing came back."""
+        """Ranges (N,) in these directions (N,) of the sensor's frame, on a robot at `pose`; 0 if nothing came back."""
         spec = self.spec
+        if self._T_robot_sensor is not None:
+            pose = pose.compose(self._T_robot_sensor)
+            angles_rad = -angles_rad if self._is_mirrored else angles_rad
         if self._surfaces is None:
             ranges_m = cast_rays_of(self._walls, self._geometry, pose, angles_rad, spec.range_max_m, robots)
         else:

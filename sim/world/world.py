@@ -15,6 +15,7 @@ from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.coordinator.recording.writer.provenance import MAP_ATTACHMENT
+from robrain.plugins.device.lidar_mount import Mount
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial_lines.serial_line import SIMULATED
 from robrain.protocol.wire.endpoint import Endpoint
@@ -276,10 +277,12 @@ def _roles(robot: ArenaRobot) -> dict[str, str]:
 
 
 def _lidar(robot: ArenaRobot) -> dict[str, dict[str, Any]]:
-    """Parameters of a lidar on a serial line."""
-    if robot.lidar.protocol is LidarProtocol.WIRE:
-        return {}
-    return {LIDAR_PLUGIN: {"port": f"{SIMULATED}{LINE}", "range_max_m": robot.lidar.range_max_m}}
+    """Parameters of a lidar on a serial line, or of one that is not at the robot's centre."""
+    lidar = robot.lidar
+    mount = {} if lidar.mount == Mount() else {"mount": msgspec.to_builtins(lidar.mount)}
+    if lidar.protocol is not LidarProtocol.WIRE:
+        return {LIDAR_PLUGIN: {"port": f"{SIMULATED}{LINE}", "range_max_m": lidar.range_max_m, **mount}}
+    return {LIDAR_PLUGIN: mount} if mount else {}
 
 
 def manifest_texts(world: World, team: str = DEFAULT_TEAM) -> dict[str, str]:

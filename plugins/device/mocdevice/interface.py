@@ -1,5 +1,6 @@
 """What the motor controller offers."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import msgspec
@@ -80,3 +81,23 @@ class MocDeviceInterface(Protocol):
 
     def status(self) -> ControllerStatus | None:
         """The controller's last word on itself; None before the first."""
+
+
+class WheelCounts(msgspec.Struct, frozen=True):
+    """What the encoders say, and how to read it."""
+
+    counts: tuple[int, ...]
+    """One for each wheel, with its sign from the robot's file."""
+    modulus: int
+    """At which they wrap."""
+    rad_per_tick: float
+
+
+class WheelsInterface(MocDeviceInterface, Protocol):
+    """What a base offers besides whose wheels are commanded and counted one by one: for bring-up."""
+
+    def drive_wheels(self, values: Sequence[float]) -> None:
+        """Give the base's commands themselves, in SI units. They hold for 200 ms."""
+
+    def wheel_counts(self) -> WheelCounts | None:
+        """The last counts; None before the first."""

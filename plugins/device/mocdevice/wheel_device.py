@@ -6,7 +6,7 @@ manifest's restart policy opens the bus again until it answers. The odometry goe
 """
 
 import math
-from collections.abc import Sized
+from collections.abc import Sequence, Sized
 from typing import NamedTuple
 
 import msgspec
@@ -16,7 +16,13 @@ from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
-from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters, MocDeviceInterface
+from robrain.plugins.device.mocdevice.interface import (
+    Condition,
+    ControllerStatus,
+    Counters,
+    WheelCounts,
+    WheelsInterface,
+)
 from robrain.plugins.device.mocdevice.odometry import Counting, Ticks, WheelOdometry
 from robrain.plugins.device.mocdevice.wheel_link import WheelLink, WheelReport
 from robrain.protocol.model.geometry import Pose2D, Twist2D
@@ -64,7 +70,7 @@ class WheelDevice(Device):
         def __post_init__(self) -> None:
             check_positive(self, "radius_m", "silent_s", "wheel_speed_max_rad_s", below=1000.0)
 
-    interface = MocDeviceInterface
+    interface = WheelsInterface
     period_s = 0.06  # and whenever somebody asks for the odometry
     parameters: Parameters
     condition = Event[Condition](outside=True)
@@ -86,6 +92,7 @@ class WheelDevice(Device):
         self._is_again = board.T_odom_robot is not None
         """The controller has spoken before: this is a restart, or a reload."""
         opened = self.open_link()
+        self._counting = opened.counting
         self._where, self._period_ns = opened.where, to_ns(opened.period_s)
         ticks = board.wheel_ticks if board.wheel_ticks is None or len(board.wheel_ticks) == wanted.base.wheels else None
         self._odometry = WheelOdometry(
@@ -139,6 +146,21 @@ class WheelDevice(Device):
             raise ValueError(f"expected a finite velocity, got {twist}")
         if self._link is not None:
             self._link.command(values)
+
+    def drive_wheels(self, values: Sequence[float]) -> None:
+        """Give the base's commands themselves: wheel speeds in rad/s, of Ackermann a speed and a steering angle."""
+        limit, known = self.parameters.wheel_speed_max_rad_s, len(self.parameters.base.commands(Twist2D(), 1.0))
+        if len(values) != known or not all(abs(value) <= limit for value in values):
+            raise ValueError(f"expected {known} commands within ±{limit:g}, got {list(values)}")
+        if self._link is not None:
+            self._link.command(values)
+
+    def wheel_counts(self) -> WheelCounts | None:
+        """The last counts; None before the first."""
+        if self._pending:
+            self._catch_up()
+        counts = self._odometry.ticks
+        return None if counts is None else WheelCounts(counts, *self._counting)
 
     @external
     def stop(self) -> None:

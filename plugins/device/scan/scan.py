@@ -2,24 +2,31 @@
 
 import msgspec
 
+from robrain.plugins.device.lidar_mount import Mount, ScanMaker
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice
+from robrain.protocol.lidar.points import Point
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN
 
 MM_PER_M = 1000.0
+CENTRAL = Mount()
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 class ScanDevice(LidarDevice):
     """Passes on each turn of the lidar."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """When the lidar counts as gone."""
+        """When the lidar counts as gone, and how it is mounted."""
 
         silent_s: float = 3.0
         """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
+        mount: Mount = Mount()
+        """Where and how it sits on the robot, if its turns come in its own frame."""
 
         def __post_init__(self) -> None:
             check_positive(self, "silent_s")
@@ -48,6 +55,10 @@ class ScanDevice(LidarDevice):
             self._fan = fan
             first_rad, step_rad = scan.angle_min_rad, scan.angle_increment_rad
             self._angles_rad = tuple(first_rad + step_rad * beam for beam in range(len(scan.ranges_mm)))
-        far_m = scan.range_max_m
+        far_m, mount = scan.range_max_m, self.parameters.mount
+        if mount != CENTRAL:
+            ranges_mm = zip(self._angles_rad, scan.ranges_mm, strict=True)
+            points = [Point(angle_rad, mm / MM_PER_M) for angle_rad, mm in ranges_mm]
+            return ScanMaker(len(points), far_m, mount).scan([(ORIGIN, points)], (), scan.stamp_ns)
         ranges_m = tuple([mm / MM_PER_M if mm else far_m for mm in scan.ranges_mm])
         return LaserScan(scan.stamp_ns, self._angles_rad, ranges_m, scan.range_max_m)

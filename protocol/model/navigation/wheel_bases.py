@@ -137,15 +137,20 @@ class Differential(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fiel
     """From left to right wheel; of a base with four wheels that skid, the effective one (UMBmark finds it)."""
     wheels_per_side: Annotated[int, Meta(ge=1, le=WHEELS_MAX // 2)] = 1
     """All left wheels come before the right ones."""
+    wheel_radius_ratio: float = 1.0
+    """Radius of the right wheels by that of the left ones (UMBmark finds it); `wheel_radius_m` is the mean of both."""
 
     @property
     def _sizes(self) -> tuple[str, ...]:
-        return ("track_m",)
+        return ("track_m", "wheel_radius_ratio")
 
     @property
     def rows(self) -> Rows:
         """As in DescribedBase."""
-        left, right = (1.0, 0.0, -0.5 * self.track_m), (1.0, 0.0, 0.5 * self.track_m)
+        # Borenstein and Feng 1996, section V: the radii are 2 / (E_d + 1) and 2 / (1 / E_d + 1) times their mean.
+        ratio, half_track_m = self.wheel_radius_ratio, 0.5 * self.track_m
+        by_left, by_right = 0.5 * (ratio + 1.0), 0.5 * (1.0 / ratio + 1.0)
+        left, right = (by_left, 0.0, -by_left * half_track_m), (by_right, 0.0, by_right * half_track_m)
         return (left,) * self.wheels_per_side + (right,) * self.wheels_per_side
 
 

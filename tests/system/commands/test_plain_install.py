@@ -33,6 +33,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("status", [], WORKS),
     ("top", [], WORKS),
     ("doctor", [], WORKS),
+    ("bringup", ["r1.toml", "--yes"], "bringup"),
     ("wire", [], WORKS),
     ("call", ["r1", "counter", "seconds"], WORKS),
     ("shell", ["r1"], WORKS),

@@ -1,0 +1,100 @@
+"""`robrain bringup ROBOT.toml`: the session, the claim on the robot's name, and what the person sees."""
+
+import os
+import signal
+import sys
+from contextlib import ExitStack, closing
+from pathlib import Path
+from types import FrameType
+
+import zenoh
+
+from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_robot_file
+from robrain.deploy.bringup.bring_up import BringUp, Wanted
+from robrain.deploy.bringup.findings import Finding
+from robrain.deploy.bringup.live_bench import LiveBench
+from robrain.deploy.bringup.operator import Operator, TerminalOperator, YesOperator
+from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.errors import UsageError
+from robrain.deploy.processes.agent_process import endpoints_of
+from robrain.deploy.processes.live_process import note, tell_json
+from robrain.deploy.processes.name_claim import claim_robot
+from robrain.deploy.processes.native_threads import limit_zenoh_threads
+from robrain.protocol.wire.access.identity import TLS_VARIABLE
+from robrain.protocol.wire.errors import NobodyThere
+from robrain.protocol.wire.hub import may_answer
+from robrain.protocol.wire.session import open_lockstep_session, open_session
+
+MARKS = {True: "ok", False: "WRONG", None: "unknown"}
+ON_THE_WIRE = ("zenoh",)
+"""Interfaces of a base that is reached over the team's wire, as a simulated one is."""
+
+
+def bringup_command(robot: Path, connect: str | None, wanted: Wanted, *, yes: bool, as_json: bool) -> bool:
+    """Bring a robot up; whether nothing was wrong.
+
+    Args:
+        robot: its ROBOT.toml.
+        connect: endpoint of the team; None uses the file's, else $ROBRAIN_CONNECT, else this machine's hub.
+        wanted: what to do.
+        yes: give the default answer to all questions.
+        as_json: print a `Report`.
+
+    Raises:
+        RobrainError: in one sentence; among others NameTaken if the robot's agent runs.
+
+    """
+    limit_zenoh_threads()
+    robot_file = read_robot_file(robot)
+    if not yes and not sys.stdin.isatty():
+        raise UsageError("bringup asks a person beside the robot: run it at a terminal, or with --yes")
+    operator: Operator = YesOperator() if yes else TerminalOperator()
+    signal.signal(signal.SIGTERM, _interrupt)
+    with ExitStack() as stack:
+        session = stack.enter_context(closing(_open(robot_file, robot.parent, connect)))
+        claim = stack.enter_context(claim_robot(session, robot_file.robot.team, robot_file.robot.name))
+        claim.take(lambda text: note(f"bringup: {text}"), lambda: False)
+        bench = LiveBench(session, robot.parent)
+        stack.callback(bench.close)
+        said = note if as_json else print_line
+
+        def tell(finding: Finding) -> None:
+            for line in lines_of(finding):
+                said(line)
+
+        report = BringUp(robot, bench, operator, tell, robot_file).run(wanted)
+    if as_json:
+        tell_json(report)
+    elif report.backup:
+        print_line(f"{report.file} has what was found; {report.backup} is the file as it was")
+    return report.is_good
+
+
+def lines_of(finding: Finding) -> list[str]:
+    """A finding in words; a remedy has a line of its own."""
+    lines = [f"{MARKS[finding.ok]:<8}{finding.step.value}: {finding.sentence}"]
+    if finding.remedy:
+        lines.append(f"{'':<8}  {finding.remedy}")
+    return lines
+
+
+def _open(robot_file: RobotFile, base: Path, connect: str | None) -> zenoh.Session:
+    """A session of the team, so that an agent of the same name is found; one of its own if there is no team yet."""
+    settings = robot_file.zenoh
+    if isinstance(settings.tls, TlsTable):
+        os.environ[TLS_VARIABLE] = str(folder_of(base, settings.tls.folder).resolve())
+    where = endpoints_of(settings, connect)
+    if where and any(map(may_answer, where)):
+        return open_session(mode="client", connect=where)
+    interface = robot_file.parameters.get("mocdevice", {}).get("interface", ON_THE_WIRE[0])
+    if connect is not None or ("mocdevice" not in robot_file.robot.roles and interface in ON_THE_WIRE):
+        raise NobodyThere(
+            f"nobody answers at {', '.join(where) or 'any endpoint'}, and the base is reached over it: "
+            "start `robrain arena`, or set interface in [parameters.mocdevice]"
+        )
+    note("bringup: no team answers; going on without one. See that the robot's agent does not run")
+    return open_lockstep_session()
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,106 @@
+"""What bring-up has found: values and codes for programs, a sentence for people."""
+
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+
+Patch = dict[str, dict[str, Any]]
+"""New values for a robot's file: by plugin, the keys of its `[parameters.PLUGIN]`."""
+
+
+class Step(StrEnum):
+    """Steps in their order; the first six are done with the wheels in the air."""
+
+    BUS = "bus"
+    WHEELS = "wheels"
+    SCALE = "scale"
+    HALT = "halt"
+    WATCHDOG = "watchdog"
+    BATTERY = "battery"
+    SCAN = "scan"
+    ORIENTATION = "orientation"
+    DISTANCE = "distance"
+    TURN = "turn"
+    SQUARE = "square"
+
+
+class Found(StrEnum):
+    """Kinds of findings; what is as it should be is `right`, and what could not be looked at `not_done`."""
+
+    RIGHT = "right"
+    NOT_DONE = "not_done"
+    FAILED = "failed"
+    """A motion was given up, or a device does not run."""
+    NO_FRAMES = "no_frames"
+    FEW_FRAMES = "few_frames"
+    BAD_FRAMES = "bad_frames"
+    FOREIGN_FRAMES = "foreign_frames"
+    MOVES_BY_ITSELF = "moves_by_itself"
+    WHEEL_SILENT = "wheel_silent"
+    ENCODER_INVERTED = "encoder_inverted"
+    MOTOR_INVERTED = "motor_inverted"
+    ENCODERS_SWAPPED = "encoders_swapped"
+    MOTORS_SWAPPED = "motors_swapped"
+    WHEELS_UNCLEAR = "wheels_unclear"
+    WRONG_SCALE = "wrong_scale"
+    SLOW_HALT = "slow_halt"
+    NO_WATCHDOG = "no_watchdog"
+    BATTERY_IMPLAUSIBLE = "battery_implausible"
+    NO_SCANS = "no_scans"
+    SCAN_MIRRORED = "scan_mirrored"
+    SCAN_TURNED = "scan_turned"
+    LIDAR_OFF_CENTRE = "lidar_off_centre"
+    WRONG_WHEEL_RADIUS = "wrong_wheel_radius"
+    WRONG_TRACK = "wrong_track"
+    UNEQUAL_WHEELS = "unequal_wheels"
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that was found."""
+
+    step: Step
+    found: Found
+    ok: bool | None
+    """Whether it is as it should be; None if that is not known."""
+    sentence: str
+    values: dict[str, float] = {}
+    """Measured figures by name, with their units in the names."""
+    patch: Patch = {}
+    """What the robot's file should say instead; empty if that is not to be changed, or not by a program."""
+    remedy: str = ""
+    """What a person can do."""
+
+    @property
+    def stops(self) -> bool:
+        """Whether it would not be safe, or of no use, to go on."""
+        return self.found in _STOPS
+
+
+class Report(msgspec.Struct, frozen=True, kw_only=True):
+    """What `--json` prints."""
+
+    robot: str
+    file: str
+    backup: str
+    """Copy of the file as it was; empty if it was not changed."""
+    findings: list[Finding]
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing was wrong; what could not be looked at does not count."""
+        return all(finding.ok is not False for finding in self.findings)
+
+
+_STOPS = frozenset(
+    {
+        Found.FAILED,
+        Found.NO_FRAMES,
+        Found.MOVES_BY_ITSELF,
+        Found.WHEEL_SILENT,
+        Found.WHEELS_UNCLEAR,
+        Found.SLOW_HALT,
+        Found.NO_WATCHDOG,
+        Found.NO_SCANS,
+    }
+)

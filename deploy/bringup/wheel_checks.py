@@ -1,0 +1,338 @@
+"""Steps with the wheels in the air: the bus, which wheel is whose, which way it turns, and how far."""
+
+import math
+from collections.abc import Sequence
+from statistics import median
+
+from robrain.deploy.bringup.bench import BASE, BATTERY, Bench, DeviceAbsent
+from robrain.deploy.bringup.findings import Finding, Found, Patch, Step
+from robrain.deploy.bringup.motions import WHEEL_SPEED_RAD_S, Ending, Record, Rest, Sample, TurnWheels
+from robrain.deploy.bringup.operator import Operator
+from robrain.deploy.bringup.wheel_table import (
+    Slot,
+    base_patch,
+    frame_map,
+    frames_of,
+    positive_way,
+    slots_of,
+    wheel_names,
+)
+from robrain.plugins.device.mocdevice.frame_map import Measure
+from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
+from robrain.protocol.wire.clock import to_ns, to_seconds
+
+LOOK_S = 2.0
+TURN_S = 1.6
+STEADY_S = 0.5
+"""After this time wheels turn as fast as they are told."""
+RATE_MIN_HZ = 8.0
+"""Fewer frames than this make no odometry for a robot that drives."""
+STILL_RAD = 0.02
+SILENT_RAD_S = 0.05
+"""A wheel that was told to turn, and is slower, stands."""
+COUPLED = 0.5
+"""An encoder that turns by more than this share of another one turns with it."""
+SCALE_TOLERANCE = 0.05
+QUADRATURE = (0.25, 0.5, 2.0, 4.0)
+"""Usual mistakes: edges of an encoder counted once, twice or four times."""
+NEARLY = 0.03
+YES, BACKWARDS, NONE, AGAIN = "y", "b", "n", "r"
+"""Answers of the person."""
+STOP_MAX_S, WATCHDOG_MAX_S = 0.3, 0.5
+
+
+def check_bus(bench: Bench) -> list[Finding]:
+    """Whether the controller speaks, how often, and whether all that it says is believed."""
+    before = bench.counters()
+    record = bench.perform(Rest(LOOK_S))
+    after = bench.counters()
+    believed, rejected = after.believed - before.believed, after.rejected - before.rejected
+    foreign, lost, errors = after.foreign - before.foreign, after.lost - before.lost, after.errors - before.errors
+    rate_hz = believed / LOOK_S
+    values = {"rate_hz": rate_hz, "rejected": rejected, "foreign": foreign, "lost": lost, "errors": errors}
+
+    def say(found: Found, sentence: str, remedy: str = "", *, ok: bool | None = False) -> Finding:
+        return Finding(step=Step.BUS, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
+
+    if not believed and rejected:
+        return [
+            say(Found.NO_FRAMES, f"all {rejected} frames of the encoders were refused", "check frames.checksum and dbc")
+        ]
+    if not believed:
+        what = f"; {foreign} other frames came" if foreign else ""
+        remedy = "check power, wiring, bit rate, channel, and the names and identifiers of the frames in the DBC file"
+        return [say(Found.NO_FRAMES, f"no frame of the encoders in {LOOK_S:g} s{what}", remedy)]
+    found = []
+    if rate_hz < RATE_MIN_HZ:
+        found.append(say(Found.FEW_FRAMES, f"counts come {rate_hz:.1f} times a second", "20 to 50 times is usual"))
+    if rejected or errors:
+        sentence = f"{rejected} frames were refused and {errors} error frames came in {LOOK_S:g} s"
+        found.append(say(Found.BAD_FRAMES, sentence, "check termination and shielding, and frames.checksum"))
+    if foreign:
+        sentence = f"{foreign} frames are in no file, or commands of another program"
+        found.append(say(Found.FOREIGN_FRAMES, sentence, "see that nothing else drives this base", ok=None))
+    turned_rad = _turned_rad(record)
+    if turned_rad and max(map(abs, turned_rad)) > STILL_RAD:
+        sentence = "wheels turn without a command of bring-up"
+        found.append(say(Found.MOVES_BY_ITSELF, sentence, "end what else drives this base, or hold the wheels"))
+    return found or [say(Found.RIGHT, f"counts of all wheels come {rate_hz:.0f} times a second", ok=True)]
+
+
+def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters) -> list[Finding]:
+    """Turn each wheel a little: whose encoder counts, which way, and how far."""
+    names, speed = wheel_names(base.base), WHEEL_SPEED_RAD_S
+    seen: list[Seen] = []
+    for index, name in enumerate(names):
+        speeds = tuple([speed if other == index else 0.0 for other in range(len(names))])
+        answer = AGAIN
+        while answer == AGAIN:
+            there = bench.perform(TurnWheels(speeds, TURN_S))
+            answer = _who_turned(operator, names, index, positive_way(base.base))
+            back = bench.perform(TurnWheels(tuple([-each for each in speeds]), TURN_S))
+        turned_rad_s = [0.5 * (a - b) for a, b in zip(_speeds_rad_s(there), _speeds_rad_s(back), strict=True)]
+        encoder = max(range(len(names)), key=lambda other: abs(turned_rad_s[other]))
+        others = [abs(each) for other, each in enumerate(turned_rad_s) if other != encoder]
+        if abs(turned_rad_s[encoder]) < SILENT_RAD_S or answer == NONE:
+            why = "no wheel turns" if answer == NONE else "no encoder counts"
+            return [
+                Finding(
+                    step=Step.WHEELS,
+                    found=Found.WHEEL_SILENT,
+                    ok=False,
+                    sentence=f"{name}: {why} while it is told to turn",
+                    values={"turned_rad_s": turned_rad_s[encoder], "expected_rad_s": speed},
+                    remedy="check motor, power stage, encoder and its cable, and the signals in frames",
+                )
+            ]
+        if max(others, default=0.0) > COUPLED * abs(turned_rad_s[encoder]):
+            return [
+                Finding(
+                    step=Step.WHEELS,
+                    found=Found.WHEELS_UNCLEAR,
+                    ok=False,
+                    sentence=f"{name}: the encoders of several wheels count while it alone is told to turn",
+                    remedy="put the wheels in the air, so that none turns another",
+                )
+            ]
+        wheel = index if answer in (YES, BACKWARDS) else int(answer.rstrip(BACKWARDS)) - 1
+        way = -1 if answer.endswith(BACKWARDS) else 1
+        seen.append(Seen(index, wheel, way, encoder, turned_rad_s[encoder] / speed))
+    return [*_assign(seen, base, names), *_scale(seen, base)]
+
+
+class Seen:
+    """What one command did.
+
+    Args:
+        command: its number.
+        wheel: the wheel that turned, by the person.
+        way: 1 if that turned in its positive direction, else -1.
+        encoder: the one that counted.
+        ratio: how far it counted, by how far the wheel was told to turn.
+
+    """
+
+    def __init__(self, command: int, wheel: int, way: int, encoder: int, ratio: float) -> None:
+        self.command, self.wheel, self.way, self.encoder, self.ratio = command, wheel, way, encoder, ratio
+        self.sign = way if ratio > 0 else -way
+        """Of the encoder, by the wheel's direction."""
+
+
+def check_halt(bench: Bench, base: WheelDevice.Parameters) -> Finding:
+    """Halt the host while all wheels turn."""
+    speed = WHEEL_SPEED_RAD_S
+    record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, Ending.HOST))
+    bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
+    driven = [sample for sample in record.samples if sample.is_commanded]
+    ran_on_rad = _farthest_rad(record.samples[-1], driven[-1].turns_rad)
+    after_s = ran_on_rad / max(0.1, *map(abs, _speeds_rad_s(record)))
+    is_right = after_s <= STOP_MAX_S
+    return Finding(
+        step=Step.HALT,
+        found=Found.RIGHT if is_right else Found.SLOW_HALT,
+        ok=is_right,
+        sentence=f"after a halt the wheels turned on by {ran_on_rad:.2f} rad, as far as in {1000 * after_s:.0f} ms",
+        values={"ran_on_rad": ran_on_rad, "stopped_after_s": after_s},
+        remedy="" if is_right else "check the frame in frames.stop; without one the commands are 0",
+    )
+
+
+def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> Finding:
+    """Send no more commands while all wheels turn: what happens if this computer dies."""
+    speed = WHEEL_SPEED_RAD_S
+    record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, Ending.SILENCE))
+    bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
+    driven = [sample for sample in record.samples if sample.is_commanded]
+    last = record.samples[-1].turns_rad
+    moving = [sample for sample in record.samples if _farthest_rad(sample, last) > STILL_RAD]
+    stopped_ns = moving[-1].stamp_ns if moving else driven[-1].stamp_ns
+    after_s = max(0.0, to_seconds(stopped_ns - driven[-1].stamp_ns))
+    is_right = after_s <= WATCHDOG_MAX_S
+    return Finding(
+        step=Step.WATCHDOG,
+        found=Found.RIGHT if is_right else Found.NO_WATCHDOG,
+        ok=is_right,
+        sentence=f"{1000 * after_s:.0f} ms after the last command the wheels stood"
+        if is_right
+        else f"{1000 * after_s:.0f} ms after the last command the wheels still turned",
+        values={"stopped_after_s": after_s},
+        remedy=""
+        if is_right
+        else "set the controller's watchdog to 200 ms: without it a robot drives on if this computer dies",
+    )
+
+
+def check_battery(bench: Bench) -> Finding:
+    """Whether the battery's measurements are there and make sense."""
+
+    def say(found: Found, sentence: str, remedy: str = "", *, ok: bool | None, **values: float) -> Finding:
+        return Finding(step=Step.BATTERY, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
+
+    why = bench.why_not(BATTERY)
+    if why:
+        return say(Found.NOT_DONE, f"the battery's device does not run: {why}", ok=None)
+    try:
+        latest = bench.call(BATTERY, "latest")
+    except DeviceAbsent as error:
+        return say(Found.NOT_DONE, str(error), ok=None)
+    if latest is None:
+        remedy = "check [parameters.bm2], or choose another battery in [robot.roles]"
+        return say(Found.NOT_DONE, "the battery has told nothing", remedy, ok=None)
+    voltage_v, current_a = latest["voltage_v"], latest["current_a"]
+    values = {"voltage_v": voltage_v, "current_a": current_a, "temperature_c": latest["temperature_c"]}
+    if not (3.0 <= voltage_v <= 100.0 and math.isfinite(current_a) and abs(current_a) < 500.0):
+        sentence = f"{voltage_v:.1f} V and {current_a:.1f} A cannot be a robot's battery"
+        return say(Found.BATTERY_IMPLAUSIBLE, sentence, "check scale and signals of its frame", ok=False, **values)
+    if current_a < -0.05:
+        sentence = f"{voltage_v:.1f} V, and {-current_a:.2f} A flow into the battery"
+        remedy = "if the robot does not charge, the sign of the current is wrong: it is positive while discharging"
+        return say(Found.BATTERY_IMPLAUSIBLE, sentence, remedy, ok=None, **values)
+    return say(Found.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", ok=True, **values)
+
+
+def _who_turned(operator: Operator, names: tuple[str, ...], index: int, way: str) -> str:
+    """What the person saw: YES, BACKWARDS, NONE, AGAIN, or the number of another wheel, with BACKWARDS behind it."""
+    choices = {YES: f"{names[index]}, {way}", BACKWARDS: f"{names[index]}, the other way round"}
+    for other, name in enumerate(names):
+        if other != index:
+            choices[f"{other + 1}"] = f"{name}, {way}"
+            choices[f"{other + 1}{BACKWARDS}"] = f"{name}, the other way round"
+    choices |= {NONE: "none", AGAIN: "turn it again"}
+    return operator.choose(f"{names[index]} was told to turn, {way}. Which wheel turned?", choices, YES)
+
+
+def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[Finding]:
+    """Name what is swapped or inverted, with the signals as they should be."""
+
+    def say(found: Found, sentence: str, patch: Patch | None = None, remedy: str = "") -> Finding:
+        return Finding(
+            step=Step.WHEELS, found=found, ok=found is Found.RIGHT, sentence=sentence, patch=patch or {}, remedy=remedy
+        )
+
+    numbers = list(range(len(names)))
+    if sorted(one.wheel for one in seen) != numbers or sorted(one.encoder for one in seen) != numbers:
+        return [say(Found.WHEELS_UNCLEAR, "two commands turn one wheel, or count on one encoder", remedy="try again")]
+    found = []
+    swapped = [one for one in seen if one.wheel != one.command]
+    if swapped:
+        what = ", ".join(f"{names[one.command]} turns {names[one.wheel]}" for one in swapped)
+        found.append(say(Found.MOTORS_SWAPPED, f"commands of wheels are swapped: that of {what}"))
+    crossed = [one for one in seen if one.encoder != one.wheel]
+    if crossed:
+        what = ", ".join(f"that of {names[one.encoder]} counts {names[one.wheel]}" for one in crossed)
+        found.append(say(Found.ENCODERS_SWAPPED, f"encoders of wheels are swapped: {what}"))
+    for one in seen:
+        if one.way < 0:
+            found.append(say(Found.MOTOR_INVERTED, f"{names[one.wheel]}: the motor turns the wrong way"))
+        if one.sign < 0:
+            found.append(say(Found.ENCODER_INVERTED, f"{names[one.wheel]}: the encoder counts the wrong way"))
+    if not found:
+        return [say(Found.RIGHT, f"each of {', '.join(names)} turns as it is told, and its own encoder counts")]
+    patch = _wheels_patch(seen, base)
+    remedy = "" if patch else "its file cannot say that: change the wiring, or the parameters of its base"
+    return [
+        Finding(step=each.step, found=each.found, ok=False, sentence=each.sentence, patch=patch, remedy=remedy)
+        for each in found
+    ]
+
+
+def _wheels_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
+    frames = frame_map(base)
+    if frames is None:
+        return {}
+    commands, encoders = slots_of(frames.commands), slots_of(frames.encoders)
+    new_commands: list[Slot] = list(commands)
+    new_encoders: list[Slot] = list(encoders)
+    for one in seen:
+        new_commands[one.wheel] = commands[one.command].turned(one.way)
+        new_encoders[one.wheel] = encoders[one.encoder].turned(one.sign)
+    changed = {}
+    for key, old, new in (("commands", commands, new_commands), ("encoders", encoders, new_encoders)):
+        if new != old:
+            tables = frames_of(new)
+            if tables is None:
+                return {}
+            changed[key] = tables
+    return {BASE: {"frames": changed}}
+
+
+def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[Finding]:
+    """Whether the encoders count as many ticks a turn as the file says, by the speed that was asked for."""
+    ratios = [abs(one.ratio) for one in seen]
+    ratio = median(ratios)
+    values = {f"wheel_{one.encoder + 1}_by_command": abs(one.ratio) for one in seen}
+    if max(abs(each / ratio - 1.0) for each in ratios) > 2 * SCALE_TOLERANCE:
+        return [
+            Finding(
+                step=Step.SCALE,
+                found=Found.WRONG_SCALE,
+                ok=False,
+                sentence="wheels that are told the same turn differently far: "
+                + ", ".join(f"{100 * each:.0f} %" for each in ratios),
+                values=values,
+                remedy="check that all encoders are alike, and that no wheel is blocked",
+            )
+        ]
+    if abs(ratio - 1.0) <= SCALE_TOLERANCE:
+        return [
+            Finding(
+                step=Step.SCALE,
+                found=Found.RIGHT,
+                ok=True,
+                sentence=f"wheels turn {100 * ratio:.1f} % as far as they are told",
+                values=values,
+            )
+        ]
+    frames = frame_map(base)
+    counts = frames is None or frames.measure is Measure.COUNTS
+    plain = next((one for one in QUADRATURE if abs(ratio / one - 1.0) < NEARLY), ratio)
+    ticks = max(1, round(base.base.encoder_ticks_per_turn * plain))
+    return [
+        Finding(
+            step=Step.SCALE,
+            found=Found.WRONG_SCALE,
+            ok=False,
+            sentence=f"encoders tell {ratio:.2f} times the turns that wheels were told: "
+            + (f"a turn has {ticks} counts, not {base.base.encoder_ticks_per_turn}" if counts else "check units"),
+            values={**values, "encoder_ticks_per_turn": float(ticks)},
+            patch=base_patch(base.base, encoder_ticks_per_turn=ticks) if counts else {},
+            remedy="if the wheels turned at another speed than 2 rad/s, the unit of the commands is wrong instead",
+        )
+    ]
+
+
+def _turned_rad(record: Record) -> tuple[float, ...]:
+    return record.samples[-1].turns_rad if record.samples else ()
+
+
+def _speeds_rad_s(record: Record) -> list[float]:
+    """Of each encoder, once the wheels turned as fast as they were told."""
+    driven = [sample for sample in record.samples if sample.is_commanded]
+    begin_ns = driven[0].stamp_ns + to_ns(STEADY_S)
+    first, last = next((sample for sample in driven if sample.stamp_ns >= begin_ns), driven[0]), driven[-1]
+    elapsed_s = max(to_seconds(last.stamp_ns - first.stamp_ns), 1e-3)
+    return [(b - a) / elapsed_s for a, b in zip(first.turns_rad, last.turns_rad, strict=True)]
+
+
+def _farthest_rad(sample: Sample, turns_rad: Sequence[float]) -> float:
+    return max(abs(a - b) for a, b in zip(sample.turns_rad, turns_rad, strict=True))

@@ -1,0 +1,262 @@
+"""Bring-up finds what a robot's file has wrong, names it, and writes what is right: against a simulated robot."""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, Wanted
+from robrain.deploy.bringup.findings import Found, Step
+from robrain.sim.world.robot_specs import RobotType
+from tests.deploy.bringup.brought_up import AIR, FLOOR, LEFT, NO_SQUARES, RIGHT, BroughtUp, value, wrong
+from tests.deploy.bringup.operators import Watcher
+
+
+def encoders(*tables: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {"mocdevice": {"frames": {"encoders": list(tables)}}}
+
+
+def test_a_robot_that_is_as_its_file_says_has_nothing_wrong_and_its_file_is_not_touched(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {})
+    before = robot.path.read_bytes()
+    report = robot.run(Wanted())
+    assert report.is_good
+    assert [finding.step for finding in report.findings if finding.ok] == [
+        *(Step.BUS, Step.WHEELS, Step.SCALE, Step.HALT, Step.WATCHDOG, Step.BATTERY),
+        *(Step.SCAN, Step.ORIENTATION, Step.DISTANCE, Step.TURN, Step.TURN, Step.SQUARE),
+    ]
+    assert robot.path.read_bytes() == before
+    assert report.backup == ""
+    assert value(report, Found.RIGHT, "rate_hz") == pytest.approx(50.0, abs=2.0)
+
+
+def test_all_four_faults_at_once_are_named_and_corrected_and_a_second_run_finds_nothing_wrong(tmp_path: Path) -> None:
+    robot = BroughtUp(
+        tmp_path,
+        {
+            "mocdevice": {
+                "frames": {"encoders": [RIGHT | {"signs": [-1]}, LEFT]},
+                "base": {"wheel_radius_m": 0.06},
+            }
+        },
+        {"lidar": {"mount": {"yaw_rad": math.pi / 2}}},
+    )
+    first = robot.run(Wanted())
+    assert wrong(first) == {
+        Found.ENCODERS_SWAPPED,
+        Found.ENCODER_INVERTED,
+        Found.SCAN_TURNED,
+        Found.WRONG_WHEEL_RADIUS,
+    }
+    assert Path(first.backup).read_bytes() != robot.path.read_bytes()
+    again = robot.run(Wanted())
+    assert wrong(again) == set()
+    assert again.backup == ""
+    text = robot.path.read_text()
+    assert text.startswith("# hers\n")
+    said = tomllib.loads(text)["parameters"]
+    assert said["mocdevice"]["frames"]["encoders"] == [LEFT, RIGHT]
+    assert said["mocdevice"]["base"]["wheel_radius_m"] == pytest.approx(0.05, rel=0.01)
+    assert said["scan"]["mount"]["yaw_rad"] == pytest.approx(math.pi / 2, abs=math.radians(1.0))
+
+
+@pytest.mark.parametrize(
+    ("tables", "expected"),
+    [
+        ((RIGHT, LEFT), {Found.ENCODERS_SWAPPED}),
+        ((LEFT | {"signs": [-1]}, RIGHT), {Found.ENCODER_INVERTED}),
+        ((LEFT | {"signs": [-1]}, RIGHT | {"signs": [-1]}), {Found.ENCODER_INVERTED}),
+        ((RIGHT, LEFT | {"signs": [-1]}), {Found.ENCODERS_SWAPPED, Found.ENCODER_INVERTED}),
+    ],
+)
+def test_encoders_that_are_swapped_or_inverted_are_put_right(
+    tmp_path: Path, tables: tuple[dict[str, Any], ...], expected: set[Found]
+) -> None:
+    robot = BroughtUp(tmp_path, encoders(*tables))
+    assert wrong(robot.run(AIR)) == expected
+    assert tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["frames"]["encoders"] == [LEFT, RIGHT]
+    assert wrong(robot.run(AIR)) == set()
+
+
+@pytest.mark.parametrize(
+    ("signals", "signs", "answers", "expected"),
+    [
+        # Who is told to turn is left, then right; what a person then sees.
+        (["right_rpm", "left_rpm"], [1, 1], ["2", "1"], {Found.MOTORS_SWAPPED}),
+        (["left_rpm", "right_rpm"], [-1, 1], ["r", "r", "b", "y"], {Found.MOTOR_INVERTED}),
+        (["right_rpm", "left_rpm"], [1, -1], ["2", "1b"], {Found.MOTORS_SWAPPED, Found.MOTOR_INVERTED}),
+    ],
+)
+def test_motors_that_are_swapped_or_inverted_are_known_by_what_the_person_sees(
+    tmp_path: Path, signals: list[str], signs: list[int], answers: list[str], expected: set[Found]
+) -> None:
+    command = {"frame": "DriveCommand", "signals": signals, "units": ["rpm"], "signs": signs}
+    robot = BroughtUp(tmp_path, {"mocdevice": {"frames": {"commands": [command]}}})
+    said = iter(answers)
+    assert wrong(robot.run(AIR, Watcher(lambda question, default: next(said)))) == expected
+    frames = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["frames"]
+    assert frames["commands"] == [{"frame": "DriveCommand", "signals": ["left_rpm", "right_rpm"], "units": ["rpm"]}]
+    assert [table["frame"] for table in frames["encoders"]] == ["LeftEncoder", "RightEncoder"]
+    assert wrong(robot.run(AIR)) == set()
+
+
+def test_with_three_wheels_a_rotated_order_and_a_wrong_number_of_counts_are_put_right(tmp_path: Path) -> None:
+    table = {"frame": "WheelEncoders", "signals": ["wheel_2_ticks", "wheel_3_ticks", "wheel_1_ticks"]}
+    wheels = {"frames": {"encoders": [table]}, "base": {"encoder_ticks_per_turn": 1024}}
+    robot = BroughtUp(tmp_path, {"mocdevice": wheels}, type=RobotType.OMNI)
+    report = robot.run(AIR)
+    assert wrong(report) == {Found.ENCODERS_SWAPPED, Found.WRONG_SCALE}
+    said = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]
+    assert said["base"]["encoder_ticks_per_turn"] == 4096
+    assert said["frames"]["encoders"][0]["signals"] == ["wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks"]
+    assert wrong(robot.run(AIR)) == set()
+
+
+@pytest.mark.parametrize(
+    ("mount", "expected"),
+    [
+        ({"yaw_rad": math.pi / 2}, {Found.SCAN_TURNED}),
+        ({"yaw_rad": math.pi}, {Found.SCAN_TURNED}),
+        ({"upside_down": True}, {Found.SCAN_MIRRORED}),
+        ({"x_m": 0.08, "y_m": -0.05}, {Found.LIDAR_OFF_CENTRE}),
+        (
+            {"x_m": 0.08, "y_m": 0.05, "yaw_rad": -2.0, "upside_down": True},
+            {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.LIDAR_OFF_CENTRE},
+        ),
+    ],
+)
+def test_however_the_lidar_is_mounted_it_is_found_out(
+    tmp_path: Path, mount: dict[str, Any], expected: set[Found]
+) -> None:
+    robot = BroughtUp(tmp_path, {}, {"lidar": {"mount": mount}})
+    assert wrong(robot.run(NO_SQUARES)) == expected
+    said = tomllib.loads(robot.path.read_text())["parameters"]["scan"]["mount"]
+    assert said["x_m"] == pytest.approx(mount.get("x_m", 0.0), abs=0.01)
+    assert said["y_m"] == pytest.approx(mount.get("y_m", 0.0), abs=0.01)
+    assert math.remainder(said["yaw_rad"] - mount.get("yaw_rad", 0.0), math.tau) == pytest.approx(0.0, abs=0.02)
+    assert said["upside_down"] == mount.get("upside_down", False)
+
+
+def test_a_mounting_that_the_file_has_wrong_is_corrected_from_what_it_says(tmp_path: Path) -> None:
+    hardware = {"lidar": {"mount": {"x_m": 0.1, "yaw_rad": 1.0, "upside_down": True}}}
+    robot = BroughtUp(tmp_path, {"scan": {"mount": {"x_m": 0.05, "yaw_rad": -0.5, "upside_down": False}}}, hardware)
+    report = robot.run(NO_SQUARES)
+    assert {Found.SCAN_TURNED, Found.SCAN_MIRRORED} <= wrong(report)
+    turned = [finding.step for finding in report.findings if finding.found is Found.SCAN_TURNED]
+    assert turned == [Step.ORIENTATION]  # at once, not in two steps
+    said = tomllib.loads(robot.path.read_text())["parameters"]["scan"]["mount"]
+    assert said["yaw_rad"] == pytest.approx(1.0, abs=0.02)
+    assert said["x_m"] == pytest.approx(0.1, abs=0.01)
+    assert said["upside_down"]
+
+
+@pytest.mark.parametrize(
+    ("true", "said", "expected", "tolerance"),
+    [
+        ("wheel_radius_m", 0.045, Found.WRONG_WHEEL_RADIUS, 0.01),
+        ("track_m", 0.27, Found.WRONG_TRACK, 0.01),
+        ("wheel_radius_ratio", 0.975, Found.UNEQUAL_WHEELS, 0.004),
+    ],
+)
+def test_each_wrong_size_of_the_base_is_named_and_measured(
+    tmp_path: Path, true: str, said: float, expected: Found, tolerance: float
+) -> None:
+    robot = BroughtUp(tmp_path, {"mocdevice": {"base": {true: said}}})
+    sizes = {"wheel_radius_m": 0.05, "track_m": 0.3, "wheel_radius_ratio": 1.0}
+    report = robot.run(FLOOR if expected is Found.UNEQUAL_WHEELS else NO_SQUARES)
+    assert wrong(report) == {expected}
+    base = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["base"]
+    assert base[true] == pytest.approx(sizes[true], rel=tolerance)
+    if expected is Found.UNEQUAL_WHEELS:  # driven again with what the first ones have corrected
+        squares = [finding.values["largest_m"] for finding in report.findings if finding.step is Step.SQUARE]
+        assert len(squares) == 2
+        assert squares[1] < 0.3 * squares[0]
+
+
+def test_the_distance_of_three_wheels_from_the_centre_is_found_by_turning(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_distance_m": 0.14}}}, type=RobotType.OMNI)
+    assert wrong(robot.run(NO_SQUARES)) == {Found.WRONG_TRACK}
+    base = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["base"]
+    assert base["wheel_distance_m"] == pytest.approx(0.155, rel=0.01)
+
+
+def test_a_person_may_measure_where_the_squares_end(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {})
+    person = Watcher()
+    bent = [0.1, -0.1, -0.1, -0.1]  # to the left, then to the right: each leg bent to the left
+    person.numbers = [*bent, 0.0, 0.0, 0.0, 0.0]
+    report = robot.run(Wanted(air=False, measured=True, write=False), person)
+    assert Found.UNEQUAL_WHEELS in wrong(report)
+    assert value(report, Found.UNEQUAL_WHEELS, "leg_rad") == pytest.approx(0.05, abs=0.01)
+
+
+def test_without_write_the_file_stays_although_later_steps_use_what_was_found(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, encoders(RIGHT, LEFT))
+    before = robot.path.read_bytes()
+    report = robot.run(Wanted(write=False))
+    assert wrong(report) == {Found.ENCODERS_SWAPPED}
+    assert report.findings[-1].step is Step.SQUARE
+    assert robot.path.read_bytes() == before
+    assert list(robot.path.parent.iterdir()) == [robot.path]
+
+
+def test_a_robot_whose_controller_says_nothing_is_not_moved(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {"mocdevice": {"channel": "can7"}})
+    person = Watcher()
+    report = robot.run(Wanted(), person)
+    assert wrong(report) == {Found.NO_FRAMES}
+    assert len(report.findings) == 1
+    assert ON_THE_FLOOR not in person.told
+    assert person.asked == []
+
+
+def test_frames_with_another_checksum_are_named_as_refused(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {"mocdevice": {"frames": {"checksum": "crc8_j1850_id"}}})
+    report = robot.run(Wanted())
+    assert wrong(report) == {Found.NO_FRAMES}
+    assert report.findings[0].values["rejected"] > 50
+
+
+def test_a_person_who_sees_no_wheel_turn_ends_it(tmp_path: Path) -> None:
+    report = BroughtUp(tmp_path, {}).run(Wanted(), Watcher(lambda question, default: "n"))
+    assert wrong(report) == {Found.WHEEL_SILENT}
+    assert report.findings[-1].step is Step.WHEELS
+
+
+def test_a_lidar_on_a_serial_line_is_found_out_as_well(tmp_path: Path) -> None:
+    lidar = {"protocol": "ld19", "mount": {"yaw_rad": math.pi / 2, "upside_down": True}}
+    robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_radius_m": 0.045}}}, {"lidar": lidar})
+    report = robot.run(NO_SQUARES)
+    assert wrong(report) == {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.WRONG_WHEEL_RADIUS}
+    said = tomllib.loads(robot.path.read_text())["parameters"]
+    assert said["scan"]["mount"]["yaw_rad"] == pytest.approx(math.pi / 2, abs=0.02)
+    assert said["scan"]["mount"]["upside_down"]
+    assert said["mocdevice"]["base"]["wheel_radius_m"] == pytest.approx(0.05, rel=0.01)
+
+
+def test_a_lidar_that_never_sends_a_turn_ends_the_steps_on_the_floor(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {}, {"lidar": {"protocol": "ld19"}})
+    robot.path.write_text(robot.path.read_text().replace("zenoh:lidar", "zenoh:nowhere"))
+    report = robot.run(NO_SQUARES)
+    assert wrong(report) == {Found.NO_SCANS}
+
+
+def test_a_base_in_another_plugin_that_takes_velocities_alone_is_measured_on_the_floor(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_radius_m": 0.06}}})
+    place = tmp_path / "plugins"
+    place.mkdir()
+    (place / "other_base.py").write_text(
+        "from robrain.plugins.device.mocdevice.interface import MocDeviceInterface\n"
+        "from robrain.plugins.device.mocdevice.mocdevice import MocDevice\n\n\n"
+        "class OtherBase(MocDevice):\n    interface = MocDeviceInterface\n"
+    )
+    (place / "other_base.toml").write_text(
+        '[plugin]\nclass = "other_base:OtherBase"\nrole = "mocdevice"\n\n[tag]\nvisibility = ["driver", "command"]\n'
+    )
+    roles = f'[robot]\nplaces = ["{place}"]\nroles = {{ mocdevice = "other_base" }}\n'
+    robot.path.write_text(robot.path.read_text().replace("[robot]\n", roles))
+    report = robot.run(Wanted(rounds=0))
+    assert wrong(report) == {Found.WRONG_WHEEL_RADIUS}
+    assert [finding.step for finding in report.findings if finding.found is Found.NOT_DONE] == [Step.WHEELS]

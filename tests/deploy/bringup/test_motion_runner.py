@@ -1,0 +1,181 @@
+"""Motions of bring-up end by themselves: when their time is over, when nobody asks any more, before an obstacle."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from robrain.deploy.bringup.bench import BASE, DRIVER, MotionFailed
+from robrain.deploy.bringup.bring_up import BringUp, Wanted
+from robrain.deploy.bringup.findings import Found, Step
+from robrain.deploy.bringup.motions import RAMP_S, Ending, Rest, Straight, TurnOnSpot, TurnWheels
+from robrain.deploy.bringup.wheel_checks import check_bus
+from robrain.plugins.device.mocdevice.frame_map import Checksum
+from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
+from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.wire.keys import DEFAULT_TEAM
+from tests.deploy.bringup.brought_up import AIR, BroughtUp, value, wrong
+from tests.deploy.bringup.lockstep_bench import LockstepBench
+from tests.deploy.bringup.operators import Watcher
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[LockstepBench]:
+    robot = BroughtUp(tmp_path, {})
+    with LockstepBench(robot.world) as one:
+        one.start(robot.world.robot_file(robot.world.robots[0]), with_lidar=True)
+        yield one
+
+
+def wheels(bench: LockstepBench) -> tuple[float, ...]:
+    return bench.arena._robots[0].controller.wheel_speeds_rad_s
+
+
+def runner(bench: LockstepBench) -> Any:
+    return bench.host.manager.get(DRIVER).live_plugin()
+
+
+def test_a_straight_way_and_a_turn_end_where_they_are_to_by_odometry(bench: LockstepBench) -> None:
+    record = bench.perform(Straight(0.4))
+    before, after = record.samples[0].pose, record.samples[-1].pose
+    assert before.distance_m(after) == pytest.approx(0.4, abs=0.005)
+    record = bench.perform(TurnOnSpot(-3.5 * math.pi))
+    assert record.samples[-1].yaw_rad == pytest.approx(-3.5 * math.pi, abs=0.02)
+    assert len(record.scans) > 10
+    assert not any(wheels(bench))
+
+
+def test_the_wheels_stop_once_nobody_asks_how_the_motion_stands(bench: LockstepBench) -> None:
+    one = runner(bench)
+    one.begin(Straight(1.0))
+    for _ in range(50):
+        bench.pass_time(0.02)
+        assert not one.ask()
+    assert any(wheels(bench))
+    bench.pass_time(1.1)
+    assert not any(wheels(bench))
+    assert one.failed == "who asked for the motion is gone"
+
+
+def test_an_interruption_stops_the_wheels_within_300_ms(bench: LockstepBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    pass_time, left = bench.pass_time, iter([1.0] * 50)
+
+    def interrupted(seconds: float) -> None:
+        pass_time(seconds)
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(bench, "pass_time", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        bench.perform(Straight(1.0))
+    assert any(wheels(bench))
+    pass_time(0.3)
+    assert not any(wheels(bench))
+
+
+def test_closing_the_bench_stops_the_wheels(bench: LockstepBench) -> None:
+    runner(bench).begin(TurnWheels((2.0, 2.0), 5.0))
+    bench.pass_time(0.16)
+    assert any(wheels(bench))
+    bench._end_host()
+    bench.pass_time(0.04)
+    assert not any(wheels(bench))
+
+
+def test_a_way_to_a_wall_is_given_up_before_it(bench: LockstepBench) -> None:
+    with pytest.raises(MotionFailed, match=r"something is 0\.(27|28|29|30) m from the lidar"):
+        bench.perform(Straight(6.0))
+    body = bench.arena._robots[0].body
+    assert not any(wheels(bench))
+    assert body.distance_m > 1.0
+    assert bench.arena.collisions == 0
+
+
+def test_a_robot_whose_wheels_are_blocked_gives_up_in_bounded_time(bench: LockstepBench) -> None:
+    bench.arena._robots[0].two_wheels._turn = lambda *rpm: None  # type: ignore[union-attr, method-assign]
+    began_ns = bench.clock.now_ns()
+    with pytest.raises(MotionFailed, match="it has not ended after 8 s"):
+        bench.perform(TurnOnSpot(0.6))
+    assert bench.clock.now_ns() - began_ns < 10e9
+
+
+def test_a_lidar_that_falls_silent_ends_a_way(bench: LockstepBench) -> None:
+    bench.arena._robots[0].scan_phase = -1
+    bench.pass_time(0.5)
+    with pytest.raises(MotionFailed, match="no turn of the lidar for 1 s"):
+        bench.perform(Straight(0.5))
+
+
+def test_wheels_turn_as_fast_and_for_as_long_as_they_are_told(bench: LockstepBench) -> None:
+    record = bench.perform(TurnWheels((2.0, -2.0), 1.0))
+    first, second = record.samples[-1].turns_rad
+    assert first == pytest.approx(2.0 * (1.0 - 0.5 * RAMP_S), rel=0.1)
+    assert second == pytest.approx(-first, rel=0.02)
+
+
+def test_wheels_that_turn_on_without_commands_are_named_and_the_robot_is_not_put_on_the_floor(tmp_path: Path) -> None:
+    robot, person = BroughtUp(tmp_path, {}), Watcher()
+    seen: list[float] = []
+
+    class Endless(LockstepBench):
+        def __init__(self, world: Any) -> None:
+            super().__init__(world)
+            self.arena._robots[0].controller._watchdog_ticks = 1 << 40
+
+    with Endless(robot.world) as bench:
+        report = BringUp(robot.path, bench, person, robot.told.append).run(Wanted())
+        seen += wheels(bench)
+    assert wrong(report) == {Found.NO_WATCHDOG}
+    assert report.findings[-1].step is Step.WATCHDOG
+    assert len(person.told) == 1
+    assert not any(seen)
+
+
+def test_wheels_that_turn_on_in_silence_are_stopped_at_the_end_of_the_motion(bench: LockstepBench) -> None:
+    bench.arena._robots[0].controller._watchdog_ticks = 1 << 40
+    record = bench.perform(TurnWheels((2.0, 2.0), 1.0, Ending.SILENCE))
+    turned = [sample.turns_rad[0] for sample in record.samples if not sample.is_commanded]
+    assert turned[-1] - turned[0] > 1.0
+    bench.pass_time(0.1)
+    assert not any(wheels(bench))
+
+
+def test_a_halt_is_timed_by_the_wheels_and_the_host_goes_on_afterwards(tmp_path: Path) -> None:
+    report = BroughtUp(tmp_path, {}).run(AIR)
+    assert value(report, Found.RIGHT, "rate_hz") > 0.0
+    (halted,) = [finding for finding in report.findings if finding.step is Step.HALT]
+    assert 0.0 <= halted.values["stopped_after_s"] < 0.1
+    (silent,) = [finding for finding in report.findings if finding.step is Step.WATCHDOG]
+    assert 0.15 < silent.values["stopped_after_s"] < 0.3
+
+
+def test_another_program_that_drives_the_base_is_noticed(bench: LockstepBench) -> None:
+    frame = SignalFrame(
+        read_dbc("two_wheels").get_message_by_name("DriveCommand"), ("left_rpm", "right_rpm"), "", Checksum.NONE
+    )
+    other = ZenohBus("r1/can0", session=bench._session, team=DEFAULT_TEAM, direct=True, now_ns=bench.clock.now_ns)
+    pass_time = bench.pass_time
+
+    def driven_by_another(seconds: float) -> None:
+        other.send(can.Message(arbitration_id=frame.arbitration_id, data=frame.encode(0, 20, 20), is_extended_id=False))
+        pass_time(seconds)
+
+    bench.pass_time = driven_by_another  # type: ignore[method-assign]
+    found = {finding.found: finding for finding in check_bus(bench)}
+    other.shutdown()
+    assert found.keys() == {Found.MOVES_BY_ITSELF, Found.FOREIGN_FRAMES}
+    assert found[Found.MOVES_BY_ITSELF].stops
+    assert found[Found.FOREIGN_FRAMES].values["foreign"] > 50
+
+
+def test_a_base_that_takes_velocities_alone_is_said_to(bench: LockstepBench) -> None:
+    assert bench.has_wheels
+    runner(bench)._wheels = None
+    assert not bench.has_wheels
+    with pytest.raises(MotionFailed, match="takes no commands for single wheels"):
+        bench.perform(TurnWheels((1.0, 1.0), 0.5, Ending.COMMAND))
+    bench.perform(Rest(0.2))
+    assert bench.why_not(BASE) == ""

@@ -1,0 +1,140 @@
+"""`robrain bringup` against a live arena: the command as a person types it, with faults in the robot's file."""
+
+import json
+import signal
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+import tomli_w
+
+from robrain.plugins.device.mocdevice.signal_frame import read_dbc
+from tests.deploy.bringup.brought_up import YARD
+from tests.system.conftest import Commands
+from tests.waiting import PATIENCE_S, until
+
+pytestmark = pytest.mark.system
+
+ROBOT = """
+[[robots]]
+type = "two_wheels"
+place_m = [3.0, 3.0]
+hardware = { lidar = { mount = { yaw_rad = 1.5708 } } }
+"""
+WATCHDOG_FRAMES = 15
+"""Encoder frames, one each 20 ms of the arena's time, in which wheels may turn on: 300 ms."""
+FLIGHT_FRAMES = 5
+"""Frames on their way when the process is killed."""
+
+
+class Yard:
+    """An arena with one robot, and its file."""
+
+    def __init__(self, commands: Commands) -> None:
+        self.commands = commands
+        (commands.folder / "yard.toml").write_text(YARD + ROBOT)
+        self.arena = commands.start("arena", "yard.toml", "--robot-files", "robots")
+        commands.line_with(self.arena, "arena: yard at ")
+        self.file = commands.folder / "robots" / "r1.toml"
+        self._text = self.file.read_text()
+
+    def spoil(self) -> None:
+        """Swap the encoders, have the wheels too large, and forget how the lidar is mounted."""
+        said = tomllib.loads(self._text)
+        said["parameters"]["mocdevice"]["frames"]["encoders"].reverse()
+        said["parameters"].pop("scan", None)
+        text = tomli_w.dumps(said)
+        assert "wheel_radius_m = 0.05\n" in text
+        self.file.write_text(text.replace("wheel_radius_m = 0.05\n", "wheel_radius_m = 0.06 # by the shop\n"))
+
+
+class Wheels:
+    """Listens to the left wheel's encoder on the robot's bus."""
+
+    def __init__(self, yard: Yard) -> None:
+        self._bus = can.Bus(interface="zenoh", channel="r1/can0", connect=yard.commands.hub.endpoint)
+        self._message = read_dbc("two_wheels").get_message_by_name("LeftEncoder")
+        self._last: int | None = None
+
+    def turn(self) -> bool:
+        """Whether the wheel has turned since the frame before; waits for a frame."""
+        while True:
+            frame = self._bus.recv(PATIENCE_S)
+            assert frame is not None
+            if frame.arbitration_id != self._message.frame_id:
+                continue
+            counts = int(self._message.decode(frame.data)["left_counts"])
+            before, self._last = self._last, counts
+            return before not in (None, counts)
+
+    def close(self) -> None:
+        self._bus.shutdown()
+
+
+@pytest.fixture
+def yard(commands: Commands) -> Yard:
+    return Yard(commands)
+
+
+@pytest.fixture
+def wheels(yard: Yard) -> Iterator[Wheels]:
+    found = Wheels(yard)
+    yield found
+    found.close()
+
+
+def test_a_robot_is_brought_up_live_and_its_file_corrected(yard: Yard) -> None:
+    while True:  # an arena that stands still for half a second ends a motion, as it should
+        yard.spoil()
+        words = ("bringup", str(yard.file), "--yes", "--rounds", "0", "--json")
+        # An interpreter of its own: forked from one that has loaded numpy, its native threads abort at the very end.
+        done = yard.commands.run(*words, PYTHONFAULTHANDLER="1")
+        if "no data from the wheel encoders" not in done.stderr and "no turn of the lidar" not in done.stderr:
+            break
+    assert done.returncode == 1, done.stderr
+    report = json.loads(done.stdout)
+    wrong = {finding["found"] for finding in report["findings"] if finding["ok"] is False}
+    assert wrong == {"encoders_swapped", "scan_turned", "wrong_wheel_radius"}, done.stderr
+    assert "WRONG   wheels: encoders of wheels are swapped" in done.stderr
+    text = yard.file.read_text()
+    base = tomllib.loads(text)["parameters"]["mocdevice"]["base"]
+    assert base["wheel_radius_m"] == pytest.approx(0.05, rel=0.02)
+    assert "# by the shop" in text
+    assert "by the shop" in Path(report["backup"]).read_text()
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_the_wheels_stand_within_300_ms_after_its_process_is_ended(
+    yard: Yard, wheels: Wheels, how: signal.Signals
+) -> None:
+    process = yard.commands.start("bringup", str(yard.file), "--yes", "--no-air", "--rounds", "0")
+    until(wheels.turn, "the robot does not move", pause_s=0.0)
+    for _ in range(50):
+        wheels.turn()
+    assert wheels.turn()
+    process.send_signal(how)
+    turned = [wheels.turn() for _ in range(100)]
+    assert not any(turned[WATCHDOG_FRAMES + FLIGHT_FRAMES :])
+    assert process.wait(PATIENCE_S) != 0
+
+
+def test_it_does_not_begin_while_the_robots_agent_runs(yard: Yard) -> None:
+    agent = yard.commands.start("agent", str(yard.file))
+    yard.commands.line_with(agent, "is up with")
+    done = yard.commands.run("bringup", str(yard.file), "--yes")
+    assert done.returncode != 0
+    assert "r1" in done.stderr
+    assert "bus:" not in done.stdout
+    assert "Traceback" not in done.stderr
+
+
+def test_without_a_person_or_an_arena_it_says_so_in_a_sentence(commands: Commands) -> None:
+    (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
+    alone = commands.run("bringup", "r1.toml")
+    assert (alone.returncode, alone.stderr.count("\n")) == (2, 1)
+    assert "run it at a terminal, or with --yes" in alone.stderr
+    nowhere = commands.run("bringup", "r1.toml", "--yes")
+    assert nowhere.returncode == 2
+    assert "start `robrain arena`, or set interface in [parameters.mocdevice]" in nowhere.stderr
