@@ -28,6 +28,8 @@ NODE = struct.Struct("<BHH")
 FULL_Q6 = 360 << 6
 BELIEVED_NODES = 3
 """So many nodes in a row must look right before a stream is believed after bytes that did not."""
+STREAM_NODES = 12
+"""So many must before one is believed that was not begun by a descriptor, as that of a sensor that scans already."""
 
 
 class RplidarDecoder:
@@ -57,9 +59,9 @@ class RplidarDecoder:
             found = data.find(DESCRIPTOR)
             if found >= 0:
                 stray, begin, self._is_scanning = found, found + len(DESCRIPTOR), True
-            else:  # it may be scanning already, or the descriptor is not whole yet
-                begin = max(0, len(data) - len(DESCRIPTOR) + 1)
-                stray = begin
+            else:  # it may be scanning already, or what tells so is not whole yet
+                begin, stray = _resynchronised(data, -1, STREAM_NODES)
+                self._is_scanning = len(data) - begin >= STREAM_NODES * NODE.size
         while self._is_scanning and len(data) - begin >= NODE.size:
             if _is_node(data, begin):
                 packets += 1
@@ -72,7 +74,7 @@ class RplidarDecoder:
                 continue
             if len(data) - begin < BELIEVED_NODES * NODE.size + NODE.size:
                 break
-            begin, skipped = _resynchronised(data, begin)
+            begin, skipped = _resynchronised(data, begin, BELIEVED_NODES)
             stray += skipped
         self._left = data[begin:]
         before = self.counts
@@ -97,10 +99,11 @@ def _is_node(data: bytes, at: int) -> bool:
     return bool((first & 1) ^ (first >> 1 & 1) and angle & 1 and angle >> 1 < FULL_Q6)
 
 
-def _resynchronised(data: bytes, begin: int) -> tuple[int, int]:
-    """Where the next nodes begin that look right, and how many bytes that passes over."""
-    last = len(data) - BELIEVED_NODES * NODE.size
-    for at in range(begin + 1, last + 1):
-        if all(_is_node(data, at + number * NODE.size) for number in range(BELIEVED_NODES)):
-            return at, at - begin
-    return last + 1, last + 1 - begin
+def _resynchronised(data: bytes, begin: int, nodes: int) -> tuple[int, int]:
+    """Where behind `begin` so many nodes in a row look right, or may yet; and how many bytes that passes over."""
+    last, first = len(data) - nodes * NODE.size, begin + 1
+    for at in range(first, last + 1):
+        if all(_is_node(data, at + number * NODE.size) for number in range(nodes)):
+            return at, at - max(0, begin)
+    at = max(first, last + 1)
+    return at, at - max(0, begin)

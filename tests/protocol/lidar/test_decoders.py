@@ -125,6 +125,15 @@ def test_rplidar_finds_its_nodes_again_after_noise(where: int, noise: bytes) -> 
     assert [one for one in after[-170:] if one[1] != 2.0] == []
 
 
+@pytest.mark.parametrize("cut", range(8))
+def test_rplidar_that_scans_already_is_heard_without_its_descriptor(cut: int) -> None:
+    decoder = RplidarDecoder()
+    nodes = encode_rplidar(range(0, 360, 2), [2.0] * 180)
+    points = [*points_in(decoder.feed(nodes[cut:50])), *points_in(decoder.feed(nodes[50:]))]
+    assert len(points) >= 178
+    assert {range_m for _, range_m in points} == {2.0}
+
+
 @settings(max_examples=300)
 @given(st.lists(st.binary(max_size=300), max_size=20))
 def test_no_bytes_at_all_break_a_decoder_or_fill_its_memory(chunks: list[bytes]) -> None:
