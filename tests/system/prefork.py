@@ -172,7 +172,8 @@ def _import_everything() -> None:
         importlib.import_module(f"robrain.{name}")
     deploy = importlib.import_module("robrain.deploy").__path__
     for module in pkgutil.walk_packages(deploy, "robrain.deploy."):
-        if "bench" not in module.name:
+        # Processes that are forked with rclpy loaded abort at their end: "exception not rethrown".
+        if "bench" not in module.name and not module.name.startswith("robrain.deploy.ros2."):
             importlib.import_module(module.name)
     prepare_kernels(quiet=True)
     gc.freeze()  # what is there is shared by all commands
