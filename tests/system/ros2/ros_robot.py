@@ -45,15 +45,16 @@ class RosRobot:
     Args:
         room: its map.
         domain: its ROS domain.
+        namespace: of its topics.
         settings: further ROS parameters.
 
     """
 
-    def __init__(self, room: Path, domain: Domain, **settings: object) -> None:
+    def __init__(self, room: Path, domain: Domain, *, namespace: str = "/r1", **settings: object) -> None:
         self._domain = domain
         parameters = {"map": room, "x": 1.0, "y": 1.0, "yaw": 0.0} | settings
         said = [word for name, value in parameters.items() for word in ("-p", f"{name}:={_text(value)}")]
-        self._words = [sys.executable, str(ROBOT_NODE), "--ros-args", *said, "-r", "__ns:=/r1"]
+        self._words = [sys.executable, str(ROBOT_NODE), "--ros-args", *said, "-r", f"__ns:={namespace}"]
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
