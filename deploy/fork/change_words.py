@@ -72,9 +72,10 @@ def _tasks(words: str, at_s: float) -> list[Change]:
     found: list[Change] = []
 
     def take(**given: Any) -> None:
-        for option in ("connect", "as_json", "team"):
+        for option in ("connect", "as_json", "team", "dry_run"):
             if given.pop(option) not in (None, False, "default"):
-                raise UsageError(f"--task {words}: a task of a fork has no --{option.removeprefix('as_')}")
+                name = option.removeprefix("as_").replace("_", "-")
+                raise UsageError(f"--task {words}: a task of a fork has no --{name}")
         found.extend(AddTask(at_s=at_s, kind=kind, fields=fields) for kind, fields in asked_tasks(**given))
 
     command = typer.main.get_command_from_info(

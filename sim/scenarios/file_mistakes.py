@@ -53,7 +53,7 @@ def _unknown_in_table(table: dict[str, Any], struct: Struct, path: str) -> Itera
     for key, value in table.items():
         if key in fields:
             yield from _unknown(value, fields[key], f"{path}.{key}" if path else key)
-        elif is_strict:
+        elif is_strict and key != struct.__struct_config__.tag_field:
             what = f"{path}: unknown key" if path else "unknown table"
             verb = "are" if len(fields) > 1 else "is"
             yield f"{what} `{key}`{nearest(key, fields)}; there {verb} {listed(fields)}"

@@ -26,7 +26,7 @@ from tests.hostile_payloads import payloads
 
 QUERIES = [row for row in TOPICS if isinstance(row, Query)]
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
-NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0"}
+NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}
 EXAMPLES = 25
 REFUSED_CODES = {"malformed", "too_large", "wrong_name", "from_future"}
 

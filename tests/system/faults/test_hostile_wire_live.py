@@ -32,7 +32,7 @@ from tests.waiting import PATIENCE_S, until
 pytestmark = pytest.mark.system
 
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
-NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0"}
+NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}
 ROUNDS = 7
 SETTLED_ROUNDS = 4
 """Rounds after which a process has whatever buffers it needs for large payloads."""
