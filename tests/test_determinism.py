@@ -27,10 +27,20 @@ SCIPY = {"ndimage", "linear_sum_assignment"}
 """Functions of SciPy that have only one version."""
 EXCEPTIONS: dict[str, str] = {
     "coordinator/recording/report/mean_interval.py: scipy.stats": "describes runs that have ended; no run reads it",
+    **dict.fromkeys(
+        (
+            f"protocol/model/localization/scan_motion.py: {name}"
+            for name in ("np.linalg", "np.einsum", "np.arctan2", "@", "scipy.spatial.cKDTree")
+        ),
+        "measures a robot in bring-up; no plugin of a run reads it",
+    ),
+    "plugins/device/ros2_scan/scan_message.py: np.arctan2": "reads what a ROS 2 robot tells, in live alone",
 }
 """Permitted uses as `file: name`, each with the reason."""
 
 CLOCKS = {
+    "plugins/device/ros2/link.py": "the thread of a ROS 2 node, in live alone",
+    "plugins/device/ros2_base/ros2_base.py": "commands of a ROS 2 robot, on that thread",
     "agent/lifecycle/worker_pool.py": "starts and halts plugins side by side, in live",
     "agent/isolation/peer.py": "a plugin in a process of its own, refused in lockstep",
     "agent/host/live_drive.py": "the live drive",
