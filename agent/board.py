@@ -42,7 +42,7 @@ class Board:
         self.wants_odometry = False
         """Whether a lidar needs `odometry`, as the robot moves while it turns; scan writes it."""
         self.told_odometry: tuple[Pose2D, int] | None = None
-        """Of a base that adds up its own odometry: the pose that it told last, and that message's number."""
+        """Of a base that adds up its own odometry: the pose that it reported last, and that message's number."""
         self.yaw_rates: deque[YawRate] = deque(maxlen=256)
         """Measurements of a gyroscope, which the device of an IMU leaves here for the odometry of mocdevice."""
         self.has_scanned = False

@@ -93,7 +93,7 @@ class Environment:
         self.seeds = seeds
         """Of the plugin's own generator."""
         self.board = board
-        """What the robot tells of itself; see RobotState."""
+        """What the robot reports of itself; see RobotState."""
         self.tasks = tasks
         self.outside = outside
         """The door that outside callers come in by; for the plugin `command`."""

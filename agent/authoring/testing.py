@@ -64,7 +64,7 @@ class HostBench:
         return msgspec.json.decode(self.wire.ask(ROBOT_CALL, asked, robot=robot, plugin=plugin, function=function))
 
     def infos(self, robot: str = ROBOT) -> dict[str, PluginInfo]:
-        """What a robot tells of its plugins over the wire, by name."""
+        """What a robot reports of its plugins over the wire, by name."""
         return {info.name: info for info in self.wire.ask(ROBOT_PLUGINS, robot=robot)}
 
     def close(self) -> None:
@@ -141,7 +141,7 @@ class PluginBench:
         return self._bench.call(plugin, function, *arguments)
 
     def info(self, plugin: str) -> PluginInfo:
-        """What the robot tells of a plugin: its state, and why.
+        """What the robot reports of a plugin: its state, and why.
 
         Raises:
             KeyError: the robot has no such plugin.

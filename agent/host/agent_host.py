@@ -303,7 +303,7 @@ class AgentHost:
             self._log.put(LogRecord(robot=self.name, level="warning", source=name, text="runs again, or has gone"))
 
     def _publish_halt(self) -> None:
-        """At once, on the thread that halted or resumed the robot; the rest is as it was told last."""
+        """At once, on the thread that halted or resumed the robot; the rest is as it was sent last."""
         with self._telling:
             self._state.put(self.halting.mark(self._told))
 

@@ -182,7 +182,7 @@ class Looking:
             lines.append(f"x from {x0_m:.1f} to {x1_m:.1f} m, y from {y0_m:.1f} to {y1_m:.1f} m, y upwards")
         lines += [f"{one.name} at ({one.pose.x_m:.1f}, {one.pose.y_m:.1f})" for one in robots]
         lines += [f"task {one.name} at ({one.place.x_m:.1f}, {one.place.y_m:.1f})" for one in tasks]
-        lines += [f"{name} does not tell its map" for name in silent]
+        lines += [f"{name} does not send its map" for name in silent]
         return answer(Verdict.LOOKED, lines, {"bounds_m": bounds_m}, png=map_png(floor, robots, tasks))
 
     def _age_s(self, stamp_ns: int) -> float:

@@ -70,7 +70,7 @@ class Sample(msgspec.Struct, frozen=True):
     yaw_rad: float
     """Of `pose`, since the motion began, not wrapped."""
     is_commanded: bool
-    """Whether wheels were still told to turn."""
+    """Whether wheels were still commanded to turn."""
 
 
 class Record(msgspec.Struct, frozen=True):

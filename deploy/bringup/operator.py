@@ -29,7 +29,7 @@ class Operator(Protocol):
 
 
 class YesOperator:
-    """Gives the default answers: all is done as it was said, and wheels turn as they are told."""
+    """Gives the default answers: all is done as it was said, and wheels turn as they are commanded."""
 
     def prepare(self, what: str) -> None:
         """As Operator."""

@@ -21,7 +21,7 @@ FREE_M = 0.2
 """Around the robot's edge on the whole square."""
 CORNERS = 4
 TRACK_TOLERANCE, RATIO_TOLERANCE = 0.006, 0.004
-"""What one square each way of 1 m can tell, with the ends measured to 5 mm and 0.2°."""
+"""What one square of 1 m each way can show, with the ends measured to 5 mm and 0.2°."""
 
 
 class Measured(NamedTuple):

@@ -24,12 +24,12 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 LOOK_S = 2.0
 TURN_S = 1.6
 STEADY_S = 0.5
-"""After this time wheels turn as fast as they are told."""
+"""After this time wheels turn as fast as they are commanded."""
 RATE_MIN_HZ = 8.0
 """Fewer frames than this make no odometry for a robot that drives."""
 STILL_RAD = 0.02
 SILENT_RAD_S = 0.05
-"""A wheel that was told to turn, and is slower, stands."""
+"""A wheel that was commanded to turn, and is slower, stands."""
 COUPLED = 0.5
 """An encoder that turns by more than this share of another one turns with it."""
 SCALE_TOLERANCE = 0.05
@@ -99,7 +99,7 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
                     step=Step.WHEELS,
                     found=Found.WHEEL_SILENT,
                     ok=False,
-                    sentence=f"{name}: {why} while it is told to turn",
+                    sentence=f"{name}: {why} while it is commanded to turn",
                     values={"turned_rad_s": turned_rad_s[encoder], "expected_rad_s": speed},
                     remedy="check motor, power stage, encoder and its cable, and the signals in frames",
                 )
@@ -110,7 +110,7 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
                     step=Step.WHEELS,
                     found=Found.WHEELS_UNCLEAR,
                     ok=False,
-                    sentence=f"{name}: the encoders of several wheels count while it alone is told to turn",
+                    sentence=f"{name}: the encoders of several wheels count while it alone is commanded to turn",
                     remedy="put the wheels in the air, so that none turns another",
                 )
             ]
@@ -128,7 +128,7 @@ class Seen:
         wheel: the wheel that turned, by the person.
         way: 1 if that turned in its positive direction, else -1.
         encoder: the one that counted.
-        ratio: how far it counted, by how far the wheel was told to turn.
+        ratio: how far it counted, by how far the wheel was commanded to turn.
 
     """
 
@@ -197,7 +197,7 @@ def check_battery(bench: Bench) -> Finding:
         return say(Found.NOT_DONE, str(error), ok=None)
     if latest is None:
         remedy = "check [parameters.bm2], or choose another battery in [robot.roles]"
-        return say(Found.NOT_DONE, "the battery has told nothing", remedy, ok=None)
+        return say(Found.NOT_DONE, "the battery has reported nothing", remedy, ok=None)
     voltage_v, current_a = latest["voltage_v"], latest["current_a"]
     values = {"voltage_v": voltage_v, "current_a": current_a, "temperature_c": latest["temperature_c"]}
     if not (3.0 <= voltage_v <= 100.0 and math.isfinite(current_a) and abs(current_a) < 500.0):
@@ -218,7 +218,7 @@ def _who_turned(operator: Operator, names: tuple[str, ...], index: int, way: str
             choices[f"{other + 1}"] = f"{name}, {way}"
             choices[f"{other + 1}{BACKWARDS}"] = f"{name}, the other way round"
     choices |= {NONE: "none", AGAIN: "turn it again"}
-    return operator.choose(f"{names[index]} was told to turn, {way}. Which wheel turned?", choices, YES)
+    return operator.choose(f"{names[index]} was commanded to turn, {way}. Which wheel turned?", choices, YES)
 
 
 def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[Finding]:
@@ -247,7 +247,7 @@ def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ..
         if one.sign < 0:
             found.append(say(Found.ENCODER_INVERTED, f"{names[one.wheel]}: the encoder counts the wrong way"))
     if not found:
-        return [say(Found.RIGHT, f"each of {', '.join(names)} turns as it is told, and its own encoder counts")]
+        return [say(Found.RIGHT, f"each of {', '.join(names)} turns as it is commanded, and its own encoder counts")]
     patch = _wheels_patch(seen, base)
     remedy = "" if patch else "its file cannot say that: change the wiring, or the parameters of its base"
     return [
@@ -287,7 +287,7 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[Finding]:
                 step=Step.SCALE,
                 found=Found.WRONG_SCALE,
                 ok=False,
-                sentence="wheels that are told the same turn differently far: "
+                sentence="wheels with the same command turn differently far: "
                 + ", ".join(f"{100 * each:.0f} %" for each in ratios),
                 values=values,
                 remedy="check that all encoders are alike, and that no wheel is blocked",
@@ -299,7 +299,7 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[Finding]:
                 step=Step.SCALE,
                 found=Found.RIGHT,
                 ok=True,
-                sentence=f"wheels turn {100 * ratio:.1f} % as far as they are told",
+                sentence=f"wheels turn {100 * ratio:.1f} % as far as they are commanded",
                 values=values,
             )
         ]
@@ -312,7 +312,7 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[Finding]:
             step=Step.SCALE,
             found=Found.WRONG_SCALE,
             ok=False,
-            sentence=f"encoders tell {ratio:.2f} times the turns that wheels were told: "
+            sentence=f"encoders report {ratio:.2f} times the turns that wheels were commanded: "
             + (f"a turn has {ticks} counts, not {base.base.encoder_ticks_per_turn}" if counts else "check units"),
             values={**values, "encoder_ticks_per_turn": float(ticks)},
             patch=base_patch(base.base, encoder_ticks_per_turn=ticks) if counts else {},
@@ -326,7 +326,7 @@ def _turned_rad(record: Record) -> tuple[float, ...]:
 
 
 def _speeds_rad_s(record: Record) -> list[float]:
-    """Of each encoder, once the wheels turned as fast as they were told."""
+    """Of each encoder, once the wheels turned as fast as they were commanded."""
     driven = [sample for sample in record.samples if sample.is_commanded]
     begin_ns = driven[0].stamp_ns + to_ns(STEADY_S)
     first, last = next((sample for sample in driven if sample.stamp_ns >= begin_ns), driven[0]), driven[-1]

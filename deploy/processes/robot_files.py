@@ -22,7 +22,7 @@ from robrain.sim.world.robot_specs import LIDAR_PLUGIN
 from robrain.sim.world.world import World
 
 MOVED_ON = {"start_known": True, "start_sigma_m": 0.2, "start_sigma_rad": 0.1}
-"""Uncertainty of the last pose that a robot told: it drives on for 0.2 s, until its base stops by itself."""
+"""Uncertainty of the last pose that a robot reported: it drives on for 0.2 s, until its base stops by itself."""
 NO_FORWARDERS: Mapping[str, str] = MappingProxyType({})
 
 

@@ -130,7 +130,7 @@ class Gateway:
             self._write("/tf", ros.TF_MESSAGE, TF, TFMessage(moved))
 
     def _take_state(self, state: RobotState, word: str) -> None:
-        if word not in self._states:  # patches tell changes only
+        if word not in self._states:  # patches have changes only
             self._wire.ask_into(self._maps, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=state.robot)
         self._states[word] = state
         if state.pose is not None and state.frame == ARENA:

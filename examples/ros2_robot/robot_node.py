@@ -1,6 +1,6 @@
 """A ROS 2 robot that knows nothing of robrain: cmd_vel in; odom, scan, battery_state and TF out.
 
-For tests it also tells where it really is, on ground_truth.
+For tests it also publishes where it really is, on ground_truth.
 
 python robot_node.py --ros-args -p map:=../maps/clinic.yaml -p x:=0.0 -p y:=0.0 -r __ns:=/r7
 """

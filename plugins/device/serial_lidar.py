@@ -1,16 +1,13 @@
 """A lidar on a serial line: LD06, LD19 and RPLIDAR differ by their decoder."""
 
-from bisect import bisect_left
-from collections.abc import Sequence
-from operator import itemgetter
-
 import msgspec
 
 from robrain.agent.plugin import external
 from robrain.plugins.device.lidar_mount import Mount, Placed, ScanMaker
 from robrain.plugins.device.scan.lidar_device import LidarDevice
 from robrain.protocol.lidar.points import LidarDecoder, LineCounts, Piece, Point
-from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.localization.pose_track import PoseTrack
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import to_ns
@@ -138,10 +135,11 @@ class SerialLidar(LidarDevice):
         seen, self._ended = self._ended, []
         before, self._before = self._before, seen
         odometry, stamp_ns = self.env.board.odometry, seen[-1][0]
-        here = _pose_at(odometry, stamp_ns).inverse()
+        track = PoseTrack(ORIGIN, len(odometry), odometry)
+        here = track.pose_at(stamp_ns).inverse()
 
         def moved(turn: list[tuple[int, list[Point]]]) -> list[Placed]:
-            return [(here.compose(_pose_at(odometry, seen_ns)), points) for seen_ns, points in turn]
+            return [(here.compose(track.pose_at(seen_ns)), points) for seen_ns, points in turn]
 
         scan = self._maker.scan(moved(seen), moved(before), stamp_ns)
         self.note(scan, [round(1000 * range_m) for range_m in scan.beam_ranges_m], now_ns)
@@ -155,17 +153,3 @@ class SerialLidar(LidarDevice):
     def dropped_points(self) -> int:
         """Points beyond the most that a turn may have."""
         return self._dropped
-
-
-def _pose_at(odometry: Sequence[tuple[int, Pose2D]], stamp_ns: int) -> Pose2D:
-    """T_odom_robot at a time, between the measurements before and after it; the nearest one outside them."""
-    index = bisect_left(odometry, stamp_ns, key=itemgetter(0))
-    if index == 0 or index == len(odometry):
-        return odometry[min(index, len(odometry) - 1)][1] if odometry else ORIGIN
-    (before_ns, before), (after_ns, after) = odometry[index - 1], odometry[index]
-    share = (stamp_ns - before_ns) / (after_ns - before_ns)
-    return Pose2D(
-        before.x_m + share * (after.x_m - before.x_m),
-        before.y_m + share * (after.y_m - before.y_m),
-        wrap_angle_rad(before.yaw_rad + share * wrap_angle_rad(after.yaw_rad - before.yaw_rad)),
-    )

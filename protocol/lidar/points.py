@@ -6,7 +6,7 @@ import msgspec
 
 
 class Point(NamedTuple):
-    """One measurement, as the sensor tells it."""
+    """One measurement, as the sensor reports it."""
 
     angle_rad: float
     """Counter-clockwise from the sensor's front, not wrapped to any interval."""
@@ -43,4 +43,4 @@ class LidarDecoder(Protocol):
         """The sensor is silent: ask once more, if it has to be asked."""
 
     def to_write(self) -> bytes:
-        """What the sensor has to be told now; empty if nothing."""
+        """What has to be sent to the sensor now; empty if nothing."""

@@ -59,7 +59,7 @@ class RplidarDecoder:
             found = data.find(DESCRIPTOR)
             if found >= 0:
                 stray, begin, self._is_scanning = found, found + len(DESCRIPTOR), True
-            else:  # it may be scanning already, or what tells so is not whole yet
+            else:  # it may be scanning already, or the descriptor is incomplete
                 begin, stray = _resynchronised(data, -1, STREAM_NODES)
                 self._is_scanning = len(data) - begin >= STREAM_NODES * NODE.size
         while self._is_scanning and len(data) - begin >= NODE.size:

@@ -32,7 +32,7 @@ class LidarPlug:
 
     def step(self) -> None:
         """Pass on what the lidar has sent."""
-        self._plug.receive()  # what it is told does not matter: it measures anyway
+        self._plug.receive()  # what it is sent does not matter: it measures anyway
         for _, _, data in self._inbox.drain_raw() if self._inbox.has_some else ():
             self.lost_bytes += len(data) - self._plug.send(data)
 

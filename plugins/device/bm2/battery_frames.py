@@ -23,7 +23,7 @@ from robrain.protocol.wire.clock import to_ns
 
 SIGNALS_MAX = 8
 RECENT_NS = to_ns(5.0)
-"""What another frame told longer ago than this is not taken with a measurement."""
+"""What another frame reported longer ago than this is not taken with a measurement."""
 
 
 class Quantity(StrEnum):
@@ -69,7 +69,7 @@ class BatteryFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All of it, with what the frames have in common.
 
-    Raises ValueError where a quantity is told twice, or no voltage.
+    Raises ValueError where a quantity is reported twice, or no voltage.
     """
 
     dbc: Annotated[str, Meta(min_length=1, max_length=4096)] = "robertino"
@@ -84,13 +84,13 @@ class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             },
         ),
     )
-    """Each frame with the voltage is a measurement; the others tell what is taken with the next one."""
+    """Each frame with the voltage is a measurement; the others have what is taken with the next one."""
     current_sign: Sign = 1
-    """-1 if the battery tells a current that is positive while charging."""
+    """-1 if the battery reports a current that is positive while charging."""
     current_a: float = 1.0
-    """Taken as drawn if no signal tells the current."""
+    """Taken as drawn if no signal reports the current."""
     soc_sd: float = 0.03
-    """Standard deviation of the state of charge that the battery tells."""
+    """Standard deviation of the state of charge that the battery reports."""
     counter: str = "counter"
     """Name of the signal that counts a sender's frames, 8 bits; empty if there is none."""
     checksum: Checksum = Checksum.CRC8_J1850_ID
@@ -123,7 +123,7 @@ class _Read(NamedTuple):
 
 
 class BatteryFrames:
-    """The codecs of a map, and the values that its frames have told last.
+    """The codecs of a map, and the values that its frames reported last.
 
     Args:
         wanted: the map.

@@ -17,7 +17,7 @@ def counted(
     *,
     gap_s: float,
 ) -> BatteryMeasurement:
-    """A measurement with what was drawn until then: it tells the mean of the time since the one before.
+    """A measurement with what was drawn until then: it is the mean of the time since the one before.
 
     A time longer than `gap_s` is not counted, because nobody knows what was drawn meanwhile.
     """

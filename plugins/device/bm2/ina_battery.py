@@ -92,12 +92,12 @@ class InaBattery(PolledBattery):
     def read(self) -> Reading:
         if self._word(CONFIGURATION) != self._registers.configuration:  # it had no power meanwhile
             self._configure()
-            raise BadReading("the chip has restarted, and averages less than it was told")
+            raise BadReading("the chip has restarted, and averages less than it was set to")
         registers, wanted = self._registers, self.parameters
         shunt = self._word(SHUNT)
         signed = shunt - 0x10000 if shunt & 0x8000 else shunt
         if signed in (-0x8000, 0x7FFF):
-            raise BadReading("the current is beyond what the shunt can tell")
+            raise BadReading("the current is beyond what the shunt can measure")
         voltage_v = (self._word(BUS) >> registers.bus_shift) * registers.bus_v
         current_a = wanted.current_sign * signed * registers.shunt_v / wanted.shunt_ohm
         return Reading(voltage_v, current_a, wanted.temperature_c)

@@ -34,9 +34,9 @@ class PowerSupply(PolledBattery):
         """Of the folder, such as `BAT0`; empty: the first battery that supplies the computer."""
         folder: Annotated[str, Meta(min_length=1, max_length=4096)] = "/sys/class/power_supply"
         current_a: float = 1.0
-        """Taken as drawn, or as charging, if the battery does not tell its current."""
+        """Taken as drawn, or as charging, if the battery does not report its current."""
         soc_sd: float = 0.05
-        """Standard deviation of the state of charge that the kernel tells."""
+        """Standard deviation of the state of charge that the kernel reports."""
         believes_soc: bool = True
         """Whether to use it: some drivers only guess it from the voltage, which the estimate does better."""
 
@@ -75,7 +75,7 @@ class PowerSupply(PolledBattery):
             raise FileNotFoundError("no battery is inserted")
         voltage_uv = _number(folder / "voltage_now")
         if voltage_uv is None:
-            raise FileNotFoundError(f"{folder} tells no voltage_now")
+            raise FileNotFoundError(f"{folder} has no voltage_now")
         voltage_v, status = MICRO * voltage_uv, _text(folder / "status")
         current_ua, power_uw = _number(folder / "current_now"), _number(folder / "power_now")
         measured_a = MICRO * current_ua if current_ua is not None else None
@@ -99,7 +99,7 @@ class PowerSupply(PolledBattery):
 
 
 def _signed(current_a: float, status: str | None) -> float:
-    """Positive while discharging: drivers do not agree on the sign, but all tell the status."""
+    """Positive while discharging: drivers do not agree on the sign, but all report the status."""
     if status == CHARGING:
         return -abs(current_a)
     if status == DISCHARGING:

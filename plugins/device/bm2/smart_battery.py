@@ -29,7 +29,7 @@ ABSOLUTE_ZERO_C = -273.15
 
 
 class SmartBatteryStatus(msgspec.Struct, frozen=True):
-    """What a smart battery tells beside its measurements."""
+    """What a smart battery reports beside its measurements."""
 
     alarms: tuple[str, ...]
     remaining: int

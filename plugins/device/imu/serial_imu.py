@@ -59,7 +59,7 @@ class SerialImu(Device):
         lines: LineFormat = LineFormat()
         """For the protocol `lines`."""
         rate_hz: float = 100.0
-        """Measurements a second, by which those that arrive together are told apart."""
+        """Measurements a second, which separates those that arrive together."""
         upside_down: bool = False
         mounted_yaw_rad: float = 0.0
         """Direction of the unit's x axis, robot's frame; for the accelerations alone."""

@@ -86,7 +86,7 @@ class StopFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class StatusFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The frame in which the controller tells its state."""
+    """The frame in which the controller reports its state."""
 
     frame: FrameOrNone
     """Empty if there is none."""

@@ -1,13 +1,11 @@
 """Dead reckoning from the counts of the wheels, with the last five seconds of it kept."""
 
 import itertools
-from bisect import bisect_left
-from collections import deque
-from operator import itemgetter
 from typing import NamedTuple
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.localization.odometry import moved
+from robrain.protocol.model.localization.pose_track import PoseTrack
 from robrain.protocol.model.navigation.wheel_bases import WheelBase
 
 ENCODER_MODULUS = 1 << 16
@@ -31,7 +29,7 @@ class Counting(NamedTuple):
     rad_per_tick: float
 
 
-class WheelOdometry:
+class WheelOdometry(PoseTrack):
     """Adds up encoder counts to T_odom_robot.
 
     Args:
@@ -54,7 +52,7 @@ class WheelOdometry:
         counting: Counting | None = None,
         period_s: float = ENCODER_PERIOD_S,
     ) -> None:
-        self.pose = pose
+        super().__init__(pose, HISTORY_FRAMES)
         self.ticks = ticks
         self.velocity = STANDING
         self.turned_rad = 0.0
@@ -67,12 +65,6 @@ class WheelOdometry:
         self._period_s = period_s
         self._stamp_ns: int | None = None
         self._ticks_per_frame = JUMP_SLACK * wheel_speed_max_rad_s * period_s / self._rad_per_tick
-        self._history: deque[tuple[int, Pose2D]] = deque(maxlen=HISTORY_FRAMES)
-
-    @property
-    def until_ns(self) -> int | None:
-        """Time of measurement of the last counts; None before the first."""
-        return self._history[-1][0] if self._history else None
 
     def take(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
         """Take the counts of one frame; returns False if they have jumped.
@@ -131,23 +123,3 @@ class WheelOdometry:
         if rate_rad_s is not None:
             velocity = self.velocity
             self.velocity = Twist2D(velocity.forward_m_s, velocity.left_m_s, rate_rad_s)
-
-    def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last five seconds, between the frames before and after it.
-
-        Before the first frame kept it is that frame's pose, after `until_ns` that of the last one.
-        """
-        history = self._history
-        if not history or stamp_ns >= history[-1][0]:
-            return self.pose
-        index = bisect_left(history, stamp_ns, key=itemgetter(0))
-        after_ns, after = history[index]
-        if index == 0 or after_ns == stamp_ns:
-            return after
-        before_ns, before = history[index - 1]
-        share = (stamp_ns - before_ns) / (after_ns - before_ns)
-        return Pose2D(
-            before.x_m + share * (after.x_m - before.x_m),
-            before.y_m + share * (after.y_m - before.y_m),
-            wrap_angle_rad(before.yaw_rad + share * wrap_angle_rad(after.yaw_rad - before.yaw_rad)),
-        )

@@ -1,8 +1,8 @@
 """A base on wheels: velocities down as wheel commands, wheel counts up as odometry, whatever the bus and the wheels.
 
 What goes wrong on the bus is a fault of this device: a controller that falls silent, a bus that is off or cannot be
-read, a power stage that has failed. The fault is told to the team, whoever requires the device is set aside, and the
-manifest's restart policy opens the bus again until it answers. The odometry goes on where it was.
+read, a power stage that has failed. The fault is reported to the team, plugins that require the device are set aside,
+and the manifest's restart policy opens the bus again until it answers. The odometry continues where it was.
 """
 
 import math

@@ -28,7 +28,7 @@ class WheelLink(Protocol):
     pending: Sized
     """Empty if `take` has nothing to take."""
     status: ControllerStatus | None
-    """Last status of the controller; None before the first, or if it tells none."""
+    """Last status of the controller; None before the first, or if it sends none."""
     statuses: int
     """Number of statuses received."""
     has_failed: bool

@@ -159,7 +159,7 @@ class Ros2Link:
                 self._do_what_was_asked()
         except (rclpy.executors.ExternalShutdownException, rclpy.executors.ShutdownException):
             self.failure = "the ROS 2 context was shut down"
-        except Exception as error:  # whatever a library under rclpy raises is told as the devices' fault
+        except Exception as error:  # whatever a library under rclpy raises is reported as the devices' fault
             self.failure = f"the ROS 2 node has failed: {error}"
             logger.exception("the ROS 2 node is not spun any more")
         finally:

@@ -84,7 +84,7 @@ class OdometryMessage(Protocol):
 
 
 class ToldOdometry(NamedTuple):
-    """Odometry as the robot told it."""
+    """Odometry as the robot reported it."""
 
     stamp_ns: int
     """By the clock of whoever stamped it; 0 if it has no stamp."""

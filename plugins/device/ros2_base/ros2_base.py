@@ -142,7 +142,7 @@ class Ros2Base(Device):
 
     @external
     def is_fresh(self) -> bool:
-        """Whether the robot tells its odometry."""
+        """Whether the robot reports its odometry."""
         self._catch_up()
         return self._heard_ns is not None and self.env.clock.now_ns() - self._heard_ns <= self._silent_ns
 
@@ -167,7 +167,7 @@ class Ros2Base(Device):
         return self._path.until_ns or 0
 
     def velocity(self) -> Twist2D:
-        """Velocity in the body frame, as the robot tells it."""
+        """Velocity in the body frame, as the robot reports it."""
         self._catch_up()
         return self._path.velocity
 
@@ -237,7 +237,7 @@ class Ros2Base(Device):
                 self._jumps += 1
             self._believed += 1
             if self._heard_ns is None and self._is_again:
-                self.condition.notify(Condition(True, "the robot tells its odometry again"))
+                self.condition.notify(Condition(True, "the robot reports its odometry again"))
             self._heard_ns = self.env.clock.now_ns()
             board = self.env.board
             board.T_odom_robot, board.told_odometry = self._path.pose, self._path.before

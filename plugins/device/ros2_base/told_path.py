@@ -1,11 +1,8 @@
-"""T_odom_robot from the odometry that a base tells: without its jumps, and with the last seconds of it kept."""
-
-from bisect import bisect_left
-from collections import deque
-from operator import itemgetter
+"""T_odom_robot from the odometry that a base reports: without its jumps, and with the last seconds of it kept."""
 
 from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry
-from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.localization.pose_track import PoseTrack
 from robrain.protocol.wire.clock import NS_PER_S, to_seconds
 
 HISTORY_NS = 5 * NS_PER_S
@@ -19,33 +16,27 @@ BLIND_S = 1.0
 STANDING = Twist2D()
 
 
-class ToldPath:
+class ToldPath(PoseTrack):
     """Follows the odometry of a base; the frame odom begins where the robot was first heard.
 
     Args:
         speed_m_s: greatest speed of the base.
         turn_rate_rad_s: its greatest turn rate.
         pose: T_odom_robot from which it goes on.
-        before: what the base told at that pose, and the number of that message; None if that is not known.
+        before: what the base reported at that pose, and the number of that message; None if that is not known.
 
     """
 
     def __init__(
         self, speed_m_s: float, turn_rate_rad_s: float, pose: Pose2D, before: tuple[Pose2D, int] | None
     ) -> None:
-        self.pose = pose
+        super().__init__(pose, HISTORY_MESSAGES)
         self.velocity = STANDING
         self.before = before
         self._speed_m_s, self._turn_rate_rad_s = speed_m_s, turn_rate_rad_s
-        self._history: deque[tuple[int, Pose2D]] = deque(maxlen=HISTORY_MESSAGES)
-
-    @property
-    def until_ns(self) -> int | None:
-        """Time of measurement of the newest pose; None before the first."""
-        return self._history[-1][0] if self._history else None
 
     def take(self, told: ToldOdometry, measured_ns: int, number: int) -> bool:
-        """Take what the base tells; returns False if its odometry has jumped, and the pose has stayed.
+        """Take what the base reports; returns False if its odometry has jumped, and the pose has stayed.
 
         Args:
             told: the message.
@@ -70,26 +61,6 @@ class ToldPath:
         while history[0][0] < measured_ns - HISTORY_NS:
             history.popleft()
         return not has_jumped
-
-    def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last five seconds, between the messages before and after it.
-
-        Before the first message kept it is that message's pose, after `until_ns` that of the last one.
-        """
-        history = self._history
-        if not history or stamp_ns >= history[-1][0]:
-            return self.pose
-        index = bisect_left(history, stamp_ns, key=itemgetter(0))
-        after_ns, after = history[index]
-        if index == 0 or after_ns == stamp_ns:
-            return after
-        before_ns, before = history[index - 1]
-        share = (stamp_ns - before_ns) / (after_ns - before_ns)
-        return Pose2D(
-            before.x_m + share * (after.x_m - before.x_m),
-            before.y_m + share * (after.y_m - before.y_m),
-            wrap_angle_rad(before.yaw_rad + share * wrap_angle_rad(after.yaw_rad - before.yaw_rad)),
-        )
 
     def _is_jump(self, displacement: Pose2D, measured_ns: int) -> bool:
         until_ns = self.until_ns

@@ -35,7 +35,7 @@ class Ros2Scan(LidarDevice):
         beams: int = 360
         """Directions around the robot that turns are resampled to; 0 gives the lidar's own beams."""
         range_max_m: float = 0.0
-        """Greatest range that is used; 0: that which the lidar tells."""
+        """Greatest range that is used; 0: that which the lidar reports."""
         silent_s: float = 1.0
         """Time without a turn after which the lidar faults."""
 

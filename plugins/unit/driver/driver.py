@@ -17,12 +17,13 @@ from msgspec import Meta
 
 from robrain.agent.action import Action, ActionDesk, ActionEnd, ActionProgress
 from robrain.agent.event import Event
-from robrain.agent.plugin import Unit, external
-from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, MocDeviceInterface
+from robrain.agent.plugin import external
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, MocDeviceInterface
 from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.driver.by_hand import ByHand
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
+from robrain.plugins.unit.driver.on_base import OnBase
 from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, check_range, speed_to_stop
 from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, is_between, squeeze
 from robrain.plugins.unit.driver.steering import SLOW_M_S, SPARE_M, Steering
@@ -52,7 +53,7 @@ IN_THE_WAY = "an obstacle has blocked the path"
 TOO_NARROW = "the path has been too narrow"
 
 
-class Driver(Unit):
+class Driver(OnBase):
     """Follows paths; slows down before corners, obstacles and the end."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -262,41 +263,9 @@ class Driver(Unit):
         return self._gap_m if self._motion is Motion.BLOCKED else None
 
     @external
-    def pose(self) -> Pose2D:
-        """T_odom_robot now."""
-        return self._moc.pose()
-
-    def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last five seconds."""
-        return self._moc.pose_at(stamp_ns)
-
-    def odometry_until_ns(self) -> int:
-        """Time of measurement of the newest wheel counts; 0 before the first."""
-        return self._moc.odometry_until_ns()
-
-    @external
-    def velocity(self) -> Twist2D:
-        """Velocity in the body frame."""
-        return self._moc.velocity()
-
-    @external
-    def odometry_noise(self) -> OdometryNoise:
-        """Growth of the uncertainty of `pose` with distance, from the manifest."""
-        return self.parameters.odometry
-
-    @external
-    def bus_counters(self) -> Counters:
-        """Counters of the motor controller's device, which the driver holds exclusively."""
-        return self._moc.counters()
-
-    @external
     def controller_status(self) -> ControllerStatus | None:
         """Last status of the motor controller; null before the first."""
         return self._moc.status()
-
-    def radius_m(self) -> float:
-        """Radius of the round footprint."""
-        return self._moc.radius_m()
 
     def _start_path(self, name: str, path: Path) -> str:
         pose = self._moc.pose()

@@ -10,14 +10,15 @@ import msgspec
 
 from robrain.agent.action import Action, ActionDesk, ActionEnd, ActionProgress
 from robrain.agent.event import Event
-from robrain.agent.plugin import Unit, external
-from robrain.plugins.device.mocdevice.interface import Counters, MocDeviceInterface
+from robrain.agent.plugin import external
+from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.plugins.device.ros2.link import Ros2Link, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
+from robrain.plugins.unit.driver.on_base import OnBase
 from robrain.plugins.unit.driver.path import check_range
 from robrain.plugins.unit.ros2_navigator.goal_client import GoalClient, GoalState
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
+from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Radians, check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -41,7 +42,7 @@ class Wanted(msgspec.Struct):
     """When it is sent again after it has failed; None while Nav2 is at it."""
 
 
-class Ros2Navigator(Unit):
+class Ros2Navigator(OnBase):
     """Drives by Nav2."""
 
     class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -198,38 +199,6 @@ class Ros2Navigator(Unit):
     def gap_m(self) -> float | None:
         """Width of the gap that is too narrow for the robot: Nav2 does not say."""
         return None
-
-    @external
-    def pose(self) -> Pose2D:
-        """T_odom_robot now."""
-        return self._moc.pose()
-
-    def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last five seconds."""
-        return self._moc.pose_at(stamp_ns)
-
-    def odometry_until_ns(self) -> int:
-        """Time of measurement of the newest odometry; 0 before the first."""
-        return self._moc.odometry_until_ns()
-
-    @external
-    def velocity(self) -> Twist2D:
-        """Velocity in the body frame."""
-        return self._moc.velocity()
-
-    @external
-    def odometry_noise(self) -> OdometryNoise:
-        """Growth of the uncertainty of `pose` with distance, from the manifest."""
-        return self.parameters.odometry
-
-    @external
-    def bus_counters(self) -> Counters:
-        """Counters of the base's device, which the driver holds exclusively."""
-        return self._moc.counters()
-
-    def radius_m(self) -> float:
-        """Radius of the round footprint."""
-        return self._moc.radius_m()
 
     def _start(self, name: str, goal: Pose2D) -> str:
         action = self._actions.start(name)

@@ -29,8 +29,8 @@ HEALTH_LEAST, HEALTH_MOST = 0.3, 1.3
 RESISTANCE_LEAST = 0.2
 """Shares of the nominal values that the filter does not leave."""
 SAME_ERROR_S = 60.0
-"""Errors of a guessed current, or of a state of charge that the battery tells, are the same for about so long: what is
-told many times in that time is worth one measurement. Chosen."""
+"""Errors of a guessed current, or of a state of charge that the battery reports, are the same for about this long: all
+reports of that time are worth one measurement. Chosen."""
 _SD_95 = 1.959964
 """Half of a two-sided 95 % interval of a normal distribution, in standard deviations."""
 
@@ -227,7 +227,7 @@ class SocFilter:
         _update(self._state, self._covariance, constants, self._curve_soc, self._curve_v, voltage_v, current_a)
 
     def fuse_soc(self, soc: float, sd: float, duration_s: float) -> None:
-        """Correct by a state of charge that the battery itself tells; `duration_s` since it last did.
+        """Correct by a state of charge that the battery itself reports; `duration_s` since it last did.
 
         The estimate follows it within `SAME_ERROR_S`, and is never surer than it is.
         """

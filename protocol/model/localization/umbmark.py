@@ -27,7 +27,7 @@ class SquareEnd(msgspec.Struct, frozen=True):
 
 
 class OdometryErrors(msgspec.Struct, frozen=True):
-    """What the two kinds of squares tell."""
+    """What the two kinds of squares show."""
 
     corner_rad: float
     """α: by which each corner of 90° to the left was turned too far."""

@@ -64,7 +64,7 @@ class DescribedBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         return tuple([(a * x + b * y + c * turn) / radius for a, b, c in self.rows])
 
     def commands(self, twist: Twist2D, wheel_speed_max_rad_s: float) -> tuple[float, ...]:
-        """What the motor controller is told: wheel speeds, slower in proportion if one were too fast."""
+        """What the motor controller is sent: wheel speeds, slower in proportion if one were too fast."""
         wanted = self.wheel_speeds_rad_s(twist)
         share = wheel_speed_max_rad_s / max(wheel_speed_max_rad_s, *map(abs, wanted))
         return tuple([share * speed for speed in wanted])

@@ -284,7 +284,7 @@ def test_a_map_is_drawn_of_what_has_come_when_the_time_is_over(desk: Desk, monke
     monkeypatch.setattr(looking, "MAP_BUDGET_S", -1.0)
     found = desk.call("show_map", {})
     assert found.png.startswith(b"\x89PNG")
-    assert "r1 does not tell its map" in found.words
+    assert "r1 does not send its map" in found.words
     assert "r1 at (" not in found.words
 
 

@@ -83,7 +83,7 @@ def test_encoders_that_are_swapped_or_inverted_are_put_right(
 @pytest.mark.parametrize(
     ("signals", "signs", "answers", "expected"),
     [
-        # Who is told to turn is left, then right; what a person then sees.
+        # Who is commanded to turn is left, then right; what a person then sees.
         (["right_rpm", "left_rpm"], [1, 1], ["2", "1"], {Found.MOTORS_SWAPPED}),
         (["left_rpm", "right_rpm"], [-1, 1], ["r", "r", "b", "y"], {Found.MOTOR_INVERTED}),
         (["right_rpm", "left_rpm"], [1, -1], ["2", "1b"], {Found.MOTORS_SWAPPED, Found.MOTOR_INVERTED}),
