@@ -38,7 +38,6 @@ from robrain.deploy.pki.pki_commands import pki_app, router
 from robrain.deploy.processes.agent_words import agent_words
 from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.recordings.recording_commands import recording_app
-from robrain.deploy.rmw_zenoh.ros2_zenoh_command import ros2_zenoh
 from robrain.deploy.ros2.ros2_commands import ros2_app
 from robrain.deploy.soak.soak_commands import soak_app
 from robrain.deploy.supervision.supervision_commands import supervision_app
@@ -282,7 +281,6 @@ app.command()(assistant)
 app.command()(fork)
 app.command()(bridge)
 app.command()(bringup)
-app.command("ros2-zenoh")(ros2_zenoh)
 app.command()(machine_files)
 app.command()(router)
 app.command()(scenarios)

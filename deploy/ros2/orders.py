@@ -1,24 +1,40 @@
-"""Orders that come from ROS 2: tasks as JSON, and halts. They are checked as any other caller's."""
+"""Orders of ROS 2 nodes to the team: tasks and halts, done on threads of their own, since they wait for answers."""
 
-from typing import Any
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
 from robrain.client.team import Team
-from robrain.deploy.ros2.team_publisher import Answer, Orders
 from robrain.protocol.wire.errors import RobrainError
 
+WAITING_MAX = 32
+"""Tasks that wait to be submitted, and halts likewise."""
 TEXT_MAX = 65_536
 """Characters of a task."""
-RELATIVE = {"earliest_s", "deadline_s"}
-"""Arguments of `Team.submit` that are no fields of a task."""
-BY = "ros2"
-PATIENCE_S = 3.0
-"""How long a caller waits for a coordinator that does not answer."""
 
 
-class TaskText(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A task as ROS 2 submits it; the meaning of the fields is that of `Team.submit`."""
+class Answer(NamedTuple):
+    """What became of an order."""
+
+    accepted: bool
+    text: str
+    """The task as JSON, the robots that have stopped, or why not."""
+
+
+class Orders(Protocol):
+    """To whom the gateway takes orders."""
+
+    def submit(self, text: str) -> "Future[Answer]":
+        """Submit a task, given as JSON."""
+
+    def halt(self) -> "Future[Answer]":
+        """Halt all robots."""
+
+
+class AskedTask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A task as ROS 2 nodes submit it; the fields are those of `Team.submit`."""
 
     kind: str
     id: str | None = None
@@ -33,33 +49,78 @@ class TaskText(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     parameters: dict[str, Any] = {}
 
 
-def orders_to(tasks: Team, halts: Team) -> Orders:
-    """Orders to a team, by a client for tasks and one for halts, each used on one thread."""
-    return Orders(lambda text: submit(tasks, text), lambda: halt(halts))
+class TeamOrders:
+    """Orders to a live team.
+
+    Args:
+        connect: makes a client of the team; called twice, since a halt must not wait for a task.
+        by: name in the records of tasks and halts.
+
+    """
+
+    def __init__(self, connect: Callable[[], Team], by: str) -> None:
+        self._by = by
+        self._tasks, self._halts = connect(), connect()
+        self._submitting = _Desk("ros2-submit")
+        self._halting = _Desk("ros2-halt")
+
+    def submit(self, text: str) -> "Future[Answer]":
+        """See `Orders`."""
+        return self._submitting.put(lambda: submit(self._tasks, text))
+
+    def halt(self) -> "Future[Answer]":
+        """See `Orders`."""
+        return self._halting.put(lambda: halt(self._halts, self._by))
+
+    def close(self) -> None:
+        """End, without those that have not begun."""
+        self._submitting.close()
+        self._halting.close()
+        self._tasks.close()
+        self._halts.close()
 
 
 def submit(team: Team, text: str) -> Answer:
-    """Submit a task that is given as JSON."""
+    """Submit a task that is given as JSON; waits for the coordinator."""
     if len(text) > TEXT_MAX:
         return Answer(False, f"expected a task of at most {TEXT_MAX} characters, got {len(text)}")
     try:
-        wanted = msgspec.json.decode(text, type=TaskText)
-        fields = {name: getattr(wanted, name) for name in wanted.__struct_fields__ if name != "kind"}
-        record = team.submit(wanted.kind, **fields)
+        asked = msgspec.json.decode(text, type=AskedTask)
+        fields = {name: getattr(asked, name) for name in asked.__struct_fields__ if name != "kind"}
+        return Answer(True, msgspec.json.encode(team.submit(asked.kind, **fields)).decode())
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         return Answer(False, f'expected a task as JSON, such as {{"kind": "visit", "place": [1, 2]}}: {error}')
     except RobrainError as error:
         return Answer(False, str(error))
-    return Answer(True, msgspec.json.encode(record).decode())
 
 
-def halt(team: Team) -> Answer:
-    """Halt all robots."""
+def halt(team: Team, by: str) -> Answer:
+    """Halt all robots; waits until they have stopped, or for two seconds."""
     try:
-        report = team.halt(reason="asked for by ROS 2", by=BY)
+        report = team.halt(reason="asked by a ROS 2 node", by=by)
     except RobrainError as error:
         return Answer(False, str(error))
-    if report.unconfirmed:
-        open_words = "; ".join(f"{robot}: {why}" for robot, why in report.unconfirmed.items())
-        return Answer(False, f"halted, but not confirmed by all: {open_words}")
-    return Answer(True, f"halted: {', '.join(report.confirmed)}")
+    lines = [f"{robot}: halted" for robot in report.confirmed]
+    lines += [f"{robot}: NOT halted: {why}" for robot, why in report.unconfirmed.items()]
+    return Answer(not report.unconfirmed, "; ".join(lines))
+
+
+class _Desk:
+    """Does orders one after the other on a thread."""
+
+    def __init__(self, name: str) -> None:
+        self._pool = ThreadPoolExecutor(1, name)
+        self._open: list[Future[Answer]] = []
+
+    def put(self, order: Callable[[], Answer]) -> "Future[Answer]":
+        self._open = [future for future in self._open if not future.done()]
+        if len(self._open) >= WAITING_MAX:
+            refused: Future[Answer] = Future()
+            refused.set_result(Answer(False, f"{WAITING_MAX} orders wait already"))
+            return refused
+        future = self._pool.submit(order)
+        self._open.append(future)
+        return future
+
+    def close(self) -> None:
+        self._pool.shutdown(cancel_futures=True)

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
 ros2_app = typer.Typer(no_args_is_help=True, help="A team and ROS 2.", rich_markup_mode=None)
@@ -19,8 +20,25 @@ def gateway(
     ] = None,
     frame: Annotated[str, typer.Option(help="Name of the team's frame in ROS.")] = "map",
     read_only: Annotated[bool, typer.Option("--read-only", help="Take no tasks and no halts from ROS.")] = False,
+    zenoh: Annotated[
+        bool, typer.Option("--zenoh", help="For nodes on rmw_zenoh: over Zenoh itself, without ROS.")
+    ] = False,
+    router: Annotated[
+        str | None,
+        typer.Option(help="With --zenoh: endpoint of the nodes' router, tcp/HOST:PORT; default: the team's."),
+    ] = None,
 ) -> None:
-    """Show a team to ROS 2: map, poses, paths, scans, task events; take tasks and halts from there."""
+    """Show a team to ROS 2: map, poses, paths, scans, batteries, markers, task events; take tasks and halts."""
+    if router is not None and not zenoh:
+        raise UsageError("--router: expected it together with --zenoh")
     from robrain.deploy.ros2.gateway_process import gateway_command
 
-    gateway_command(connect, check_name("team", team), domain, frame, read_only=read_only)
+    gateway_command(
+        connect,
+        check_name("team", team),
+        domain_id=domain,
+        frame=frame,
+        read_only=read_only,
+        over_zenoh=zenoh,
+        router=router,
+    )

@@ -173,7 +173,7 @@ def _import_everything() -> None:
     deploy = importlib.import_module("robrain.deploy").__path__
     for module in pkgutil.walk_packages(deploy, "robrain.deploy."):
         # Processes that are forked with rclpy loaded abort at their end: "exception not rethrown".
-        if "bench" not in module.name and not module.name.startswith("robrain.deploy.ros2."):
+        if "bench" not in module.name and "rclpy" not in module.name:
             importlib.import_module(module.name)
     prepare_kernels(quiet=True)
     gc.freeze()  # what is there is shared by all commands

@@ -6,7 +6,6 @@ restarted find it with the publishers that it has discovered; at the latest it e
 
 import atexit
 import logging
-import os
 import re
 import threading
 import time
@@ -23,7 +22,7 @@ from rclpy.duration import Duration
 from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent
 from robrain.plugins.device.ros2.inbox import Ros2Inbox
-from robrain.plugins.device.ros2.parameters import DOMAIN_MAX, Ros2Parameters
+from robrain.plugins.device.ros2.parameters import Ros2Parameters, environment_domain
 from robrain.protocol.wire.endpoint import Drive
 
 logger = logging.getLogger(__name__)
@@ -41,7 +40,6 @@ ACKNOWLEDGE_S = 0.1
 """How long the end of a publisher waits until its last message is acknowledged."""
 ARGUMENTS = ["--ros-args", "--disable-external-lib-logs"]
 """No log files in the user's home folder: what goes wrong is in the agent's log."""
-DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_]")
 _links: "dict[tuple[str, int], Ros2Link]" = {}
@@ -76,7 +74,9 @@ class Ros2Link:
         self._thread = threading.Thread(target=self._spin, name=f"ros2-{name}", daemon=True)
         self._thread.start()
 
-    def subscribe(self, kind: type[M], topic: str, qos: Any, on_arrival: Callable[[], None]) -> "Subscription[M]":
+    def subscribe(
+        self, kind: type[Any], topic: str, qos: Any, on_arrival: Callable[[], None], *, raw: bool = False
+    ) -> "Subscription[Any]":
         """Hear a topic.
 
         Args:
@@ -84,9 +84,10 @@ class Ros2Link:
             topic: its full name.
             qos: `rclpy.qos.QoSProfile`.
             on_arrival: called after each message, on the thread of the node.
+            raw: messages are taken as their bytes.
 
         """
-        return self.do(lambda: Subscription(self, kind, topic, qos, on_arrival))
+        return self.do(lambda: Subscription(self, kind, topic, qos, on_arrival, raw=raw))
 
     def publisher(self, kind: type[Any], topic: str, qos: Any) -> "Publisher":
         """Publish on a topic; arguments as for `subscribe`."""
@@ -191,14 +192,23 @@ class Ros2Link:
 class Subscription(Ros2Inbox[M]):
     """What comes on a topic; see `Ros2Link.subscribe`."""
 
-    def __init__(self, link: Ros2Link, kind: type[M], topic: str, qos: Any, on_arrival: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        link: Ros2Link,
+        kind: type[Any],
+        topic: str,
+        qos: Any,
+        on_arrival: Callable[[], None],
+        *,
+        raw: bool = False,
+    ) -> None:
         super().__init__(on_arrival)
         self._link = link
 
         def take(message: M, info: dict[str, int | None]) -> None:
             self.put(message, info["received_timestamp"] or time.time_ns(), info["publication_sequence_number"] or 0)
 
-        self._subscription = link.node.create_subscription(kind, topic, take, qos)
+        self._subscription = link.node.create_subscription(kind, topic, take, qos, raw=raw)
 
     def close(self) -> None:
         """Hear no more."""
@@ -213,7 +223,7 @@ class Publisher:
         self._publisher = link.node.create_publisher(kind, topic, qos)
 
     def publish(self, message: Any) -> None:
-        """Publish; on any thread."""
+        """Publish a message, or its bytes; on any thread."""
         self._publisher.publish(message)
 
     def listeners(self) -> int:
@@ -265,11 +275,3 @@ def close_links() -> None:
         _links.clear()
     for link in links:
         link.close()
-
-
-def environment_domain() -> int:
-    """The ROS domain that the environment names; 0 if it names none (ValueError)."""
-    text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
-    if not text.isdigit() or int(text) > DOMAIN_MAX:
-        raise ValueError(f"expected ${DOMAIN_VARIABLE} from 0 to {DOMAIN_MAX}, got {text!r}")
-    return int(text)

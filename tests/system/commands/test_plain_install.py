@@ -81,8 +81,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("journal backup", [], WORKS),
     ("metrics", [], "metrics"),
     ("traces", [], "otel"),
-    ("ros2 gateway", [], "ros2"),
-    ("ros2-zenoh", [], "team,ros2-native"),
+    ("ros2 gateway", [], "team,ros2-native,ros2"),
 ]
 """Each command, arguments for it, and the extra that it needs."""
 LACKING = [

@@ -71,7 +71,7 @@ def test_an_rclpy_node_sees_map_poses_paths_and_scans_gives_a_task_and_halts(gat
     assert listener.spin(PATIENCE_S, lambda: answers)
     answer = json.loads(answers[0].data)
     assert answer["accepted"]
-    assert json.loads(answer["text"])["task"]["id"] == "look"
+    assert json.loads(answer["answer"])["task"]["id"] == "look"
 
     def told():
         return [
@@ -94,7 +94,7 @@ def test_an_rclpy_node_sees_map_poses_paths_and_scans_gives_a_task_and_halts(gat
     done = halt.call_async(Trigger.Request())
     assert listener.spin(PATIENCE_S, done.done)
     assert done.result().success, done.result().message
-    assert done.result().message == "halted: r1"
+    assert done.result().message == "r1: halted"
     assert team.state("r1").has_stopped
 
 
@@ -131,7 +131,7 @@ def test_transforms_are_published_and_a_task_is_submitted_by_a_service(gateway, 
 def test_what_is_no_task_is_answered_with_the_reason(gateway_of_answers, text, why):
     answer = gateway_of_answers(text)
     assert not answer["accepted"]
-    assert why in answer["text"]
+    assert why in answer["answer"]
 
 
 @pytest.fixture

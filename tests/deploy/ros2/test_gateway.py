@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.deploy.rmw_zenoh import gateway
-from robrain.deploy.rmw_zenoh.gateway import Gateway
-from robrain.deploy.rmw_zenoh.orders import Answer
+from robrain.deploy.ros2 import gateway
+from robrain.deploy.ros2.gateway import Gateway
+from robrain.deploy.ros2.orders import Answer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.map_frame import MapFrame

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 
 from robrain.coordinator.recording.reader.map_at import KnownMap
-from robrain.deploy.rmw_zenoh import ros_messages as make
-from robrain.deploy.rmw_zenoh.orders import Answer, Orders
+from robrain.deploy.ros2 import ros_messages as make
+from robrain.deploy.ros2.orders import Answer, Orders
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.ros2 import message_types as ros
 from robrain.protocol.ros2.definitions import Outcome, TaskAnswer
@@ -70,12 +70,12 @@ class Gateway:
     Args:
         wire: of the team; its owner closes it, after the gateway.
         port: the node of ROS 2; its owner closes it.
-        orders: whom tasks and halts are taken to.
+        orders: whom tasks and halts are taken to; None for nobody.
         map_frame: name of the arena frame in ROS 2.
 
     """
 
-    def __init__(self, wire: Endpoint, port: RosPort, orders: Orders, *, map_frame: str = MAP_FRAME) -> None:
+    def __init__(self, wire: Endpoint, port: RosPort, orders: Orders | None, *, map_frame: str = MAP_FRAME) -> None:
         self.left_out = 0
         """Messages of robots beyond `ROBOTS_MAX`, or with a name that another has in ROS 2."""
         self._wire = wire
@@ -90,9 +90,10 @@ class Gateway:
         self._tasks: dict[str, TaskEvent] = {}
         self._due_ns: dict[str, int] = {}
         self._waiting: list[_Waiting] = []
-        self._submissions = port.serve("submit_task", ros.SUBMIT_TASK)
-        self._texts = port.subscribe("submit_task", ros.STRING)
-        self._halts = port.serve("halt", ros.TRIGGER)
+        if orders is not None:
+            self._submissions = port.serve("submit_task", ros.SUBMIT_TASK)
+            self._texts = port.subscribe("submit_task", ros.STRING)
+            self._halts = port.serve("halt", ros.TRIGGER)
         for topic in (ROBOT_STATE, ROBOT_PATH, ARENA_SCAN, TASK_EVENT):
             wire.subscribe(self._inbox, topic)
         wire.subscribe(self._maps, ROBOT_MAP)
@@ -100,7 +101,8 @@ class Gateway:
     def step(self) -> None:
         """Show what is new, and answer what has been asked."""
         now_ns = self._wire.clock.now_ns()
-        self._answer()
+        if self._orders is not None:
+            self._answer(self._orders)
         self._show(now_ns)
         self._show_map(now_ns)
         if self._is_due("markers", MARKERS_NS, now_ns):
@@ -118,7 +120,7 @@ class Gateway:
                 self.left_out += 1
             elif topic is ROBOT_STATE:
                 self._take_state(message, word)
-                if message.pose is not None and message.frame == ARENA:
+                if _is_placed(message):
                     moved.append(make.transform(word, message.pose, self._frame, message.stamp_ns or now_ns))
             elif topic is ROBOT_PATH:
                 self._write(f"{word}/path", ros.PATH, LATCHED, make.path(message, self._frame))
@@ -133,7 +135,7 @@ class Gateway:
         if word not in self._states:  # patches have changes only
             self._wire.ask_into(self._maps, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=state.robot)
         self._states[word] = state
-        if state.pose is not None and state.frame == ARENA:
+        if state.pose is not None and _is_placed(state):
             pose = make.pose_stamped(state.pose, self._frame, state.stamp_ns)
             self._write(f"{word}/pose", ros.POSE_STAMPED, RELIABLE, pose)
         if state.battery is not None:
@@ -183,13 +185,13 @@ class Gateway:
 
     # -- what is asked ------------------------------------------------------------------------------------------
 
-    def _answer(self) -> None:
+    def _answer(self, orders: Orders) -> None:
         for halt in self._halts.requests():
-            self._waiting.append(_Waiting(self._orders.halt(), _reply(halt, Outcome)))
+            self._waiting.append(_Waiting(orders.halt(), _reply(halt, Outcome)))
         for asked in self._submissions.requests():
-            self._waiting.append(_Waiting(self._orders.submit(asked.request.task), _reply(asked, TaskAnswer)))
+            self._waiting.append(_Waiting(orders.submit(asked.request.task), _reply(asked, TaskAnswer)))
         for heard in self._texts.take():
-            self._waiting.append(_Waiting(self._orders.submit(heard.message.data), self._tell_all))
+            self._waiting.append(_Waiting(orders.submit(heard.message.data), self._tell_all))
         waiting, self._waiting = self._waiting, []
         for each in waiting:
             if each.future.done():
@@ -200,6 +202,11 @@ class Gateway:
     def _tell_all(self, answer: Answer) -> None:
         text = msgspec.json.encode({"accepted": answer.accepted, "answer": answer.text}).decode()
         self._write("task_answers", ros.STRING, RELIABLE, String(text))
+
+
+def _is_placed(state: RobotState) -> bool:
+    """Whether a robot knows its place in the arena frame."""
+    return state.pose is not None and state.frame == ARENA and not state.lost
 
 
 def _reply(request: Request[Any, R], response: Callable[[bool, str], R]) -> Callable[[Answer], None]:

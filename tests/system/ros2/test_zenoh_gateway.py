@@ -1,4 +1,4 @@
-"""`robrain ros2-zenoh` shows a live team to a node of ROS 2, which sends a task and halts all."""
+"""`robrain ros2 gateway --zenoh` shows a live team to a node of ROS 2, which sends a task and halts all."""
 
 import json
 import time
@@ -30,8 +30,8 @@ def session(commands) -> Iterator[zenoh.Session]:
     endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
     commands.line_with(commands.start("agent", "r1.toml"), "agent: r1 is up")
     commands.line_with(commands.start("coordinator", "--connect", endpoint), "coordinator: of team default")
-    gateway = commands.start("ros2-zenoh", "--connect", endpoint, "--domain", "3")
-    assert "under /robrain in domain 3" in commands.line_with(gateway, "ros2-zenoh: team default")
+    gateway = commands.start("ros2", "gateway", "--zenoh", "--connect", endpoint, "--domain", "3")
+    assert "in ROS domain 3; orders" in commands.line_with(gateway, "ros2 gateway: team default")
     with closing(open_session(connect=(endpoint,))) as opened:
         yield opened
 
