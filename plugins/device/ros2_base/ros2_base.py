@@ -1,6 +1,6 @@
 """The base of a ROS 2 robot: velocities on `cmd_vel`, odometry from `odom`, with the interface of the stock base.
 
-A robot that tells no odometry is a fault of this device, which is told to the team, and which the manifest's restart
+A robot that sends no odometry is a fault of this device, which is reported to the team, and which the manifest's restart
 policy ends once the robot speaks again. The odometry goes on where it was, also if that of the robot starts again.
 """
 
@@ -16,11 +16,11 @@ from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters, MocDeviceInterface
+from robrain.plugins.device.ros2.checked_topic import CheckedTopic
 from robrain.plugins.device.ros2.command_gate import TICK_S, CommandGate
-from robrain.plugins.device.ros2.link import Publisher, Ros2Link, Subscription, open_link
+from robrain.plugins.device.ros2.link import Publisher, Ros2Link, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
-from robrain.plugins.device.ros2.stamp_clock import StampClock
-from robrain.plugins.device.ros2_base.odometry_message import BadOdometry, OdometryMessage, read_odometry
+from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry, read_odometry
 from robrain.plugins.device.ros2_base.told_path import ToldPath
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.ranges import check_positive
@@ -67,11 +67,10 @@ class Ros2Base(Device):
 
     def init(self) -> None:
         self._link: Ros2Link | None = None
-        self._inbox: Subscription[OdometryMessage] | None = None
+        self._odometry: CheckedTopic[ToldOdometry] | None = None
         self._publisher: Publisher | None = None
         self._gate: CommandGate | None = None
-        self._believed = self._rejected = self._jumps = 0
-        self._why_rejected = ""
+        self._believed = self._jumps = 0
 
     def activate(self) -> None:
         board, wanted = self.env.board, self.parameters
@@ -81,7 +80,6 @@ class Ros2Base(Device):
         """The robot has told odometry before: this is a restart, or a reload."""
         start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
         self._path = ToldPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.told_odometry)
-        self._clock = StampClock()
         self._heard_ns: int | None = None
         self._since_ns = self.env.clock.now_ns()
         link = self._link = open_link(self.env, wanted)
@@ -92,7 +90,8 @@ class Ros2Base(Device):
         )
         self._gate = CommandGate(self._publish, time.monotonic_ns)
         self._end_ticks = link.every(TICK_S, self._gate.tick)
-        self._inbox = link.subscribe(Odometry, wanted.topic(wanted.odom), qos_profile_sensor_data, _ignore)
+        topic, qos = wanted.topic(wanted.odom), qos_profile_sensor_data
+        self._odometry = CheckedTopic(link, Odometry, topic, qos, read_odometry, _ignore)
 
     def step(self) -> None:
         if self._gate is None:
@@ -111,10 +110,10 @@ class Ros2Base(Device):
             self._gate.close()
             self._end_ticks()
             self._gate = None
-        for held in (self._publisher, self._inbox):
+        for held in (self._publisher, self._odometry):
             if held is not None:
                 held.close()
-        self._publisher = self._inbox = None
+        self._publisher = None
         if link is not None:
             link.release()
 
@@ -184,9 +183,10 @@ class Ros2Base(Device):
     def counters(self) -> Counters:
         """Messages believed, rejected and lost; `foreign` counts other publishers of the velocities."""
         self._catch_up()
-        link, inbox, wanted = self._link, self._inbox, self.parameters
+        link, heard, wanted = self._link, self._odometry, self.parameters
         foreign = max(link.publishers(wanted.topic(wanted.cmd_vel)) - 1, 0) if link is not None else 0
-        return Counters(self._believed, self._rejected, foreign, inbox.dropped if inbox is not None else 0, self._jumps)
+        rejected, dropped = (heard.rejected, heard.dropped) if heard is not None else (0, 0)
+        return Counters(self._believed, rejected, foreign, dropped, self._jumps)
 
     def status(self) -> ControllerStatus | None:
         """None: a ROS 2 robot has no status of that kind."""
@@ -203,8 +203,8 @@ class Ros2Base(Device):
             found.append(self._silent_words("no odometry"))
         if not publisher.listeners():
             found.append(f"nothing listens to {wanted.topic(wanted.cmd_vel)}")
-        if self._why_rejected:
-            found.append(f"the last odometry that was rejected: {self._why_rejected}")
+        if self._odometry is not None and self._odometry.why_rejected:
+            found.append(f"the last odometry that was rejected: {self._odometry.why_rejected}")
         return "; ".join(found)
 
     def _publish(self, twist: Twist2D) -> None:
@@ -222,18 +222,11 @@ class Ros2Base(Device):
         publisher.publish(message)
 
     def _catch_up(self) -> None:
-        inbox = self._inbox
-        if not inbox:  # nothing has come
+        heard = self._odometry
+        if not heard:  # nothing has come
             return
-        for arrived in inbox.drain():
-            try:
-                told = read_odometry(arrived.message)
-            except BadOdometry as error:
-                self._rejected += 1
-                self._why_rejected = str(error)
-                continue
-            measured_ns = self._clock.measured_ns(told.stamp_ns, arrived.arrived_ns)
-            if not self._path.take(told, measured_ns, arrived.number):
+        for told, measured_ns, number in heard.take():
+            if not self._path.take(told, measured_ns, number):
                 self._jumps += 1
             self._believed += 1
             if self._heard_ns is None and self._is_again:

@@ -9,10 +9,10 @@ from sensor_msgs.msg import BatteryState
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.plugins.device.bm2.counting import counted
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
-from robrain.plugins.device.ros2.link import Ros2Link, Subscription, open_link
+from robrain.plugins.device.ros2.checked_topic import CheckedTopic
+from robrain.plugins.device.ros2.link import Ros2Link, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
-from robrain.plugins.device.ros2.stamp_clock import StampClock
-from robrain.plugins.device.ros2_battery.battery_message import BadBattery, BatteryMessage, read_battery
+from robrain.plugins.device.ros2_battery.battery_message import BatteryMessage, ToldBattery, read_battery
 from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 
@@ -45,37 +45,26 @@ class Ros2Battery(Device):
 
     def init(self) -> None:
         self._link: Ros2Link | None = None
-        self._inbox: Subscription[BatteryMessage] | None = None
+        self._topic: CheckedTopic[ToldBattery] | None = None
         self._latest: BatteryMeasurement | None = None
-        self._rejected = 0
-        self._why_rejected = ""
 
     def activate(self) -> None:
         wanted = self.parameters
-        self._clock = StampClock()
         self._link = open_link(self.env, wanted)
-        topic = wanted.topic(wanted.battery)
-        self._inbox = self._link.subscribe(BatteryState, topic, qos_profile_sensor_data, self.env.hurry)
+        topic, qos = wanted.topic(wanted.battery), qos_profile_sensor_data
+        self._topic = CheckedTopic(self._link, BatteryState, topic, qos, self._read, self.env.hurry)
 
     def step(self) -> None:
         wanted = self.parameters
-        for arrived in self._inbox.drain() if self._inbox is not None else ():
-            try:
-                told = read_battery(arrived.message, wanted.current_a, wanted.temperature_c)
-            except BadBattery as error:
-                self._rejected += 1
-                self._why_rejected = str(error)
-                continue
-            stamp_ns = self._clock.measured_ns(told.stamp_ns, arrived.arrived_ns)
-            volts, amps, celsius = told.voltage_v, told.current_a, told.temperature_c
-            report = msgspec.UNSET if told.has_current else BatteryReport(has_current=False)
+        for state, stamp_ns, _ in self._topic.take() if self._topic is not None else ():
+            volts, amps, celsius = state.voltage_v, state.current_a, state.temperature_c
+            report = msgspec.UNSET if state.has_current else BatteryReport(has_current=False)
             self._latest = counted(self._latest, stamp_ns, volts, amps, celsius, report, gap_s=wanted.gap_s)
 
     def deactivate(self) -> None:
         link, self._link = self._link, None
-        if self._inbox is not None:
-            self._inbox.close()
-            self._inbox = None
+        if self._topic is not None:
+            self._topic.close()
         if link is not None:
             link.release()
 
@@ -88,9 +77,12 @@ class Ros2Battery(Device):
     @external
     def rejected(self) -> int:
         """Messages that were rejected: numbers out of range, or no current."""
-        return self._rejected
+        return self._topic.rejected if self._topic is not None else 0
 
     @external
     def why_rejected(self) -> str:
         """Why the last of them was; empty if none was."""
-        return self._why_rejected
+        return self._topic.why_rejected if self._topic is not None else ""
+
+    def _read(self, message: BatteryMessage) -> ToldBattery:
+        return read_battery(message, self.parameters.current_a, self.parameters.temperature_c)

@@ -6,10 +6,10 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan as LaserScanMessage
 
 from robrain.agent.plugin import external
-from robrain.plugins.device.ros2.link import Ros2Link, Subscription, open_link
+from robrain.plugins.device.ros2.checked_topic import CheckedTopic
+from robrain.plugins.device.ros2.link import Ros2Link, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
-from robrain.plugins.device.ros2.stamp_clock import StampClock
-from robrain.plugins.device.ros2_scan.scan_message import BadScan, ScanMessage, ScanReader
+from robrain.plugins.device.ros2_scan.scan_message import ScanReader, ToldScan
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, LidarFault
 from robrain.protocol.model.geometry import Pose2D
@@ -58,41 +58,32 @@ class Ros2Scan(LidarDevice):
     def init(self) -> None:
         super().init()
         self._link: Ros2Link | None = None
-        self._inbox: Subscription[ScanMessage] | None = None
-        self._why_rejected, self._rejected = "", 0
+        self._topic: CheckedTopic[ToldScan] | None = None
 
     def begin(self) -> None:
         wanted = self.parameters
-        self._clock = StampClock()
-        self._reader = ScanReader(Pose2D(wanted.x_m, wanted.y_m, wanted.yaw_rad), wanted.beams, wanted.range_max_m)
+        reader = ScanReader(Pose2D(wanted.x_m, wanted.y_m, wanted.yaw_rad), wanted.beams, wanted.range_max_m)
         link, topic = open_link(self.env, wanted), wanted.topic(wanted.scan)
         self._link = link
         if self.env.board.has_scanned and link.is_gone(topic):
             raise LidarFault(self.env.plugin, f"no turn of the lidar{self.where()}")
-        self._inbox = link.subscribe(LaserScanMessage, topic, qos_profile_sensor_data, self.env.hurry)
+        qos = qos_profile_sensor_data
+        self._topic = CheckedTopic(link, LaserScanMessage, topic, qos, reader.read, self.env.hurry)
 
     def take_turns(self, now_ns: int) -> None:
-        link, inbox = self._link, self._inbox
-        if link is None or inbox is None:
+        link, topic = self._link, self._topic
+        if link is None or topic is None:
             return
         if link.failure:
             self.fail(link.failure)
-        for arrived in inbox.drain():
-            try:
-                told = self._reader.read(arrived.message)
-            except BadScan as error:
-                self._rejected += 1
-                self._why_rejected = str(error)
-                continue
-            measured_ns = self._clock.measured_ns(told.stamp_ns, arrived.arrived_ns)
-            scan = LaserScan(measured_ns, told.angles_rad, told.ranges_m, told.range_max_m)
-            self.note(scan, [round(MM_PER_M * range_m) for range_m in told.ranges_m], now_ns)
+        for turn, measured_ns, _ in topic.take():
+            scan = LaserScan(measured_ns, turn.angles_rad, turn.ranges_m, turn.range_max_m)
+            self.note(scan, [round(MM_PER_M * range_m) for range_m in turn.ranges_m], now_ns)
 
     def deactivate(self) -> None:
         link, self._link = self._link, None
-        if self._inbox is not None:
-            self._inbox.close()
-            self._inbox = None
+        if self._topic is not None:
+            self._topic.close()
         if link is not None:
             link.release()
 
@@ -107,9 +98,9 @@ class Ros2Scan(LidarDevice):
     @external
     def rejected(self) -> int:
         """Turns that were rejected: angles, ranges or limits that cannot be."""
-        return self._rejected
+        return self._topic.rejected if self._topic is not None else 0
 
     @external
     def why_rejected(self) -> str:
         """Why the last of them was; empty if none was."""
-        return self._why_rejected
+        return self._topic.why_rejected if self._topic is not None else ""
