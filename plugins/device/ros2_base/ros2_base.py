@@ -1,7 +1,8 @@
 """The base of a ROS 2 robot: velocities on `cmd_vel`, odometry from `odom`, with the interface of the stock base.
 
-A robot that sends no odometry is a fault of this device, which is reported to the team, and which the manifest's restart
-policy ends once the robot speaks again. The odometry goes on where it was, also if that of the robot starts again.
+A robot that sends no odometry is a fault of this device, which is reported to the team, and which the manifest's
+restart policy ends once the robot is heard again. The odometry continues where it was, also if the robot's own starts
+again.
 """
 
 import math
