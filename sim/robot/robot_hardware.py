@@ -6,8 +6,8 @@ import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Differential
 from robrain.sim.firmware.battery import BatterySpec
+from robrain.sim.firmware.described_controller import Chassis, frames_of
 from robrain.sim.firmware.power_model import PowerModel
 from robrain.sim.firmware.range_sensors import RangeSensorSpec
 from robrain.sim.robot.camera import CameraSpec
@@ -23,8 +23,9 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     base: OmniBase = OmniBase()
     """The three omni wheels that move it."""
-    chassis: Differential | None = None
-    """Two driven wheels instead, on a controller with other frames (`protocol/can/two_wheels.dbc`)."""
+    chassis: Chassis | None = None
+    """Other wheels instead, on a controller with other frames: `type` is differential (`protocol/can/two_wheels.dbc`),
+    omni or mecanum, with four wheels (`four_wheels.dbc`), or ackermann (`car.dbc`)."""
     radius_m: float = 0.2
     """Radius of the robot's footprint, a disc."""
     battery: BatterySpec = BatterySpec()
@@ -39,6 +40,8 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     def __post_init__(self) -> None:
         if not self.radius_m > 0:
             raise ValueError(f"expected radius_m > 0, got {self.radius_m}")
+        if self.chassis is not None:
+            frames_of(self.chassis)
 
 
 class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields=True):

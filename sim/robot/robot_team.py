@@ -53,8 +53,8 @@ class RobotTeam:
         self._ranging = [[robot for robot in robots if robot.ranges.measures_at(tick)] for tick in range(turns)]
         """Whose range sensors measure in a tick, by its remainder."""
         self._sweeping = [robot for robot in robots if robot.line is not None]
-        self._two_wheels = [robot for robot in robots if robot.two_wheels is not None]
-        self._three_wheels = [(row, robot.bus) for row, robot in enumerate(robots) if robot.two_wheels is None]
+        self._described = [robot for robot in robots if robot.described is not None]
+        self._three_wheels = [(row, robot.bus) for row, robot in enumerate(robots) if robot.described is None]
         """Rows and buses of the robots whose encoder frames are made together."""
         self._late = [robot for robot in robots if robot.is_late]
 
@@ -79,7 +79,7 @@ class RobotTeam:
             frames = self._encoders.frames(bodies.turns_rad)
             for row, bus in self._three_wheels:
                 bus.send_data(ENCODER_IDENTIFIER, frames[row])
-        for robot in self._two_wheels:
+        for robot in self._described:
             self._follow(robot, before)
         for row, robot in enumerate(robots):
             controller, ranges = robot.controller, robot.ranges
@@ -99,9 +99,9 @@ class RobotTeam:
                     bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s
 
     def _follow(self, robot: SimulatedRobot, before: int) -> None:
-        controller, body = robot.two_wheels, robot.body
+        controller, body = robot.described, robot.body
         if controller is not None:
-            controller.roll(body.forward_m, body.turned_rad)
+            controller.roll(body.forward_m, body.left_m, body.turned_rad)
             if before % controller.encoder_period_ticks == 0:
                 controller.tell_counts()
 

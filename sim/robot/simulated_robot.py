@@ -5,7 +5,6 @@ import pymunk
 from numpy.typing import NDArray
 
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.plugins.device.mocdevice.signal_frame import read_dbc
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
@@ -15,10 +14,10 @@ from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.battery import Battery
 from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps
+from robrain.sim.firmware.described_controller import DescribedController, obeyed
 from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
-from robrain.sim.firmware.two_wheel_controller import DBC, FRAMES, TwoWheelController
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.robot.lidar import Lidar
 from robrain.sim.robot.robot_body import MASS_KG, RobotBody
@@ -28,12 +27,12 @@ from robrain.sim.robot.wheels import Wheels
 CAN_CHANNEL = "can0"
 STANDARD_MASK = 0x7FF
 OBEYED = ("WheelCommand", "Stop")
-"""Frames that the robot's nodes listen to; those of a differential base listen to its commands."""
+"""Frames that the robot's nodes listen to; those of a described base listen to its commands."""
 
 
 def _obeyed(spec: ArenaRobot) -> list[int]:
     if spec.chassis is not None:
-        return [read_dbc(DBC).get_message_by_name(one.frame).frame_id for one in FRAMES.commands]
+        return obeyed(spec.chassis)
     return [codec(name).arbitration_id for name in OBEYED]
 
 
@@ -105,15 +104,15 @@ class SimulatedRobot:
         self.scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
         self.scan_phase = index % self.scan_period_ticks if spec.has_lidar else -1
         """A turn of the lidar is complete with each tick that leaves this when it is divided by the period."""
-        self.two_wheels: TwoWheelController | None = None
-        """The controller, if it is that of a differential base."""
+        self.described: DescribedController | None = None
+        """The controller, if it is that of a described base."""
         if spec.chassis is None:
             self.controller = MotorController(self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors)
         else:
-            self.two_wheels = TwoWheelController(
+            self.described = DescribedController(
                 self.bus, spec.chassis, spec.base, tick_s, lambda: self.bus.transmit_errors
             )
-            self.controller = self.two_wheels
+            self.controller = self.described
         self.ranges = RangeSensors(
             self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
         )

@@ -34,8 +34,15 @@ class RobotType(StrEnum):
     """Large and slow, with a large battery."""
     TWO_WHEELS = "two_wheels"
     """A differential base, whose motor controller has other frames (`protocol/can/two_wheels.dbc`)."""
+    FOUR_OMNI = "four_omni"
+    """Four omni wheels (`protocol/can/four_wheels.dbc`)."""
+    MECANUM = "mecanum"
+    """Four mecanum wheels, with the same frames."""
+    CAR = "car"
+    """Front wheels that steer (`protocol/can/car.dbc`)."""
 
 
+WHEELS = {"wheel_radius_m": 0.05, "encoder_ticks_per_turn": 4096}
 HARDWARE: Mapping[RobotType, dict[str, Any]] = MappingProxyType(
     {
         RobotType.OMNI: {},
@@ -51,7 +58,16 @@ HARDWARE: Mapping[RobotType, dict[str, Any]] = MappingProxyType(
             "battery": {"capacity_wh": 90.0},
         },
         RobotType.TWO_WHEELS: {
-            "chassis": {"wheel_radius_m": 0.05, "track_m": 0.3, "encoder_ticks_per_turn": 4096},
+            "chassis": {"type": "differential", "track_m": 0.3, **WHEELS},
+        },
+        RobotType.FOUR_OMNI: {
+            "chassis": {"type": "omni", "wheel_distance_m": 0.16, "wheel_angles_deg": [45, 135, 225, 315], **WHEELS},
+        },
+        RobotType.MECANUM: {
+            "chassis": {"type": "mecanum", "wheelbase_m": 0.22, "track_m": 0.26, **WHEELS},
+        },
+        RobotType.CAR: {
+            "chassis": {"type": "ackermann", "wheelbase_m": 0.2, "track_m": 0.24, "steering_max_rad": 0.6, **WHEELS},
         },
     }
 )
@@ -61,6 +77,9 @@ PLUGINS: Mapping[RobotType, dict[str, dict[str, Any]]] = MappingProxyType(
         RobotType.OMNI: {},
         RobotType.SCOUT: {},
         RobotType.TWO_WHEELS: {},
+        RobotType.FOUR_OMNI: {},
+        RobotType.MECANUM: {},
+        RobotType.CAR: {},
         RobotType.CARRIER: {"driver": {"speed_m_s": 0.4, "acceleration_m_s2": 0.5, "turn_rate_rad_s": 1.0}},
     }
 )

@@ -22,8 +22,8 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.firmware.described_controller import frames_of
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
-from robrain.sim.firmware.two_wheel_controller import FRAMES
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -268,7 +268,7 @@ def _base(robot: ArenaRobot) -> dict[str, Any]:
     """Parameters of `mocdevice`: the wheels, and the frames if they are not the Robertino's."""
     if robot.chassis is None:
         return {"base": msgspec.to_builtins(robot.base)}
-    return {"base": msgspec.to_builtins(robot.chassis), "frames": msgspec.to_builtins(FRAMES)}
+    return {"base": msgspec.to_builtins(robot.chassis), "frames": msgspec.to_builtins(frames_of(robot.chassis))}
 
 
 def _roles(robot: ArenaRobot) -> dict[str, str]:

@@ -7,6 +7,7 @@ sideways motion of a differential base, is 0 in it.
 """
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated
 
@@ -76,6 +77,10 @@ class DescribedBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         for speed, (x, y, w) in zip(wheels_rad_s, self._inverse, strict=True):
             forward, left, turn = forward + x * speed, left + y * speed, turn + w * speed
         return Twist2D(radius * forward, radius * left, radius * turn)
+
+    def commanded(self, values: Sequence[float]) -> Twist2D:
+        """What the base does when its controller is sent these `commands`."""
+        return self.twist(*values)
 
     @cached_property
     def _inverse(self) -> Rows:
@@ -187,6 +192,12 @@ class Ackermann(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=
             return (0.0, 0.0)
         steering = math.atan(self.wheelbase_m * twist.yaw_rad_s / twist.forward_m_s)
         return (speed, max(-self.steering_max_rad, min(self.steering_max_rad, steering)))
+
+    def commanded(self, values: Sequence[float]) -> Twist2D:
+        """As in DescribedBase; it does not steer further than it can."""
+        forward_m_s, steering = values[0] * self.wheel_radius_m, values[1]
+        steering = max(-self.steering_max_rad, min(self.steering_max_rad, steering))
+        return Twist2D(forward_m_s, 0.0, forward_m_s * math.tan(steering) / self.wheelbase_m)
 
 
 WheelBase = OmniBase | Omni | Mecanum | Differential | Ackermann

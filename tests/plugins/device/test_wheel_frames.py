@@ -22,7 +22,7 @@ from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
 from robrain.protocol.can.frames import BadFrame, codec, crc8_j1850
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.navigation.wheel_bases import Differential
-from robrain.sim.firmware.two_wheel_controller import FRAMES
+from robrain.sim.firmware.described_controller import TWO_WHEELS as FRAMES
 from tests.plugins.device.bare_device import BareDevice
 
 BASE = Differential(wheel_radius_m=0.1, track_m=0.4, encoder_ticks_per_turn=1000)

@@ -98,3 +98,19 @@ def test_a_car_is_told_a_speed_and_a_steering_angle() -> None:
 def test_what_makes_no_base_is_refused_in_words(raw: dict[str, Any], why: str) -> None:
     with pytest.raises(msgspec.ValidationError, match=why):
         msgspec.convert(raw, WheelBase)
+
+
+@given(st.one_of(OMNIS, MECANUMS), SPEEDS, SPEEDS, SPEEDS)
+def test_a_controller_does_what_the_commands_were_made_for(base: WheelBase, x: float, y: float, yaw: float) -> None:
+    assert as_tuple(base.commanded(base.commands(Twist2D(x, y, yaw), 1e6))) == pytest.approx((x, y, yaw), abs=1e-9)
+
+
+@given(CARS, st.floats(0.1, 3.0), st.sampled_from((1.0, -1.0)), st.floats(-1.0, 1.0))
+def test_a_car_does_so_within_its_steering_and_turns_no_tighter(
+    car: Ackermann, speed_m_s: float, way: float, share: float
+) -> None:
+    tightest_rad_s = speed_m_s / car.turn_radius_min_m
+    for yaw_rad_s in (share * tightest_rad_s, 2.0 * math.copysign(tightest_rad_s, share)):
+        done = car.commanded(car.commands(Twist2D(way * speed_m_s, 0.0, yaw_rad_s), 1e6))
+        drivable_rad_s = max(-tightest_rad_s, min(tightest_rad_s, yaw_rad_s))
+        assert as_tuple(done) == pytest.approx((way * speed_m_s, 0.0, drivable_rad_s), rel=1e-6, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Robots with two driven wheels: the same plugins, other frames on the bus, no way sideways."""
+"""Robots with other wheels than three omni ones: the same plugins, other frames on the bus."""
 
 import math
 
@@ -6,7 +6,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.world.robot_specs import RobotSpec, RobotType
+from robrain.sim.world.robot_specs import WHEELS, RobotSpec, RobotType
 
 TWO = Scenario.builtin("arena_small").replace(robots=1, motes=0, roster=(RobotSpec(type=RobotType.TWO_WHEELS),))
 
@@ -29,8 +29,32 @@ def test_odometry_of_two_wheels_is_exact_and_the_hull_never_slides_sideways() ->
     run.close()
 
 
+@pytest.mark.parametrize("kind", [RobotType.FOUR_OMNI, RobotType.MECANUM])
+def test_odometry_of_four_wheels_is_exact_and_the_hull_slides_sideways_too(kind: RobotType) -> None:
+    run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=kind),)).world())
+    (robot,), start, sideways_m = run.arena._robots, run.arena._robots[0].body.pose, 0.0
+    for _ in range(500):
+        run.tick()
+        sideways_m += abs(robot.body.left_m)
+    device = run.hosts[0].manager.get("mocdevice").plugin
+    true, found = robot.body.pose, start.compose(device.pose())
+    assert found.distance_m(true) < 0.01
+    assert math.remainder(found.yaw_rad - true.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.002)
+    assert sideways_m > 0.05
+    counters = device.counters()
+    assert (counters.rejected, counters.foreign, len(device.wheel_counts().counts)) == (0, 0, 4)
+    assert device.is_holonomic()
+    run.close()
+
+
+def test_wheels_that_no_simulated_controller_turns_are_refused_with_their_key() -> None:
+    wide = {"chassis": {"type": "differential", "wheels_per_side": 2, "track_m": 0.3, **WHEELS}}
+    with pytest.raises(ValueError, match="chassis: expected two driven wheels, four omni or mecanum wheels or a car"):
+        RobotSpec(hardware=wide)
+
+
 def test_a_mixed_team_explores_without_collisions_in_equal_runs_alike() -> None:
-    specs = (RobotSpec(type=RobotType.TWO_WHEELS), RobotSpec(), RobotSpec(type=RobotType.TWO_WHEELS))
+    specs = tuple(RobotSpec(type=kind) for kind in (RobotType.TWO_WHEELS, RobotType.OMNI, RobotType.MECANUM))
     mixed = Scenario.builtin("depot").replace(robots=3, motes=0, roster=specs, seed=5)
     first, again = mixed.run(), mixed.run()
     assert (first.ended, first.collisions) == ("explored", 0)
@@ -40,7 +64,7 @@ def test_a_mixed_team_explores_without_collisions_in_equal_runs_alike() -> None:
 def test_wheels_stop_when_commands_cease_and_a_failed_power_stage_is_told_and_acknowledged() -> None:
     run = LockstepRun(TWO.world())
     robot, plugin = run.arena._robots[0], run.hosts[0].manager.get("mocdevice")
-    controller = robot.two_wheels
+    controller = robot.described
     assert controller is not None
     for _ in range(200):
         run.tick()

@@ -1,0 +1,160 @@
+"""The motor controller of a described base: other wheels and other frames than the Robertino's.
+
+The simulated hull moves by three omni wheels; this controller turns them so that it moves as the described wheels would
+move it, and counts how far those would have turned.
+"""
+
+from collections.abc import Callable, Sequence
+
+import can
+
+from robrain.plugins.device.mocdevice.frame_map import Checksum, FrameMap, FrameSignals, StatusFrame, StopFrame, Unit
+from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
+from robrain.protocol.can.frame_port import frame_port
+from robrain.protocol.can.frames import BadFrame
+from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni
+from robrain.sim.firmware.motor_controller import MotorController, MotorState
+
+Chassis = Differential | Omni | Mecanum | Ackermann
+HALF_TURN, MODULUS = 1 << 31, 1 << 32
+
+
+def _map(dbc: str, command: FrameSignals, *encoders: FrameSignals) -> FrameMap:
+    return FrameMap(
+        dbc=dbc,
+        commands=(command,),
+        encoders=encoders,
+        stop=StopFrame(frame=""),
+        status=StatusFrame(frame="DriveState"),
+        counter="",
+        checksum=Checksum.NONE,
+    )
+
+
+TWO_WHEELS = _map(
+    "two_wheels",
+    FrameSignals(frame="DriveCommand", signals=("left_rpm", "right_rpm"), units=(Unit.RPM,)),
+    FrameSignals(frame="LeftEncoder", signals=("left_counts",)),
+    FrameSignals(frame="RightEncoder", signals=("right_counts",)),
+)
+FOUR_WHEELS = _map(
+    "four_wheels",
+    FrameSignals(
+        frame="DriveCommand",
+        signals=("wheel_1_rpm", "wheel_2_rpm", "wheel_3_rpm", "wheel_4_rpm"),
+        units=(Unit.RPM,),
+    ),
+    FrameSignals(frame="EncodersOneTwo", signals=("wheel_1_counts", "wheel_2_counts")),
+    FrameSignals(frame="EncodersThreeFour", signals=("wheel_3_counts", "wheel_4_counts")),
+)
+CAR = _map(
+    "car",
+    FrameSignals(frame="DriveCommand", signals=("speed_rpm", "steering_deg"), units=(Unit.RPM, Unit.DEG)),
+    FrameSignals(frame="RearEncoders", signals=("left_counts", "right_counts")),
+)
+
+
+def frames_of(chassis: Chassis) -> FrameMap:
+    """What a robot must know of this controller's frames.
+
+    Raises:
+        ValueError: no simulated controller turns such wheels.
+
+    """
+    if isinstance(chassis, Ackermann):
+        return CAR
+    if isinstance(chassis, Differential) and chassis.wheels == 2:
+        return TWO_WHEELS
+    if not isinstance(chassis, Differential) and chassis.wheels == 4:
+        return FOUR_WHEELS
+    raise ValueError(
+        "chassis: expected two driven wheels, four omni or mecanum wheels or a car, "
+        f"got {chassis.wheels} wheels of {type(chassis).__name__.lower()}"
+    )
+
+
+def obeyed(chassis: Chassis) -> list[int]:
+    """Identifiers of the frames that the controller receives."""
+    frames = frames_of(chassis)
+    return [read_dbc(frames.dbc).get_message_by_name(one.frame).frame_id for one in frames.commands]
+
+
+class DescribedController(MotorController):
+    """See MotorController; `roll` follows the body in each tick, and `tell_counts` sends the encoders' frames.
+
+    Args:
+        bus: the robot's bus.
+        base: the described wheels.
+        hull: the wheels by which the simulated body moves.
+        tick_s: how long a tick is.
+        transmit_errors: of the node's CAN controller.
+
+    """
+
+    def __init__(
+        self, bus: can.BusABC, base: Chassis, hull: OmniBase, tick_s: float, transmit_errors: Callable[[], int]
+    ) -> None:
+        super().__init__(bus, hull, tick_s, transmit_errors)
+        self._base, self._hull = base, hull
+        self._described = frame_port(bus)
+        frames = frames_of(base)
+        dbc = read_dbc(frames.dbc)
+
+        def codec_of(one: FrameSignals) -> SignalFrame:
+            return SignalFrame(dbc.get_message_by_name(one.frame), one.signals, "", Checksum.NONE)
+
+        (command,) = frames.commands
+        self._wanted = codec_of(command)
+        units = command.units * (len(command.signals) // len(command.units))
+        self._per_si = tuple(unit.per_si(base.wheel_radius_m) for unit in units)
+        self._counts = tuple(codec_of(one) for one in frames.encoders)
+        self._state_frame = codec_of(FrameSignals(frame=frames.status.frame, signals=("state", "fault")))
+        self._turns_rad = [0.0] * base.wheels
+
+    def receive(self, tick: int | None = None) -> None:
+        """As MotorController."""
+        self._received_tick = tick = self._received_tick + 1 if tick is None else tick
+        before = self.state
+        if self.has_failed:
+            self._stand(MotorState.ERROR)
+        for identifier, data, _ in self._described.take_frames():
+            if identifier != self._wanted.arbitration_id:
+                continue
+            try:
+                values = self._wanted.decode(data)
+            except BadFrame:
+                self.rejected_frames += 1
+                continue
+            if not any(values) and self.state is MotorState.ERROR and not self.has_failed:
+                self._stand(MotorState.WATCHDOG)  # standing still acknowledges the failure
+            elif self.state is not MotorState.ERROR:
+                self._turn(values)
+        if tick >= self.due_tick:
+            self._stand(MotorState.WATCHDOG)
+        self.has_news |= self.state is not before
+
+    def roll(self, forward_m: float, left_m: float, turned_rad: float) -> None:
+        """Follow the body's motion of a tick."""
+        for wheel, turn_rad in enumerate(self._base.wheel_speeds_rad_s(Twist2D(forward_m, left_m, turned_rad))):
+            self._turns_rad[wheel] += turn_rad
+
+    def tell_counts(self) -> None:
+        """Send the counts of all wheels."""
+        counts = [int(turn_rad // self._base.rad_per_tick) for turn_rad in self._turns_rad]
+        for codec in self._counts:
+            own = [(counts.pop(0) + HALF_TURN) % MODULUS - HALF_TURN for _ in codec.bits]
+            self._described.send_data(codec.arbitration_id, codec.encode(0, *own))
+
+    def tell(self) -> None:
+        """As MotorController."""
+        self.has_news = False
+        data = self._state_frame.encode(0, self.state, int(self.has_failed))
+        self._described.send_data(self._state_frame.arbitration_id, data)
+
+    def _turn(self, values: Sequence[float]) -> None:
+        commands = [value / per_si for value, per_si in zip(values, self._per_si, strict=True)]
+        self._wanted_rad_s = self._hull.wheel_speeds_rad_s(self._base.commanded(commands))
+        self.due_tick = self._received_tick + self._watchdog_ticks
+        self.state = MotorState.RUNNING
