@@ -112,7 +112,9 @@ READS: Mapping[str, frozenset[str]] = MappingProxyType(
                 "motion", "blocked_why", "pose", "velocity", "odometry_noise", "bus_counters", "controller_status"
             }
         ),
-        "mocdevice": frozenset({"is_fresh", "is_holonomic", "gyro_bias_rad_s", "counters", "status"}),
+        "mocdevice": frozenset(
+            {"is_fresh", "is_holonomic", "turn_radius_min_m", "gyro_bias_rad_s", "counters", "status"}
+        ),
         "wander": frozenset({"wandering"}),
         "idle": frozenset({"idle_s"}),
         "home": frozenset({"chargers", "start"}),

@@ -99,7 +99,7 @@ class FrameMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """All of it, with what the frames have in common."""
 
     dbc: Annotated[str, Meta(min_length=1, max_length=4096)] = "robertino"
-    """Path of the DBC file; or `robertino` or `two_wheels`, which come with robrain."""
+    """Path of the DBC file; or `robertino`, `two_wheels`, `four_wheels` or `car`, which come with robrain."""
     commands: Annotated[tuple[FrameSignals, ...], Meta(min_length=1, max_length=SIGNALS_MAX)] = (
         FrameSignals(frame="WheelCommand", signals=("wheel_1_rad_s", "wheel_2_rad_s", "wheel_3_rad_s")),
     )

@@ -76,6 +76,9 @@ class MocDeviceInterface(Protocol):
     def is_holonomic(self) -> bool:
         """Whether the base can drive sideways; else the left part of a velocity is ignored."""
 
+    def turn_radius_min_m(self) -> float:
+        """Radius of the tightest turn; 0 for a base that turns on the spot."""
+
     def counters(self) -> Counters:
         """Frames believed, rejected, foreign and lost, and error frames."""
 

@@ -218,6 +218,11 @@ class WheelDevice(Device):
         return self.parameters.base.is_holonomic
 
     @external
+    def turn_radius_min_m(self) -> float:
+        """Radius of the tightest turn; 0 for a base that turns on the spot."""
+        return self.parameters.base.turn_radius_min_m
+
+    @external
     def counters(self) -> Counters:
         """Frames believed, rejected, foreign and lost, and error frames."""
         if self._pending:

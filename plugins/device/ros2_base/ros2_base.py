@@ -7,8 +7,10 @@ again.
 
 import math
 import time
+from typing import Annotated
 
 from geometry_msgs.msg import Twist, TwistStamped
+from msgspec import Meta
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
@@ -47,6 +49,8 @@ class Ros2Base(Device):
         """Topic of the odometry, nav_msgs/Odometry."""
         holonomic: bool = False
         """Whether the base can drive sideways."""
+        turn_radius_min_m: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
+        """Radius of the tightest turn, of a car; 0 for a base that turns on the spot."""
         radius_m: float = 0.20
         """Radius of the round footprint."""
         speed_m_s: float = 1.0
@@ -179,6 +183,11 @@ class Ros2Base(Device):
     def is_holonomic(self) -> bool:
         """Whether the base can drive sideways."""
         return self.parameters.holonomic
+
+    @external
+    def turn_radius_min_m(self) -> float:
+        """Radius of the tightest turn; 0 for a base that turns on the spot."""
+        return self.parameters.turn_radius_min_m
 
     @external
     def counters(self) -> Counters:

@@ -21,6 +21,7 @@ from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, MocDeviceInterface
 from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
+from robrain.plugins.unit.driver.arcs import Arcs
 from robrain.plugins.unit.driver.by_hand import ByHand
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
 from robrain.plugins.unit.driver.on_base import OnBase
@@ -41,14 +42,15 @@ DELAY_S = PERIOD_S + 0.02
 """From the pose that a command is decided on until the wheels obey, at the most."""
 ARRIVED_M = 0.08
 """Of paths; who plans anew all the time needs no more."""
-PLACED_M, STEERED_M = 0.01, 0.03
-"""Of actions that go to a place; the latter for a base that cannot drive sideways."""
-TURNED_RAD = 0.008
+PLACED_M, STEERED_M, PARKED_M = 0.01, 0.03, 0.2
+"""Of actions that go to a place; of a base that cannot drive sideways; of one that cannot turn on the spot."""
+TURNED_RAD, PARKED_RAD = 0.008, 0.05
 BLOCKED_M = 0.02
 """Less room than this ahead is none."""
 POINTS_MAX = 100_000
 _X_Y = attrgetter("x_m", "y_m")
 NO_ODOMETRY = "no data from the wheel encoders"
+NO_ROOM = "there is no room to turn"
 IN_THE_WAY = "an obstacle has blocked the path"
 TOO_NARROW = "the path has been too narrow"
 
@@ -95,6 +97,8 @@ class Driver(OnBase):
         limits = self.parameters
         self._way = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3), PERIOD_S)  # of the body, frame odom
         self._turn = Ramp(RampLimits(limits.turn_acceleration_rad_s2, limits.turn_jerk_rad_s3), PERIOD_S)
+        self._arcs: Arcs | None = None
+        """Of a base that cannot turn on the spot."""
         self._hand = ByHand(limits.hand_lease_s)
         self._actions = ActionDesk(self.env, self.progress, self.finished)
         self._action: Action | None = None
@@ -125,7 +129,9 @@ class Driver(OnBase):
             period_s=PERIOD_S,
             delay_s=DELAY_S,
             is_holonomic=self._moc.is_holonomic(),
+            turn_radius_min_m=self._moc.turn_radius_min_m(),
         )
+        self._arcs = self._steering.arcs
 
     def step(self) -> None:
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
@@ -206,12 +212,18 @@ class Driver(OnBase):
         check_range("go_to", x_m, y_m, yaw_rad)
         steers = not self._steering.is_holonomic
         placed_m = STEERED_M if steers else PLACED_M
-        path = Path([Point2D(x_m, y_m)], placed_m, wrap_angle_rad(yaw_rad), TURNED_RAD, steers=steers)
+        turned_rad = TURNED_RAD
+        if self._arcs is not None:
+            placed_m, turned_rad = PARKED_M, PARKED_RAD
+        path = Path([Point2D(x_m, y_m)], placed_m, wrap_angle_rad(yaw_rad), turned_rad, steers=steers)
         return self._start_path("go_to", path)
 
     @external
     def turn(self, angle_rad: Radians) -> str:
-        """Turn on the spot, to the left if positive, also by more than a full turn; returns the action's id."""
+        """Turn on the spot, to the left if positive, also by more than a full turn; returns the action's id.
+
+        A base that cannot turn on the spot drives to and fro.
+        """
         check_range("turn", angle_rad)
         pose = self._moc.pose()
         action = self._actions.start("turn")
@@ -303,6 +315,8 @@ class Driver(OnBase):
         self._blocked_since_ns = None
         self._way.stand()
         self._turn.stand()
+        if self._arcs is not None:
+            self._arcs.stand()
 
     def _stand(self) -> None:
         if self._path is not None or self._motion is not Motion.STANDING:
@@ -322,11 +336,11 @@ class Driver(OnBase):
     def _bump(self, bump: Bump) -> None:
         self._lookout.feel(bump)
         # Whatever it drives to: it stands first, and goes on only away from what it has touched.
-        is_driven = self._path is not None or self._hand.holds(self.env.clock.now_ns())
+        turns_by_arcs = self._to_turn_rad and self._arcs is not None
+        is_driven = self._path is not None or turns_by_arcs or self._hand.holds(self.env.clock.now_ns())
         if bump.directions_rad and is_driven:
             self._moc.stop()
-            self._way.stand()
-            self._turn.stand()
+            self._steering.stand()
 
     def _step_by_hand(self, now_ns: int, pose: Pose2D, is_fresh: bool) -> None:
         if not self._hand.is_command_due(now_ns, to_ns(PERIOD_S)) or not self._sees(is_fresh=is_fresh):
@@ -351,6 +365,9 @@ class Driver(OnBase):
             self._end(pose)
             return
         self._to_turn_rad = left_rad
+        if self._arcs is not None:
+            self._turn_by_arcs(left_rad, pose, is_fresh=is_fresh)
+            return
         if is_fresh:
             self._note("")
             self._steering.turn_by(left_rad)
@@ -360,6 +377,20 @@ class Driver(OnBase):
             self._turn.stand()
         self._moc.drive(Twist2D(0.0, 0.0, self._turn.x))
         self._give_up_if_blocked()
+
+    def _turn_by_arcs(self, left_rad: float, pose: Pose2D, *, is_fresh: bool) -> None:
+        if self._sees(is_fresh=is_fresh):
+            self._steering.turn_by(left_rad)
+            self._moc.drive(self._by_arcs(pose, ""))
+            self._tell(abs(left_rad))
+        self._give_up_if_blocked()
+
+    def _by_arcs(self, pose: Pose2D, blocked_why: str) -> Twist2D:
+        """What a base drives that may have no room to turn."""
+        twist = self._steering.twist(pose)
+        has_room = self._arcs is None or self._arcs.has_room
+        self._note(blocked_why if blocked_why or has_room else NO_ROOM)
+        return twist
 
     def _step_path(self, path: Path, pose: Pose2D, is_fresh: bool) -> None:
         path.pass_points(pose)
@@ -383,11 +414,16 @@ class Driver(OnBase):
             return self._squeeze(path, pose, heading_rad, free_m)
         path.forget_progress()
         self._gap_m = None
-        self._note(IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else "")
+        blocked_why = IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else ""
+        turns_by_arcs = self._arcs is not None and not path.is_straight
+        if not turns_by_arcs:
+            self._note(blocked_why)
         ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
         self._steering.go_towards(pose, heading_rad, min(limits.speed_m_s, path.fastest_m_s, path_m_s), free_m, ahead_m)
         self._steering.turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
+        if turns_by_arcs:
+            return self._by_arcs(pose, blocked_why)
         return self._steering.twist(pose, may_reverse=path.is_straight)
 
     def _squeeze(self, path: Path, pose: Pose2D, heading_rad: float, free_m: float) -> Twist2D:
@@ -428,8 +464,7 @@ class Driver(OnBase):
         blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
         if blind_why:
             self._note(blind_why)
-            self._way.stand()
-            self._turn.stand()
+            self._steering.stand()
             self._moc.drive(Twist2D())
         return not blind_why
 

@@ -6,6 +6,7 @@ along its own axis, and slower the less it faces that way, so that it turns on t
 
 import math
 
+from robrain.plugins.unit.driver.arcs import Arcs
 from robrain.plugins.unit.driver.path import Ramp, speed_to_stop
 from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
@@ -28,6 +29,7 @@ class Steering:
         period_s: of the commands.
         delay_s: until a command takes effect.
         is_holonomic: whether the base can drive sideways.
+        turn_radius_min_m: radius of the tightest turn; 0 for a base that turns on the spot.
 
     """
 
@@ -42,7 +44,12 @@ class Steering:
         period_s: float,
         delay_s: float,
         is_holonomic: bool,
+        turn_radius_min_m: float = 0.0,
     ) -> None:
+        self.arcs: Arcs | None = None
+        """Of a base that cannot turn on the spot."""
+        if turn_radius_min_m:
+            self.arcs = Arcs(lookout, way.limits, turn_radius_min_m, period_s, delay_s)
         self.is_holonomic = is_holonomic
         self._lookout, self._way, self._turn = lookout, way, turn
         self._turn_rate_rad_s, self._braking_m_s2 = turn_rate_rad_s, braking_m_s2
@@ -100,7 +107,8 @@ class Steering:
 
         Args:
             pose: where the robot is.
-            may_reverse: whether a base that cannot drive sideways may drive backwards.
+            may_reverse: whether a base that cannot drive sideways may drive backwards; one that cannot turn on the
+                spot then does not turn by driving to and fro.
 
         """
         way, rate_rad_s = self._way, self._turn.x
@@ -110,7 +118,17 @@ class Steering:
         if self.is_holonomic:
             return Twist2D(cos * way.x + sin * way.y, cos * way.y - sin * way.x, rate_rad_s)
         way.keep_along(cos, sin, may_reverse=may_reverse)
-        return Twist2D(cos * way.x + sin * way.y, 0.0, rate_rad_s)
+        wanted = Twist2D(cos * way.x + sin * way.y, 0.0, rate_rad_s)
+        if self.arcs is None:
+            return wanted
+        return self.arcs.limited(wanted) if may_reverse else self.arcs.drivable(pose, wanted)
+
+    def stand(self) -> None:
+        """Be at rest from now on, however that is brought about."""
+        self._way.stand()
+        self._turn.stand()
+        if self.arcs is not None:
+            self.arcs.stand()
 
     def _share(self, pose: Pose2D, heading_rad: float) -> float:
         """Share of a speed that it drives while it does not face that way yet, or faces away from it."""

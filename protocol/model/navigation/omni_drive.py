@@ -32,6 +32,11 @@ class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return True
 
     @property
+    def turn_radius_min_m(self) -> float:
+        """0: it turns on the spot."""
+        return 0.0
+
+    @property
     def wheels(self) -> int:
         """Number of wheels."""
         return len(WHEEL_ANGLES_RAD)

@@ -50,6 +50,11 @@ class DescribedBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         return any(row[1] for row in self.rows)
 
     @property
+    def turn_radius_min_m(self) -> float:
+        """Radius of the tightest turn; 0 for a base that turns on the spot."""
+        return 0.0
+
+    @property
     def rad_per_tick(self) -> float:
         """Turn of a wheel between two encoder ticks."""
         return 2 * math.pi / self.encoder_ticks_per_turn

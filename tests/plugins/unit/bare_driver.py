@@ -27,6 +27,7 @@ class Wheels:
         self.fresh = True
         self.steers = False
         """Whether the base cannot drive sideways."""
+        self.radius_min_m = 0.0
         self.until_ns = 0
         self.twist = Twist2D()
         self.said: list[Twist2D | str] = []
@@ -63,6 +64,9 @@ class Wheels:
 
     def is_holonomic(self) -> bool:
         return not self.steers
+
+    def turn_radius_min_m(self) -> float:
+        return self.radius_min_m
 
     def counters(self) -> Counters:
         return Counters(1, 2, 3, 4, 5)

@@ -47,6 +47,25 @@ def test_odometry_of_four_wheels_is_exact_and_the_hull_slides_sideways_too(kind:
     run.close()
 
 
+def test_a_car_explores_without_collisions_and_its_hull_never_slides_sideways() -> None:
+    run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=RobotType.CAR),)).world())
+    (robot,), start = run.arena._robots, run.arena._robots[0].body.pose
+    turned_rad = sideways_m = 0.0
+    for _ in range(1000):
+        run.tick()
+        sideways_m += abs(robot.body.left_m)
+        turned_rad += abs(robot.body.turned_rad)
+    device = run.hosts[0].manager.get("mocdevice").plugin
+    true, found = robot.body.pose, start.compose(device.pose())
+    assert found.distance_m(true) < 0.02
+    assert math.remainder(found.yaw_rad - true.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.005)
+    assert sideways_m < 0.01
+    assert 2.0 < turned_rad < robot.body.distance_m / device.turn_radius_min_m() + 0.2
+    run.close()
+    ended = TWO.replace(seed=3, roster=(RobotSpec(type=RobotType.CAR),)).run()
+    assert (ended.ended, ended.collisions) == ("explored", 0)
+
+
 def test_wheels_that_no_simulated_controller_turns_are_refused_with_their_key() -> None:
     wide = {"chassis": {"type": "differential", "wheels_per_side": 2, "track_m": 0.3, **WHEELS}}
     with pytest.raises(ValueError, match="chassis: expected two driven wheels, four omni or mecanum wheels or a car"):

@@ -8,15 +8,12 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from robrain.coordinator.recording.writer.provenance import MAP_ATTACHMENT
 from robrain.sim.scenarios.scenario import Scenario
 from tests.ros_domain import Domain
 from tests.system.conftest import Commands
-
-if TYPE_CHECKING:
-    pass
 
 LOAD = ("explore", "visit", "battery", "energy", "recharge", "command")
 
@@ -81,7 +78,8 @@ class MixedTeam:
             name = f"r{number + 1}"
             if kind is Kind.ROS2:
                 self._start_node(name, number, grid)
-            agent = commands.start("agent", f"robots/{name}.toml", "--connect", self.endpoint)
+            where = self._domain.variables if kind is Kind.ROS2 else {}
+            agent = commands.start("agent", f"robots/{name}.toml", "--connect", self.endpoint, **where)
             commands.line_with(agent, f"agent: {name} is up with")
         return self
 
