@@ -5,7 +5,7 @@ import pytest
 from robrain.agent.consensus.known_tasks import KnownTasks
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.consensus_messages import TaskDone
+from robrain.protocol.wire.messages.tasks.consensus_messages import TaskDone, TaskDropped
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 
 FIRST = Task(id="t1", kind="visit", place=Point2D(1.0, 1.0))
@@ -48,3 +48,13 @@ def test_it_may_begin_once_that_was_done_or_has_ended_somehow_as_mates_say(known
     other.hear(TaskEvent(task=NEXT, state=TaskState.QUEUED))
     other.note_ended(["t1"])
     assert ready(other) == ["t2"]
+
+
+def test_a_cancellation_counts_only_until_the_task_is_done_and_the_first_one_counts(known: KnownTasks) -> None:
+    ann, ben = TaskDropped(id="t1", by="ann", why=""), TaskDropped(id="t1", by="ben", why="")
+    known.drop([ann, ben])
+    assert known.dropped == {"t1": ann}
+    known.note_done([TaskDone(id="t2", robot="r2", epoch=1)])
+    known.drop([TaskDropped(id="t2", by="ann", why="")])
+    assert "t2" not in known.dropped
+    assert known.is_done("t2")

@@ -11,6 +11,7 @@ import pytest
 from robrain.deploy.bringup.bench import BASE, DRIVER, MotionFailed
 from robrain.deploy.bringup.bring_up import BringUp, Wanted
 from robrain.deploy.bringup.findings import Found, Step
+from robrain.deploy.bringup.motion_runner import MotionRunner
 from robrain.deploy.bringup.motions import RAMP_S, Ending, Rest, Straight, TurnOnSpot, TurnWheels
 from robrain.deploy.bringup.wheel_checks import check_bus
 from robrain.plugins.device.mocdevice.frame_map import Checksum
@@ -20,6 +21,7 @@ from robrain.protocol.wire.keys import DEFAULT_TEAM
 from tests.deploy.bringup.brought_up import AIR, BroughtUp, value, wrong
 from tests.deploy.bringup.lockstep_bench import LockstepBench
 from tests.deploy.bringup.operators import Watcher
+from tests.plugins.unit.bare_driver import BareDriver
 
 
 @pytest.fixture
@@ -83,6 +85,23 @@ def test_closing_the_bench_stops_the_wheels(bench: LockstepBench) -> None:
     bench._end_host()
     bench.pass_time(0.04)
     assert not any(wheels(bench))
+
+
+def test_a_runner_that_is_deactivated_stops_the_wheels_itself() -> None:
+    devices = BareDriver()
+    devices.wheels.wheel_counts = lambda: None  # type: ignore[attr-defined]
+    one = MotionRunner(devices, MotionRunner.Parameters())  # type: ignore[arg-type]
+    one.init()
+    one.activate()
+    one.begin(TurnOnSpot(1.0))
+    for _ in range(3):
+        devices.wait(0.02)
+        one.step()
+    assert devices.wheels.twist.yaw_rad_s > 0.0
+    one.deactivate()
+    assert devices.wheels.said[-1] == "stop"
+    one.step()
+    assert devices.wheels.said[-1] == "stop"
 
 
 def test_a_way_to_a_wall_is_given_up_before_it(bench: LockstepBench) -> None:

@@ -178,11 +178,29 @@ def test_a_robots_place_is_a_pose_and_a_transform(bench):
     assert transform.transform.rotation.z == pytest.approx(math.sqrt(0.5))
 
 
-@pytest.mark.parametrize("values", [{}, {"pose": Pose2D(1, 2, 3), "frame": MapFrame(1, "r1")}])
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"pose": Pose2D(1, 2, 3), "frame": MapFrame(1, "r1")},
+        {"pose": Pose2D(1, 2, 3), "lost": "the scan does not fit the map"},
+    ],
+)
 def test_a_robot_that_does_not_know_its_place_has_none_in_ros(bench, values):
     bench.state(**values)
     assert "r1/pose" not in bench.port.topics
     assert "/tf" not in bench.port.topics
+
+
+def test_a_robot_that_is_lost_is_shown_where_it_was_last_sure_until_it_knows_its_place_again(bench):
+    bench.state(pose=Pose2D(1.0, 0.0, 0.0))
+    bench.state(pose=Pose2D(5.0, 0.0, 0.0), lost="the scan does not fit the map")
+    for shown in (bench.port.topics["r1/pose"].messages, bench.port.topics["/tf"].messages):
+        assert len(shown) == 1
+    assert "r1 lost" in {each.text for each in bench.port.last("markers").markers}
+    bench.state(pose=Pose2D(2.0, 0.0, 0.0))
+    assert bench.port.last("r1/pose").pose.position.x == 2.0
+    assert bench.port.last("/tf").transforms[0].transform.translation.x == 2.0
 
 
 def test_a_battery_discharges_with_a_negative_current(bench):

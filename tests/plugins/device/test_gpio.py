@@ -231,6 +231,40 @@ def test_a_robot_without_the_chip_of_its_button_does_not_drive(monkeypatch: pyte
             robot.resume()
 
 
+class Button(BareDevice):
+    """The device alone, and what it asks its host for; nothing else halts the robot when it faults."""
+
+    def __init__(self) -> None:
+        self.halts: list[str] = []
+        self.guards: list[Any] = []
+        super().__init__(GpioEmergencyStop, lines=(27,))
+
+    def halt_robot(self, why: str) -> None:
+        self.halts.append(why)
+
+    def guard_resume(self, why_not: Any) -> None:
+        self.guards.append(why_not)
+
+
+def test_the_device_itself_halts_the_robot_before_it_faults(chip: GpioChip) -> None:
+    one = Button()
+    chip.levels[27] = False
+    one.it.activate()
+    told = one.told(one.it.changed)
+    one.step()
+    assert (one.halts, told) == ([], [])
+    chip.is_there = False
+    with pytest.raises(GpioAbsent):
+        one.step()
+    assert [change.why for change in told] == one.halts
+    assert "cannot read line 27" in one.halts[0]
+    one.it.deactivate()
+    with pytest.raises(GpioAbsent):
+        one.it.activate()
+    assert "cannot open line 27" in one.halts[1]
+    assert "does not answer" in one.guards[-1]()
+
+
 @pytest.mark.parametrize("wired_to", ["ground", "supply"])
 @pytest.mark.parametrize("lines", [(3,), (3, 4)])
 @pytest.mark.parametrize("opened", [None, 3, 4])

@@ -188,6 +188,24 @@ def test_a_class_of_ones_own_speaks_frames(tmp_path: Path) -> None:
     one.plug.pull_out()
 
 
+def test_a_wheel_that_is_mounted_the_other_way_round_is_commanded_and_counted_backwards() -> None:
+    codec = LineCodec(msgspec.structs.replace(WORDS, signs=(1, -1), count_bits=16), 2, 2, 0.05)
+    assert codec.command([math.tau, math.tau]) == b"m 20 -20\r"
+    assert codec.feed(b"100 -50\r\n-100 50\r\n") == [(100, 50), ((1 << 16) - 100, (1 << 16) - 50)]
+
+
+def test_a_line_that_does_not_end_is_given_up_when_it_is_too_long() -> None:
+    codec = LineCodec(WORDS, 2, 2, 0.05)
+    codec.feed(b"9" * LINE_BYTES_MAX)
+    assert (len(codec._left), codec.rejected) == (LINE_BYTES_MAX, 0)
+    codec.feed(b"9")
+    assert (codec._left, codec.rejected) == (b"", 1)
+    for _ in range(1000):
+        codec.feed(b"9" * 100)
+        assert len(codec._left) <= LINE_BYTES_MAX
+    assert codec.feed(b"\r\n10 20\r\n") == [(10, 20)]
+
+
 @pytest.mark.parametrize(
     ("changes", "why"),
     [

@@ -120,6 +120,30 @@ def test_a_lost_frame_of_one_wheel_costs_nothing_but_a_report() -> None:
     assert device.it.pose().yaw_rad == 0.0
 
 
+@pytest.mark.parametrize("values", [(32.1, 0.0), (0.0, -32.1), (math.nan, 0.0), (1.0,), (1.0, 1.0, 1.0)])
+def test_commands_for_wheels_beyond_their_limit_or_for_other_wheels_are_refused_and_not_sent(
+    values: tuple[float, ...],
+) -> None:
+    device = two_wheels(wheel_speed_max_rad_s=32.0)
+    device.it.drive_wheels((32.0, -32.0))
+    with pytest.raises(ValueError, match=r"expected 2 commands within ±32, got \["):
+        device.it.drive_wheels(values)
+    assert len(device.bus.sent) == 1
+
+
+@pytest.mark.parametrize("lost", [1, 5, 15])
+def test_lost_frames_without_a_counter_are_noticed_by_time_and_are_no_jump(lost: int) -> None:
+    device, per_frame = two_wheels(), 60  # 19 rad/s
+    counts(device, 0, 0)
+    counts(device, per_frame, per_frame)
+    there = (2 + lost) * per_frame
+    counts(device, there, there, after_s=0.02 * (1 + lost))
+    rad_per_count = math.tau / 1000
+    assert device.it.velocity().forward_m_s == pytest.approx(per_frame * rad_per_count * 0.1 / 0.02)
+    assert device.it.pose().x_m == pytest.approx(there * rad_per_count * 0.1)
+    assert device.it.counters().rejected == 0
+
+
 def test_a_state_that_the_map_calls_failed_is_a_fault_of_the_motors() -> None:
     device = two_wheels()
     message = read_dbc("two_wheels").get_message_by_name("DriveState")

@@ -5,8 +5,11 @@ import math
 import pytest
 
 from robrain.agent.action import Outcome
-from robrain.plugins.unit.driver.driver import STEERED_M
+from robrain.plugins.unit.driver.driver import PERIOD_S, STEERED_M
 from robrain.plugins.unit.driver.interface import Motion
+from robrain.plugins.unit.driver.path import Ramp, RampLimits
+from robrain.plugins.unit.driver.steering import Steering
+from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from tests.plugins.unit.bare_driver import BareDriver
 
@@ -106,3 +109,46 @@ def test_it_stops_before_a_wall_that_it_looks_at_although_the_goal_is_beside_it(
         robot.step()
         assert robot.wheels.at.x_m < 1.0 - 0.2
     assert robot.ends[0].outcome is Outcome.DONE
+
+
+@pytest.mark.parametrize("off_rad", [0.0, 0.5, 1.0, -1.0, 1.5, 2.5])
+def test_it_slows_down_by_the_square_of_how_much_it_faces_the_way(robot: BareDriver, off_rad: float) -> None:
+    at_once = Ramp(RampLimits(100.0, 10_000.0), PERIOD_S)
+    steering = Steering(
+        Lookout(robot.wheels, robot.lidar, robot.ring, 0.05),
+        at_once,
+        Ramp(RampLimits(1.0, 10.0), PERIOD_S),
+        turn_rate_rad_s=1.0,
+        braking_m_s2=1.0,
+        period_s=PERIOD_S,
+        delay_s=0.1,
+        is_holonomic=False,
+    )
+    expected_m_s = 0.4 * math.cos(off_rad) ** 2
+    steering.go_towards(Pose2D(0.0, 0.0, 0.7), 0.7 + off_rad, 0.4, 5.0, 0.0)
+    assert at_once.speed == pytest.approx(expected_m_s)
+    at_once.stand()
+    heading_rad = steering.go(Pose2D(0.0, 0.0, 0.0), (0.4 * math.cos(off_rad), 0.4 * math.sin(off_rad)))
+    assert (at_once.speed, heading_rad) == (pytest.approx(expected_m_s), pytest.approx(off_rad))
+
+
+def test_it_stands_and_turns_while_it_touches_something_ahead_although_its_way_leads_past_it(
+    robot: BareDriver,
+) -> None:
+    robot.ring.pressed = (-1.0,)
+    robot.plugin.activate()
+    robot.plugin.drive_path([Point2D(2.0, 2.0)])  # 102° from what it touches, which is 57° from its axis
+    robot.step(8)
+    assert [twist.forward_m_s for twist in robot.commands() if isinstance(twist, Twist2D)] == [0.0] * 8
+    assert robot.wheels.at.yaw_rad > 0.05
+    robot.bump()
+    robot.step(8)
+    assert robot.wheels.twist.forward_m_s > 0.1
+
+
+def test_it_backs_away_from_a_wall_right_ahead(robot: BareDriver) -> None:
+    robot.lidar.wall_m = 0.21
+    robot.plugin.drive(-1.0)
+    run(robot)
+    assert robot.ends[0].outcome is Outcome.DONE
+    assert robot.wheels.at.x_m == pytest.approx(-1.0, abs=0.02)

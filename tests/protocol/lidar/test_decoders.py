@@ -87,6 +87,16 @@ def test_a_wrong_bit_anywhere_in_a_packet_is_noticed(at: int) -> None:
     assert {point[1] for point in points_in(decoder.feed(encode_ld19(30.0, 0.8, [2.0] * 12, 3600, 7)))} == {2.0}
 
 
+@pytest.mark.parametrize("cut", range(2, PACKET_BYTES))
+def test_a_packet_of_which_the_end_is_lost_costs_none_of_those_behind_it(cut: int) -> None:
+    lost, *rest = [encode_ld19(9.6 * number, 0.8, [1.0] * 12, 3600, number) for number in range(4)]
+    decoder = Ld19Decoder()
+    points = points_in(decoder.feed(lost[:cut] + b"".join(rest)))
+    assert len(points) == 3 * 12
+    counts = decoder.counts
+    assert (counts.packets, counts.bad_checksums, counts.stray_bytes) == (3, 1, cut)
+
+
 def test_angles_beyond_a_turn_or_a_wide_packet_are_no_points_although_the_checksum_is_right() -> None:
     decoder = Ld19Decoder()
     for first, last in ((40_000, 100), (100, 20_000)):

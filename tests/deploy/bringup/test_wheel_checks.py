@@ -1,0 +1,131 @@
+"""What bring-up concludes from what the encoders say, and after what it goes no further."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from robrain.deploy.bringup.findings import Finding, Found
+from robrain.deploy.bringup.motions import Ending, Motion, Record, Sample, TurnWheels
+from robrain.deploy.bringup.operator import YesOperator
+from robrain.deploy.bringup.wheel_checks import (
+    COUPLED,
+    STOP_MAX_S,
+    WATCHDOG_MAX_S,
+    check_battery,
+    check_halt,
+    check_watchdog,
+    check_wheels,
+)
+from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.navigation.wheel_bases import Differential
+from robrain.protocol.wire.clock import to_ns
+
+BASE = WheelDevice.Parameters(base=Differential(wheel_radius_m=0.05, track_m=0.3, encoder_ticks_per_turn=4096))
+PERIOD_S = 0.01
+HERE = Pose2D(0.0, 0.0, 0.0)
+WELL = {"voltage_v": 12.0, "current_a": 1.0, "temperature_c": 20.0}
+
+
+class Told:
+    """A bench whose wheels turn as a function of the motion says: rad/s of each encoder, and how long they run on.
+
+    Args:
+        speeds: of the encoders during a motion.
+        runs_on_s: how long they turn on at that speed after the last command.
+        battery: what it says of itself.
+
+    """
+
+    def __init__(
+        self,
+        speeds: Callable[[TurnWheels], tuple[float, ...]] = lambda motion: motion.speeds_rad_s,
+        runs_on_s: float = 0.0,
+        battery: dict[str, float] | None = None,
+    ) -> None:
+        self._speeds, self._runs_on_s, self._battery = speeds, runs_on_s, battery
+        self.asked: list[Motion] = []
+
+    def perform(self, motion: Motion) -> Record:
+        assert isinstance(motion, TurnWheels)
+        self.asked.append(motion)
+        speeds, samples = self._speeds(motion), []
+        for step in range(round((motion.seconds + 1.0) / PERIOD_S) + 1):
+            now_s = step * PERIOD_S
+            turned_s = min(now_s, motion.seconds + self._runs_on_s)
+            turns_rad = tuple([turned_s * speed for speed in speeds])
+            is_commanded = now_s <= motion.seconds + 1e-9
+            samples.append(Sample(to_ns(now_s), turns_rad, HERE, 0.0, is_commanded=is_commanded))
+        return Record(tuple(samples), ())
+
+    def why_not(self, plugin: str) -> str:
+        return ""
+
+    def call(self, plugin: str, function: str) -> Any:
+        return self._battery
+
+
+def halted(bench: Told) -> Finding:
+    return check_halt(bench, BASE)  # type: ignore[arg-type]
+
+
+def silent(bench: Told) -> Finding:
+    return check_watchdog(bench, BASE)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("check", "most_s", "ending", "bad"),
+    [
+        (halted, STOP_MAX_S, Ending.HOST, Found.SLOW_HALT),
+        (silent, WATCHDOG_MAX_S, Ending.SILENCE, Found.NO_WATCHDOG),
+    ],
+)
+def test_wheels_that_turn_on_for_too_long_after_a_halt_or_the_last_command_end_bring_up(
+    check: Callable[[Told], Finding], most_s: float, ending: Ending, bad: Found
+) -> None:
+    for runs_on_s, expected in ((0.0, Found.RIGHT), (most_s - 0.05, Found.RIGHT), (most_s + 0.05, bad), (0.9, bad)):
+        bench = Told(runs_on_s=runs_on_s)
+        finding = check(bench)
+        assert bench.asked[0].ending is ending  # type: ignore[union-attr]
+        assert finding.found is expected
+        assert finding.values["stopped_after_s"] == pytest.approx(runs_on_s, abs=0.025)
+        assert (finding.ok, finding.stops) == ((True, False) if expected is Found.RIGHT else (False, True))
+
+
+def wheels(share: float, bench: Told | None = None) -> list[Finding]:
+    """With encoders of which each also counts this share of the other wheel's turn."""
+    bench = bench or Told(lambda motion: (
+        motion.speeds_rad_s[0] + share * motion.speeds_rad_s[1],
+        motion.speeds_rad_s[1] + share * motion.speeds_rad_s[0],
+    ))  # fmt: skip
+    return check_wheels(bench, YesOperator(), BASE)  # type: ignore[arg-type]
+
+
+def test_encoders_that_turn_together_end_bring_up_as_the_wheels_may_be_on_the_floor() -> None:
+    assert {finding.found for finding in wheels(COUPLED - 0.05)} == {Found.RIGHT}
+    (finding,) = wheels(COUPLED + 0.05)
+    assert (finding.found, finding.ok, finding.stops) == (Found.WHEELS_UNCLEAR, False, True)
+
+
+def test_two_commands_that_turn_one_encoder_end_bring_up() -> None:
+    first = wheels(0.0, Told(lambda motion: (sum(motion.speeds_rad_s), 0.0)))[0]
+    assert (first.found, first.ok, first.stops) == (Found.WHEELS_UNCLEAR, False, True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "found", "ok"),
+    [
+        ({}, Found.RIGHT, True),
+        ({"voltage_v": 2.9}, Found.BATTERY_IMPLAUSIBLE, False),
+        ({"voltage_v": 101.0}, Found.BATTERY_IMPLAUSIBLE, False),
+        ({"voltage_v": float("nan")}, Found.BATTERY_IMPLAUSIBLE, False),
+        ({"current_a": float("inf")}, Found.BATTERY_IMPLAUSIBLE, False),
+        ({"current_a": -500.0}, Found.BATTERY_IMPLAUSIBLE, False),
+        ({"current_a": -0.1}, Found.BATTERY_IMPLAUSIBLE, None),  # it may be charging
+        ({"current_a": -0.04}, Found.RIGHT, True),
+    ],
+)
+def test_a_battery_that_cannot_be_one_is_named(changes: dict[str, float], found: Found, ok: bool | None) -> None:
+    finding = check_battery(Told(battery=WELL | changes))  # type: ignore[arg-type]
+    assert (finding.found, finding.ok) == (found, ok)
