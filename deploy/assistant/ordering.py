@@ -47,15 +47,14 @@ class Ordering:
 
     def submit_task(self, asked: SubmitTask) -> Rehearsal:
         """Submit a task to the team, which decides which robot does it."""
-        is_full = len(self._team.list(TaskFilter(states=OPEN, by=self._team.by))) >= OPEN_TASKS_MAX
-        if is_full:
-            raise Refused(Ban.TOO_MANY_TASKS)
+        self._check_open_tasks()
         task_id = f"{asked.kind}-{self._new_id()}"
         found = self._looking.foresee(asked, task_id)
         if found.refused:
             raise Refused(Ban.TEAM, found.refused)
 
         def carry_out() -> Answer:
+            self._check_open_tasks()  # others may have been confirmed since the rehearsal
             record = self._team.submit(asked.kind, id=task_id, parameters=asked.fields)
             return answer(Verdict.DONE, [f"submitted {task_line(record)}"], {"task": task_id, "state": record.state})
 
@@ -78,6 +77,10 @@ class Ordering:
 
         words = [f"{asked.task} would end unfinished: {why.now}", stops]
         return Rehearsal(words, {"task": asked.task, "state": record.state, "robot": record.robot}, carry_out)
+
+    def _check_open_tasks(self) -> None:
+        if len(self._team.list(TaskFilter(states=OPEN, by=self._team.by))) >= OPEN_TASKS_MAX:
+            raise Refused(Ban.TOO_MANY_TASKS)
 
     def call_plugin(self, asked: CallPlugin) -> Rehearsal:
         """Call a function of a robot's plugin, if its manifest opens it to the outside and it moves nothing."""

@@ -52,6 +52,8 @@ class CanLink:
         """Values of each encoder frame since the last complete report."""
         self._added_up = [0.0] * sum(len(one.factors) for one in frames.encoders)
         """Ticks of each wheel, where speeds are measured."""
+        self._missing = 0
+        """Rounds of several encoder frames that were not complete since the last report."""
         self._last_ns: int | None = None
         self._rejected = self._foreign = self._errors = 0
 
@@ -136,16 +138,20 @@ class CanLink:
         except BadFrame:
             self._rejected += 1
             return None
-        counter, missing = None, 0
+        counter = None
+        is_last = number == len(self._parts) - 1
         if self._frames.has_counter:
             counter = int(values[-1])
-            missing = self._sequences[number].note(counter)
+            lost = self._sequences[number].note(counter)
+            self._missing += lost if is_last else 0
         self._parts[number] = tuple([factor * value for factor, value in zip(wheels.factors, values, strict=False)])
-        if number != len(self._parts) - 1:
+        if not is_last:
             return None
         parts, self._parts = self._parts, [None] * len(self._parts)
         if None in parts:
-            return None  # a frame of this round is missing; the counts of the next one have it
+            self._missing += 1  # a frame of this round; the counts of the next one have it
+            return None
+        missing, self._missing = self._missing, 0
         whole = [value for part in parts if part is not None for value in part]
         if self._frames.is_speed:
             return WheelReport(self._add_up(whole, frame.stamp_ns), frame.stamp_ns, counter, missing)

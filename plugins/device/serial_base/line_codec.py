@@ -107,6 +107,8 @@ class LineCodec:
         except (IndexError, ValueError) as error:
             raise ValueError(f"lines.command: {error}, for {commands} values") from error
         self._left = b""
+        self._is_too_long = False
+        """Whether what comes until the next ending is the rest of a line that was given up."""
         self._modulus = 1 << words.count_bits
 
     def command(self, values: Sequence[float]) -> bytes:
@@ -126,8 +128,13 @@ class LineCodec:
         """As WheelCodec. Lines that are no report, such as `OK`, are passed over; those too long are rejected."""
         reports = []
         *lines, self._left = (self._left + data).replace(b"\r", b"\n").split(b"\n")
-        if len(self._left) > LINE_BYTES_MAX:
+        if lines and self._is_too_long:
+            del lines[0]
+            self._is_too_long = False
+        if self._is_too_long:
             self._left = b""
+        elif len(self._left) > LINE_BYTES_MAX:
+            self._left, self._is_too_long = b"", True
             self.rejected += 1
         for line in lines:
             if len(line) > LINE_BYTES_MAX:

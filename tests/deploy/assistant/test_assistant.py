@@ -176,10 +176,14 @@ def test_a_viewers_assistant_looks_and_gives_no_order(open_desk: Callable[..., D
 
 def test_an_assistant_has_a_bounded_number_of_open_tasks(desk: Desk, team: Team) -> None:
     is_open = sum(not record.state.ended for record in team.list())
+    early = desk.call("submit_task", VISIT).values["confirm"]
     for number in range(OPEN_TASKS_MAX - is_open):
         assert desk.call("submit_task", VISIT).verdict is Verdict.REHEARSED
         team.submit("visit", id=f"filling-{number}", place=(2.0, 1.0), earliest_s=3000.0)
     assert desk.call("submit_task", VISIT).code == Ban.TOO_MANY_TASKS
+    assert (
+        desk.call("submit_task", {**VISIT, "confirm": early}).code == Ban.TOO_MANY_TASKS
+    )  # rehearsed when there was room
     for record in team.list():
         if not record.state.ended:
             team.cancel(record)

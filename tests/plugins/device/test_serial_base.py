@@ -206,6 +206,15 @@ def test_a_line_that_does_not_end_is_given_up_when_it_is_too_long() -> None:
     assert codec.feed(b"\r\n10 20\r\n") == [(10, 20)]
 
 
+@pytest.mark.parametrize("split", [1, 100, LINE_BYTES_MAX + 1, 290, 300])
+def test_the_rest_of_a_line_that_was_given_up_is_no_report_however_its_bytes_arrive(split: int) -> None:
+    codec = LineCodec(WORDS, 2, 2, 0.05)
+    line = b"9" * 300 + b" 5\r\n"
+    assert codec.feed(line[:split]) + codec.feed(line[split:]) == []
+    assert codec.rejected == 1
+    assert codec.feed(b"10 20\r\n") == [(10, 20)]
+
+
 @pytest.mark.parametrize(
     ("changes", "why"),
     [

@@ -201,6 +201,41 @@ def test_measured_speeds_are_added_up_to_odometry(own: FrameMap) -> None:
     assert pose.yaw_rad == pytest.approx(0.0, abs=1e-9)
 
 
+TWO_ENCODERS = """
+BO_ 1011 Left: 5 Motor
+ SG_ left : 0|32@1- (1,0) [0|0] "" Host
+ SG_ alive : 32|8@1+ (1,0) [0|255] "" Host
+BO_ 1012 Right: 5 Motor
+ SG_ right : 0|32@1- (1,0) [0|0] "" Host
+ SG_ alive : 32|8@1+ (1,0) [0|255] "" Host
+"""
+
+
+@pytest.mark.parametrize("lost", [{1011}, {1012}, {1011, 1012}])
+@pytest.mark.parametrize("rounds", [1, 2, 6])
+def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_speed(
+    own: FrameMap, lost: set[int], rounds: int
+) -> None:
+    Path(own.dbc).write_text(DBC + TWO_ENCODERS)
+    encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
+    changes = {"encoders": encoders, "measure": Measure.COUNTS, "checksum": Checksum.NONE}
+    device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
+    device.it.activate()
+    for number in range(12):
+        device.wait(0.02)
+        for identifier in (1011, 1012):
+            data = (60 * number).to_bytes(4, "little", signed=True) + bytes((number,))
+            frame = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+            frame.timestamp = device.clock.now_ns() / 1e9
+            if not (identifier in lost and 11 - rounds <= number < 11):
+                device.bus.arrived.append(frame)
+        device.it.step()
+    ticks_m = math.tau / 1000 * 0.1
+    assert device.it.velocity().forward_m_s == pytest.approx(60 * ticks_m / 0.02)
+    assert device.it.pose().x_m == pytest.approx(60 * 11 * ticks_m)
+    assert device.it.counters().rejected == 0
+
+
 def signals(frame: str, *names: str) -> tuple[FrameSignals, ...]:
     return (FrameSignals(frame=frame, signals=names),)
 

@@ -1,4 +1,4 @@
-"""The motor controller of two wheels, on a bus with a host that speaks its frames."""
+"""The motor controller of described wheels, here of two, on a bus with a host that speaks its frames."""
 
 import math
 from collections.abc import Iterator
@@ -11,8 +11,8 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.model.navigation.wheel_bases import Differential
 from robrain.protocol.wire.session import open_lockstep_session
+from robrain.sim.firmware.described_controller import TWO_WHEELS, DescribedController
 from robrain.sim.firmware.motor_controller import NEVER, WATCHDOG_S, MotorState
-from robrain.sim.firmware.two_wheel_controller import DBC, TwoWheelController
 
 TICK_S = 0.02
 WATCHDOG_TICKS = round(WATCHDOG_S / TICK_S)
@@ -25,10 +25,10 @@ class Desk:
 
     def __init__(self, board: can.BusABC, host: can.BusABC) -> None:
         self.host = host
-        self.controller = TwoWheelController(board, BASE, HULL, TICK_S, lambda: 0)
+        self.controller = DescribedController(board, BASE, HULL, TICK_S, lambda: 0)
 
     def command(self, left_rpm: float, right_rpm: float) -> None:
-        message = read_dbc(DBC).get_message_by_name("DriveCommand")
+        message = read_dbc(TWO_WHEELS.dbc).get_message_by_name("DriveCommand")
         data = message.encode({"left_rpm": left_rpm, "right_rpm": right_rpm})
         self.host.send(can.Message(arbitration_id=message.frame_id, data=data, is_extended_id=False))
 
