@@ -1,5 +1,9 @@
 """How long a source has been silent, for plugins that fault when it is."""
 
+FIRST_WORD_NS = 10_000_000_000
+"""A source that is not heard for this long after the start is named in the log (chosen)."""
+NEVER_NS = 1 << 63
+
 
 class Silence:
     """Counts the silence of one source, as far as its plugin was awake to hear it.
@@ -28,3 +32,22 @@ class Silence:
         self._silent_ns += min(max(0, now_ns - self._asked_ns), self.limit_ns // 2)
         self._asked_ns = now_ns
         return self._silent_ns
+
+
+class FirstWord:
+    """Tells once that a source has not been heard since the start: it may be starting, or not be there at all.
+
+    Args:
+        since_ns: the start.
+
+    """
+
+    def __init__(self, since_ns: int) -> None:
+        self._due_ns = since_ns + FIRST_WORD_NS
+
+    def is_missing(self, now_ns: int) -> bool:
+        """True once, if it is asked while the source has not been heard."""
+        if now_ns < self._due_ns:
+            return False
+        self._due_ns = NEVER_NS
+        return True

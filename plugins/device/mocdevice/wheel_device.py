@@ -5,6 +5,7 @@ read, a power stage that has failed. The fault is reported to the team, plugins 
 and the manifest's restart policy opens the bus again until it answers. The odometry continues where it was.
 """
 
+import logging
 import math
 from collections.abc import Sequence, Sized
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import msgspec
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
-from robrain.agent.silence import Silence
+from robrain.agent.silence import FirstWord, Silence
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
 from robrain.plugins.device.mocdevice.interface import (
@@ -31,6 +32,8 @@ from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.model.navigation.wheel_bases import WheelBase
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+logger = logging.getLogger(__name__)
 
 ACKNOWLEDGE_NS = to_ns(0.1)
 """A status that left the controller before it heard an acknowledgement is not held against it."""
@@ -110,6 +113,7 @@ class WheelDevice(Device):
         self._heard_ns: int | None = None
         self._since_ns = self.env.clock.now_ns()
         self._silence = Silence(self._silent_ns)
+        self._first = FirstWord(self._since_ns)
         self._link = opened.link
         self._pending = opened.link.pending
 
@@ -258,12 +262,13 @@ class WheelDevice(Device):
             self._statuses = link.statuses
             if link.has_failed:
                 self._note_failure(link)
-        since_ns = self._heard_ns
+        since_ns, now_ns = self._heard_ns, self.env.clock.now_ns()
         if since_ns is None:
-            if not self._is_again:
-                return  # it has never spoken: it may still be starting, and the driver stands until it does
+            if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
+                if self._first.is_missing(now_ns):
+                    logger.warning("%s: no encoder frame yet: %s", self.env.robot, self._where)
+                return
             since_ns = self._since_ns
-        now_ns = self.env.clock.now_ns()
         if now_ns - since_ns <= self._silence.begins_ns:
             return
         silent_ns = self._silence.since(since_ns, now_ns)

@@ -5,6 +5,7 @@ restart policy ends once the robot is heard again. The odometry continues where 
 again.
 """
 
+import logging
 import math
 import time
 from typing import Annotated
@@ -16,7 +17,7 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
-from robrain.agent.silence import Silence
+from robrain.agent.silence import FirstWord, Silence
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters, MocDeviceInterface
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
@@ -28,6 +29,8 @@ from robrain.plugins.device.ros2_base.told_path import ToldPath
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+logger = logging.getLogger(__name__)
 
 COMMAND_QOS = QoSProfile(depth=1)
 """Reliable, the newest only: a subscription of any reliability hears it."""
@@ -81,6 +84,7 @@ class Ros2Base(Device):
         board, wanted = self.env.board, self.parameters
         self._silent_ns = to_ns(wanted.silent_s)
         self._silence = Silence(self._silent_ns)
+        self._first = FirstWord(self.env.clock.now_ns())
         self._is_again = board.T_odom_robot is not None
         """The robot has told odometry before: this is a restart, or a reload."""
         start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
@@ -249,11 +253,13 @@ class Ros2Base(Device):
         link, since_ns = self._link, self._heard_ns
         if link is not None and link.failure:
             raise BusFault(self.env.plugin, link.failure)
-        if since_ns is None:
-            if not self._is_again:
-                return  # it has never spoken: it may still be starting, and the driver stands until it does
-            since_ns = self._since_ns
         now_ns = self.env.clock.now_ns()
+        if since_ns is None:
+            if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
+                if self._first.is_missing(now_ns):
+                    logger.warning("%s: %s", self.env.robot, self._silent_words("no odometry yet"))
+                return
+            since_ns = self._since_ns
         if now_ns - since_ns <= self._silence.begins_ns:
             return
         silent_ns = self._silence.since(since_ns, now_ns)

@@ -5,15 +5,18 @@ ranges stay equal while the robot moves. Both are told to the team. A turn that 
 after a restart, so that no map is made of it.
 """
 
+import logging
 import math
 from typing import Protocol
 
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
-from robrain.agent.silence import Silence
+from robrain.agent.silence import FirstWord, Silence
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+logger = logging.getLogger(__name__)
 
 
 class LidarFault(PluginError):
@@ -45,6 +48,7 @@ class LidarDevice(Device):
     def activate(self) -> None:
         self._silence = Silence(to_ns(self.parameters.silent_s))
         self._heard_ns = self.env.clock.now_ns()
+        self._first = FirstWord(self._heard_ns)
         self.begin()
 
     def begin(self) -> None:
@@ -80,7 +84,11 @@ class LidarDevice(Device):
         if self._doubt:
             board.doubted_scan = self._ranges_mm
             self.fail(self._doubt)
-        if not board.has_scanned or now_ns - self._heard_ns <= self._silence.begins_ns:
+        if not board.has_scanned:
+            if self._first.is_missing(now_ns):
+                logger.warning("%s: the lidar has sent no turn yet%s", self.env.robot, self.where())
+            return
+        if now_ns - self._heard_ns <= self._silence.begins_ns:
             return
         silent_ns = self._silence.since(self._heard_ns, now_ns)
         if silent_ns >= self._silence.limit_ns:

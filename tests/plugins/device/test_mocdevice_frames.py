@@ -151,9 +151,14 @@ def test_device_that_is_opened_again_has_forgotten_what_was_broken(device):
 # -- silence ----------------------------------------------------------------------------------------------------
 
 
-def test_controller_that_has_never_spoken_may_take_its_time(device):
+def test_controller_that_has_never_spoken_may_take_its_time_and_is_named_once_after_ten_seconds(device, caplog):
+    device.step(9.9)
+    assert not caplog.messages
+    device.step(0.2)
     device.step(60.0)
     assert not device.it.is_fresh()
+    (said,) = caplog.messages
+    assert "no encoder frame yet: the CAN bus zenoh:can0 is cut" in said
 
 
 def test_controller_that_falls_silent_is_fresh_for_just_so_long_and_then_a_fault(device):

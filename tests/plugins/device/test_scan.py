@@ -27,6 +27,15 @@ def test_before_the_first_scan_there_is_none(stage):
     assert one.call("scan", "nearest_m") is None
 
 
+def test_a_lidar_that_is_never_heard_is_named_once_in_the_log(stage, caplog):
+    one = stage()
+    one.host("scan")
+    one.run(9.0)
+    assert not caplog.messages
+    one.run(12.0)
+    assert [said for said in caplog.messages if "no turn yet" in said] == ["r1: the lidar has sent no turn yet"]
+
+
 def test_a_scan_without_any_ray_says_nothing_is_near(stage):
     one = stage()
     one.host("scan")

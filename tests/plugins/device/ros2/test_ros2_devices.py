@@ -111,6 +111,13 @@ def test_velocities_go_out_and_odometry_comes_in(robot):
     assert robot.device.odometry_until_ns() == robot.one.clock.now_ns()
 
 
+def test_a_robot_that_is_never_heard_is_named_in_the_log_with_the_topic(robot, caplog):
+    robot.run(25.0)
+    assert len(caplog.messages) == len(set(caplog.messages))
+    assert any("no odometry yet: the publisher of /r1/odom is silent" in said for said in caplog.messages)
+    assert any("no turn yet: the publisher of /r1/scan is silent" in said for said in caplog.messages)
+
+
 def test_velocities_of_a_base_that_takes_them_stamped_have_a_stamp_and_a_frame(build):
     robot = build(mocdevice={"stamped": True})
     robot.run(0.5)
