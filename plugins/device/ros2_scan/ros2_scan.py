@@ -6,13 +6,13 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan as LaserScanMessage
 
 from robrain.agent.plugin import external
+from robrain.plugins.device.lidar_mount import Mount
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
 from robrain.plugins.device.ros2.link import Ros2Link, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2_scan.scan_message import ScanReader, ToldScan
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, LidarFault
-from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import check_positive
 
 MM_PER_M = 1000.0
@@ -26,12 +26,7 @@ class Ros2Scan(LidarDevice):
 
         scan: str = "scan"
         """Topic of the turns, sensor_msgs/LaserScan."""
-        x_m: float = 0.0
-        """Place of the lidar in the robot's frame: forward of its centre."""
-        y_m: float = 0.0
-        """To the left of it."""
-        yaw_rad: float = 0.0
-        """Direction of the lidar's x axis, counter-clockwise from that of the robot."""
+        mount: Mount = Mount()
         beams: int = 360
         """Directions around the robot that turns are resampled to; 0 gives the lidar's own beams."""
         range_max_m: float = 0.0
@@ -43,13 +38,11 @@ class Ros2Scan(LidarDevice):
             super().__post_init__()
             check_topics(self, "scan")
             check_positive(self, "silent_s")
-            if not all(map(math.isfinite, (self.x_m, self.y_m, self.yaw_rad))):
-                raise ValueError("expected x_m, y_m and yaw_rad to be finite")
             if not 0.0 <= self.range_max_m < math.inf:
                 raise ValueError(f"expected range_max_m >= 0, got {self.range_max_m}")
             if not 0 <= self.beams <= 10_000:
                 raise ValueError(f"expected beams from 0 to 10000, got {self.beams}")
-            if not self.beams and (self.x_m or self.y_m):
+            if not self.beams and (self.mount.x_m or self.mount.y_m):
                 raise ValueError("expected beams > 0 for a lidar that is not at the robot's centre, got 0")
 
     period_s = 0.2  # and as soon as a turn arrives
@@ -62,7 +55,7 @@ class Ros2Scan(LidarDevice):
 
     def begin(self) -> None:
         wanted = self.parameters
-        reader = ScanReader(Pose2D(wanted.x_m, wanted.y_m, wanted.yaw_rad), wanted.beams, wanted.range_max_m)
+        reader = ScanReader(wanted.mount, wanted.beams, wanted.range_max_m)
         link, topic = open_link(self.env, wanted), wanted.topic(wanted.scan)
         self._link = link
         if self.env.board.has_scanned and link.is_gone(topic):

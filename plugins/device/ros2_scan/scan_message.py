@@ -10,8 +10,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.plugins.device.lidar_mount import Mount
 from robrain.plugins.device.ros2_base.odometry_message import Header
-from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 BEAMS_MAX = 100_000
@@ -58,15 +58,15 @@ class ScanReader:
     """Turns messages into turns of the robot's own lidar.
 
     Args:
-        mounted: T_robot_lidar.
+        mount: where the lidar is, and how it looks around.
         beams: directions of a turn, evenly around the robot, of which those that the lidar sees are given; 0 gives the
             lidar's own beams, if it is mounted at the robot's centre.
         range_max_m: greatest range that is used; 0 for that of the message.
 
     """
 
-    def __init__(self, mounted: Pose2D, beams: int, range_max_m: float) -> None:
-        self._mounted, self._beams, self._range_max_m = mounted, beams, range_max_m
+    def __init__(self, mount: Mount, beams: int, range_max_m: float) -> None:
+        self._mount, self._beams, self._range_max_m = mount, beams, range_max_m
         self._fan: tuple[int, float, float] | None = None
         self._angles_rad: Floats = np.zeros(0)
         """Of the message's beams, in the robot's frame."""
@@ -84,11 +84,11 @@ class ScanReader:
         if np.count_nonzero(is_hit | is_free) < max(VALID_SHARE * len(ranges_m), 1.0):
             raise BadScan(f"expected ranges from {message.range_min:g} m, got {len(ranges_m)} of which none is valid")
         ranges_m[is_close], ranges_m[is_free] = message.range_min, far_m
-        valid = is_hit | is_free
+        valid = (is_hit | is_free) & ~self._hidden(ranges_m, is_hit)
         angles_rad, ranges_m, is_hit = self._angles_rad[valid], ranges_m[valid], is_hit[valid]
         if self._beams:
             # From its centre the robot sees less far in the direction away from the lidar.
-            far_m -= math.hypot(self._mounted.x_m, self._mounted.y_m)
+            far_m -= math.hypot(self._mount.x_m, self._mount.y_m)
             if far_m <= 0.0:
                 raise BadScan(f"expected a reach beyond the robot's centre, got range_max {message.range_max:g}")
             angles_rad, ranges_m = self._resample(angles_rad, ranges_m, is_hit, far_m)
@@ -109,14 +109,25 @@ class ScanReader:
             raise BadScan(f"expected range_min < range_max, got {message.range_min:g} and {message.range_max:g}")
         if (fan := (beams, first_rad, step_rad)) != self._fan:
             self._fan = fan
-            self._angles_rad = first_rad + step_rad * np.arange(beams, dtype=np.float64) + self._mounted.yaw_rad
+            sign = -1.0 if self._mount.upside_down else 1.0
+            turned_rad = sign * (first_rad + step_rad * np.arange(beams, dtype=np.float64))
+            self._angles_rad = turned_rad + self._mount.yaw_rad
+
+    def _hidden(self, ranges_m: Floats, is_hit: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which hits are parts of the robot itself."""
+        mount = self._mount
+        if not mount.hidden_within_m:
+            return np.zeros_like(is_hit)
+        x_m = mount.x_m + ranges_m * np.cos(self._angles_rad)
+        y_m = mount.y_m + ranges_m * np.sin(self._angles_rad)
+        return is_hit & (np.hypot(x_m, y_m) < mount.hidden_within_m)
 
     def _resample(
         self, angles_rad: Floats, ranges_m: Floats, is_hit: NDArray[np.bool_], far_m: float
     ) -> tuple[Floats, Floats]:
         """Angles and ranges of the directions in which something was measured, in their order."""
-        x_m = self._mounted.x_m + ranges_m * np.cos(angles_rad)
-        y_m = self._mounted.y_m + ranges_m * np.sin(angles_rad)
+        x_m = self._mount.x_m + ranges_m * np.cos(angles_rad)
+        y_m = self._mount.y_m + ranges_m * np.sin(angles_rad)
         step_rad = TURN_RAD / self._beams
         seen_rad, seen_m = np.arctan2(y_m, x_m), np.hypot(x_m, y_m)
         seen_m = np.where(is_hit & (seen_m < far_m), seen_m, far_m)

@@ -3,15 +3,15 @@ import math
 import numpy as np
 import pytest
 
+from robrain.plugins.device.lidar_mount import Mount
 from robrain.plugins.device.ros2_scan.scan_message import BadScan, ScanReader
-from robrain.protocol.model.geometry import Pose2D
 from tests.plugins.device.ros2.ros_words import header, scan
 
-CENTRE = Pose2D(0.0, 0.0, 0.0)
+CENTRE = Mount()
 
 
-def read(message, mounted=CENTRE, beams=0, range_max_m=0.0):
-    return ScanReader(mounted, beams, range_max_m).read(message)
+def read(message, mount=CENTRE, beams=0, range_max_m=0.0):
+    return ScanReader(mount, beams, range_max_m).read(message)
 
 
 def test_the_lidars_own_beams_are_kept_with_their_angles():
@@ -47,11 +47,31 @@ def test_the_reach_can_be_less_than_that_of_the_lidar():
 
 
 def test_a_lidar_mounted_backwards_sees_in_the_robots_frame():
-    told = read(scan([1.0, 2.0, 3.0, 4.0]), mounted=Pose2D(0.0, 0.0, math.pi), beams=4)
+    told = read(scan([1.0, 2.0, 3.0, 4.0]), mount=Mount(yaw_rad=math.pi), beams=4)
     by_side = {
         round(math.degrees(angle)) % 360: range_m for angle, range_m in zip(told.angles_rad, told.ranges_m, strict=True)
     }
     assert by_side == {0: 1.0, 90: 2.0, 180: 3.0, 270: 4.0}
+
+
+@pytest.mark.parametrize("beams", [0, 4])
+def test_a_lidar_mounted_upside_down_turns_the_other_way_round(beams):
+    told = read(scan([1.0, 2.0, 3.0, 4.0]), mount=Mount(upside_down=True), beams=beams)
+    by_side = {
+        round(math.degrees(angle)) % 360: range_m for angle, range_m in zip(told.angles_rad, told.ranges_m, strict=True)
+    }
+    assert by_side == {180: 1.0, 90: 2.0, 0: 3.0, 270: 4.0}
+
+
+@pytest.mark.parametrize("beams", [0, 360])
+def test_parts_of_the_robot_itself_are_left_out(beams):
+    told = read(scan([0.15, 2.0, math.inf, 0.15]), mount=Mount(hidden_within_m=0.2), beams=beams)
+    assert sorted(told.ranges_m) == [2.0, told.range_max_m]
+
+
+def test_what_is_near_the_lidar_and_far_from_the_robots_centre_is_no_part_of_it():
+    told = read(scan([3.0, 3.0, 0.15, 3.0]), mount=Mount(x_m=0.3, hidden_within_m=0.2), beams=360)
+    assert min(told.ranges_m) == pytest.approx(0.45)
 
 
 def test_a_lidar_mounted_in_front_gives_the_walls_where_they_are():
@@ -60,14 +80,14 @@ def test_a_lidar_mounted_in_front_gives_the_walls_where_they_are():
     message = scan(
         list(1.7 / np.cos(angles_rad)), angle_min=-1.0, angle_max=1.0, angle_increment=float(angles_rad[1] + 1.0)
     )
-    told = read(message, mounted=Pose2D(0.3, 0.0, 0.0), beams=360)
+    told = read(message, mount=Mount(x_m=0.3), beams=360)
     xs_m = np.array(told.ranges_m) * np.cos(told.angles_rad)
     assert len(xs_m) > 90
     assert xs_m == pytest.approx(2.0, abs=1e-6)
 
 
 def test_a_lidar_mounted_aside_reaches_less_far_from_the_robots_centre():
-    told = read(scan([math.inf] * 90), mounted=Pose2D(0.3, -0.4, 0.0), beams=90)
+    told = read(scan([math.inf] * 90), mount=Mount(x_m=0.3, y_m=-0.4), beams=90)
     assert told.range_max_m == pytest.approx(7.5)
     assert set(told.ranges_m) == {told.range_max_m}
 
