@@ -141,6 +141,8 @@ class ObstaclePoints:
             return "the lidar has been frozen"
         if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:
             return "there has been no fresh scan"
+        if not len(scan.beam_ranges_m):
+            return "the lidar is covered: its scan has no beam"
         return ""
 
 

@@ -144,6 +144,8 @@ class CanLink:
             counter = int(values[-1])
             lost = self._sequences[number].note(counter)
             self._missing += lost if is_last else 0
+        if number == 0:
+            self._parts = [None] * len(self._parts)  # what is left is of a round that was not complete
         self._parts[number] = tuple([factor * value for factor, value in zip(wheels.factors, values, strict=False)])
         if not is_last:
             return None

@@ -67,6 +67,8 @@ class Ros2Base(Device):
             super().__post_init__()
             check_topics(self, "cmd_vel", "odom")
             check_positive(self, "radius_m", "speed_m_s", "turn_rate_rad_s", "silent_s")
+            if self.holonomic and self.turn_radius_min_m:
+                raise ValueError("expected turn_radius_min_m = 0 for a holonomic base")
 
     interface = MocDeviceInterface
     period_s = 0.06  # and whenever somebody asks for the odometry

@@ -81,10 +81,11 @@ class ScanReader:
             is_close = ranges_m == -np.inf
             is_hit = (ranges_m >= message.range_min) & (ranges_m < far_m) | is_close
             is_free = ranges_m >= far_m
-        if np.count_nonzero(is_hit | is_free) < max(VALID_SHARE * len(ranges_m), 1.0):
-            raise BadScan(f"expected ranges from {message.range_min:g} m, got {len(ranges_m)} of which none is valid")
         ranges_m[is_close], ranges_m[is_free] = message.range_min, far_m
         valid = (is_hit | is_free) & ~self._hidden(ranges_m, is_hit)
+        if np.count_nonzero(valid) < max(VALID_SHARE * len(ranges_m), 1.0):
+            what = f"expected ranges from {message.range_min:g} m, and beyond the robot itself"
+            raise BadScan(f"{what}, got {len(ranges_m)} of which none is valid")
         angles_rad, ranges_m, is_hit = self._angles_rad[valid], ranges_m[valid], is_hit[valid]
         if self._beams:
             # From its centre the robot sees less far in the direction away from the lidar.

@@ -2,6 +2,9 @@
 
 A car with the tightest turn R drives with |ω| ≤ |v| / R. Where more turn is wanted than its speed allows, it drives
 tight arcs to and fro, all of which turn it the same way. Each is as short as `LEG_M`, or as the room there is.
+
+Between two periods the driver's ramp and the speed here are the velocity that was commanded, whichever of them led: so
+speed changes by the same limits from one way of driving to the other, and braking sees where the robot really goes.
 """
 
 import math
@@ -23,7 +26,7 @@ ROOM_M = 0.03
 
 
 class Arcs:
-    """Makes velocities drivable.
+    """Makes the velocities of a driver's ramp drivable.
 
     Args:
         lookout: what lies ahead and behind.
@@ -50,26 +53,33 @@ class Arcs:
         self._speed.stand()
         self._begin, self.has_room = None, True
 
-    def limited(self, twist: Twist2D) -> Twist2D:
-        """The velocity with no more turn than its speed allows."""
-        most_rad_s = abs(twist.forward_m_s) / self._radius_m
-        return Twist2D(twist.forward_m_s, 0.0, max(-most_rad_s, min(most_rad_s, twist.yaw_rad_s)))
+    def limited(self, speed_m_s: float, rate_rad_s: float) -> Twist2D:
+        """A velocity with no more turn than its speed allows."""
+        most_rad_s = abs(speed_m_s) / self._radius_m
+        return Twist2D(speed_m_s, 0.0, max(-most_rad_s, min(most_rad_s, rate_rad_s)))
 
-    def drivable(self, pose: Pose2D, twist: Twist2D) -> Twist2D:
-        """The velocity to drive, body frame, to go on with this one by a period.
+    def go_on(self, way: Ramp, axis: tuple[float, float]) -> None:
+        """Drive on as the driver's ramp says, for this period."""
+        self.has_room, self._begin = True, None
+        self._speed.take_along(way, *axis)
+
+    def turn(self, pose: Pose2D, way: Ramp, axis: tuple[float, float], rate_rad_s: float, fastest_m_s: float) -> None:
+        """Go on by a period, on an arc if the driver's ramp is too slow for the turn; `way` is then the arc's velocity.
 
         Args:
             pose: where the robot is, frame odom.
-            twist: the velocity wanted, which may be a turn on the spot.
+            way: the driver's ramp, a velocity in frame odom along the axis.
+            axis: where the robot looks, a unit vector.
+            rate_rad_s: the turn that is wanted.
+            fastest_m_s: of an arc.
 
         """
         self.has_room, speed = True, self._speed
-        wanted_rad_s, wanted_m_s = twist.yaw_rad_s, twist.forward_m_s
-        is_enough = abs(wanted_rad_s) * self._radius_m <= abs(wanted_m_s) or abs(wanted_rad_s) < SLOW_RAD_S
+        wanted_m_s = abs(axis[0] * way.x + axis[1] * way.y)
+        is_enough = abs(rate_rad_s) * self._radius_m <= wanted_m_s or abs(rate_rad_s) < SLOW_RAD_S
         if is_enough and speed.x > -STANDS_M_S:
-            speed.stand()
-            speed.x, self._begin = wanted_m_s, None
-            return self.limited(twist)
+            self.go_on(way, axis)
+            return
         if self._begin is None:
             self._begin, self._leg_m, self._way = pose, 0.5 * LEG_M, 1.0
         to_go_m = self._to_go_m(pose, self._begin)
@@ -78,8 +88,8 @@ class Arcs:
             to_go_m = self._to_go_m(pose, pose)
             self.has_room = to_go_m >= ROOM_M
         to_stop_m_s = 0.0 if is_enough else speed_to_stop(to_go_m, speed.limits.acceleration, self._delay_s)
-        speed.follow(self._way * min(ARC_M_S, to_stop_m_s), 0.0)
-        return self.limited(Twist2D(speed.x, 0.0, wanted_rad_s))
+        speed.follow(self._way * min(ARC_M_S, fastest_m_s, to_stop_m_s), 0.0)
+        way.point_along(speed, *axis)
 
     def _to_go_m(self, pose: Pose2D, begin: Pose2D) -> float:
         """What is left of the arc: of its length, or of the room on the way."""

@@ -353,7 +353,7 @@ class Driver(OnBase):
         self._note(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else "")
         ahead_m = self._way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         slow_m_s = min(speed_m_s, limits.speed_m_s, limits.hand_speed_m_s)
-        self._steering.go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m)
+        self._steering.go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m, may_reverse=True)
         rate_rad_s = min(limits.turn_rate_rad_s, limits.hand_turn_rate_rad_s)
         self._turn.follow(max(-rate_rad_s, min(rate_rad_s, wanted.yaw_rad_s)), 0.0)
         self._moc.drive(self._steering.twist(pose, may_reverse=True))
@@ -380,14 +380,15 @@ class Driver(OnBase):
 
     def _turn_by_arcs(self, left_rad: float, pose: Pose2D, *, is_fresh: bool) -> None:
         if self._sees(is_fresh=is_fresh):
+            self._steering.slow_down(pose)
             self._steering.turn_by(left_rad)
-            self._moc.drive(self._by_arcs(pose, ""))
+            self._moc.drive(self._by_arcs(pose, "", math.inf))
             self._tell(abs(left_rad))
         self._give_up_if_blocked()
 
-    def _by_arcs(self, pose: Pose2D, blocked_why: str) -> Twist2D:
+    def _by_arcs(self, pose: Pose2D, blocked_why: str, fastest_m_s: float) -> Twist2D:
         """What a base drives that may have no room to turn."""
-        twist = self._steering.twist(pose)
+        twist = self._steering.twist(pose, fastest_m_s=min(fastest_m_s, self.parameters.speed_m_s))
         has_room = self._arcs is None or self._arcs.has_room
         self._note(blocked_why if blocked_why or has_room else NO_ROOM)
         return twist
@@ -420,11 +421,13 @@ class Driver(OnBase):
             self._note(blocked_why)
         ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
-        self._steering.go_towards(pose, heading_rad, min(limits.speed_m_s, path.fastest_m_s, path_m_s), free_m, ahead_m)
+        fastest_m_s = min(limits.speed_m_s, path.fastest_m_s, path_m_s)
+        reverses = path.is_straight
+        self._steering.go_towards(pose, heading_rad, fastest_m_s, free_m, ahead_m, may_reverse=reverses)
         self._steering.turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
         if turns_by_arcs:
-            return self._by_arcs(pose, blocked_why)
-        return self._steering.twist(pose, may_reverse=path.is_straight)
+            return self._by_arcs(pose, blocked_why, path.fastest_m_s)
+        return self._steering.twist(pose, may_reverse=reverses)
 
     def _squeeze(self, path: Path, pose: Pose2D, heading_rad: float, free_m: float) -> Twist2D:
         """Drive one period through a narrow place or up to one; `free_m` is the room ahead for normal driving."""
@@ -438,7 +441,7 @@ class Driver(OnBase):
         if way.speed > SLOW_M_S:
             room_m = self._lookout.passage(pose, math.atan2(way.y, way.x)).free_m
             if way.stopping(DELAY_S) > room_m + SPARE_M:
-                way.brake(limits.braking_m_s2)
+                self._steering.brake()
                 return self._steering.twist(pose)
         ahead_m = way.ahead(math.cos(found.heading_rad), math.sin(found.heading_rad))
         slow_m_s = found.speed_m_s
@@ -457,7 +460,7 @@ class Driver(OnBase):
         if not self._steering.is_holonomic and velocity_m_s != (0.0, 0.0):
             heading_rad = towards_rad
         self._steering.turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
-        return self._steering.twist(pose)
+        return self._steering.twist(pose, fastest_m_s=min(path.fastest_m_s, limits.speed_m_s))
 
     def _sees(self, *, is_fresh: bool) -> bool:
         """Look at what is around; a robot that is blind stands, and says why."""

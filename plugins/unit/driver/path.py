@@ -238,6 +238,18 @@ class Ramp:
         self.x, self.y = speed * direction_x, speed * direction_y
         self._acceleration_x, self._acceleration_y = gain * direction_x, gain * direction_y
 
+    def take_along(self, other: "Ramp", direction_x: float, direction_y: float) -> None:
+        """Be, as a speed along a line, what another ramp is along this direction (a unit vector)."""
+        self.x, self.y = direction_x * other.x + direction_y * other.y, 0.0
+        gain = direction_x * other._acceleration_x + direction_y * other._acceleration_y
+        self._acceleration_x, self._acceleration_y = gain, 0.0
+
+    def point_along(self, line: "Ramp", direction_x: float, direction_y: float) -> None:
+        """Be the velocity of a speed `line` along this direction (a unit vector)."""
+        self.x, self.y = line.x * direction_x, line.x * direction_y
+        gain = line._acceleration_x
+        self._acceleration_x, self._acceleration_y = gain * direction_x, gain * direction_y
+
     def stand(self) -> None:
         """Be at rest from now on, however that is brought about."""
         self.x = self.y = self._acceleration_x = self._acceleration_y = 0.0

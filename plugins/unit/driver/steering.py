@@ -51,11 +51,22 @@ class Steering:
         if turn_radius_min_m:
             self.arcs = Arcs(lookout, way.limits, turn_radius_min_m, period_s, delay_s)
         self.is_holonomic = is_holonomic
+        self._brakes = False
+        """Whether it brakes hard in this period."""
         self._lookout, self._way, self._turn = lookout, way, turn
         self._turn_rate_rad_s, self._braking_m_s2 = turn_rate_rad_s, braking_m_s2
         self._period_s, self._delay_s = period_s, delay_s
 
-    def go_towards(self, pose: Pose2D, heading_rad: float, speed_m_s: float, free_m: float, ahead_m: float) -> None:
+    def go_towards(
+        self,
+        pose: Pose2D,
+        heading_rad: float,
+        speed_m_s: float,
+        free_m: float,
+        ahead_m: float,
+        *,
+        may_reverse: bool = False,
+    ) -> None:
         """Go on by a period towards this velocity, frame odom, or slower if what is ahead demands it.
 
         Args:
@@ -64,14 +75,15 @@ class Steering:
             speed_m_s: at most.
             free_m: room in that direction.
             ahead_m: way that is driven there before a wish to slow down has its effect, see `Ramp.ahead`.
+            may_reverse: as for `twist`.
 
         """
         way, acceleration = self._way, self._way.limits.acceleration
         if self.goes_too_fast(pose):
-            way.brake(self._braking_m_s2)
+            self.brake()
             return
         if not self.is_holonomic:
-            speed_m_s = speed_m_s * self._share(pose, heading_rad)
+            speed_m_s = speed_m_s * self._share(pose, heading_rad, may_reverse=may_reverse)
             is_back = math.cos(heading_rad - pose.yaw_rad) < 0.0
             axis_rad = wrap_angle_rad(pose.yaw_rad + math.pi) if is_back else pose.yaw_rad
             free_m = min(free_m, self._lookout.free_m(pose, axis_rad))
@@ -86,6 +98,18 @@ class Steering:
         share = 1.0 if self.is_holonomic else self._share(pose, heading_rad)
         self._way.follow(share * x_m_s, share * y_m_s)
         return heading_rad
+
+    def brake(self) -> None:
+        """Go on by a period towards rest, as hard as the wheels' grip allows."""
+        self._way.brake(self._braking_m_s2)
+        self._brakes = True
+
+    def slow_down(self, pose: Pose2D) -> None:
+        """Go on by a period towards rest, hard only if there is no room for a smooth stop."""
+        if self.goes_too_fast(pose):
+            self.brake()
+        else:
+            self._way.follow(0.0, 0.0)
 
     def goes_too_fast(self, pose: Pose2D) -> bool:
         """Whether it cannot stop as smoothly as it should before what lies where it really goes, as past a corner."""
@@ -102,13 +126,14 @@ class Steering:
         stop_rad_s = speed_to_stop(left_rad, turn.limits.acceleration, self._delay_s)
         turn.follow(math.copysign(min(self._turn_rate_rad_s, stop_rad_s), angle_rad), 0.0)
 
-    def twist(self, pose: Pose2D, *, may_reverse: bool = False) -> Twist2D:
+    def twist(self, pose: Pose2D, *, may_reverse: bool = False, fastest_m_s: float = math.inf) -> Twist2D:
         """The ramps' velocity in the body frame, as the base can drive it.
 
         Args:
             pose: where the robot is.
             may_reverse: whether a base that cannot drive sideways may drive backwards; one that cannot turn on the
                 spot then does not turn by driving to and fro.
+            fastest_m_s: of the arcs by which such a base turns.
 
         """
         way, rate_rad_s = self._way, self._turn.x
@@ -117,11 +142,15 @@ class Steering:
         cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         if self.is_holonomic:
             return Twist2D(cos * way.x + sin * way.y, cos * way.y - sin * way.x, rate_rad_s)
-        way.keep_along(cos, sin, may_reverse=may_reverse)
-        wanted = Twist2D(cos * way.x + sin * way.y, 0.0, rate_rad_s)
+        way.keep_along(cos, sin, may_reverse=may_reverse or self.arcs is not None)
         if self.arcs is None:
-            return wanted
-        return self.arcs.limited(wanted) if may_reverse else self.arcs.drivable(pose, wanted)
+            return Twist2D(cos * way.x + sin * way.y, 0.0, rate_rad_s)
+        if may_reverse or self._brakes:
+            self.arcs.go_on(way, (cos, sin))
+        else:
+            self.arcs.turn(pose, way, (cos, sin), rate_rad_s, fastest_m_s)
+        self._brakes = False
+        return self.arcs.limited(cos * way.x + sin * way.y, rate_rad_s)
 
     def stand(self) -> None:
         """Be at rest from now on, however that is brought about."""
@@ -130,7 +159,9 @@ class Steering:
         if self.arcs is not None:
             self.arcs.stand()
 
-    def _share(self, pose: Pose2D, heading_rad: float) -> float:
+    def _share(self, pose: Pose2D, heading_rad: float, *, may_reverse: bool = False) -> float:
         """Share of a speed that it drives while it does not face that way yet, or faces away from it."""
         facing = math.cos(heading_rad - pose.yaw_rad)
+        if self.arcs is not None and facing < 0.0 and not may_reverse:
+            return 0.0  # backwards only on arcs
         return facing * facing

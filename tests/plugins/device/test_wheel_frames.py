@@ -236,6 +236,24 @@ def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_spee
     assert device.it.counters().rejected == 0
 
 
+def test_frames_of_different_rounds_are_never_put_together(own: FrameMap) -> None:
+    Path(own.dbc).write_text(DBC + TWO_ENCODERS)
+    encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
+    changes = {"encoders": encoders, "measure": Measure.COUNTS, "checksum": Checksum.NONE}
+    device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
+    device.it.activate()
+    for number in range(14):
+        device.wait(0.02)
+        for identifier in (1011, 1012):
+            data = (60 * number).to_bytes(4, "little", signed=True) + bytes((number,))
+            frame = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+            frame.timestamp = device.clock.now_ns() / 1e9
+            if (identifier, number) not in ((1012, 9), (1011, 10), (1012, 11)):
+                device.bus.arrived.append(frame)
+        device.it.step()
+        assert device.it.pose().yaw_rad == 0.0
+
+
 def signals(frame: str, *names: str) -> tuple[FrameSignals, ...]:
     return (FrameSignals(frame=frame, signals=names),)
 

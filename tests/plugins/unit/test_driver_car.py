@@ -6,6 +6,7 @@ import math
 import pytest
 
 from robrain.agent.action import Outcome
+from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.unit.driver.driver import NO_ROOM, PARKED_M, PARKED_RAD
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -69,11 +70,100 @@ def test_it_parks_at_a_pose(robot: BareDriver, goal: tuple[float, float, float])
     assert math.remainder(at.yaw_rad - goal[2], math.tau) == pytest.approx(0.0, abs=PARKED_RAD + 0.02)
 
 
-def test_speed_changes_smoothly_where_it_changes_its_direction(robot: BareDriver) -> None:
+STEP_M_S = 0.8 * 0.06 + 0.03
+"""Change of speed in a period that the driver's limits allow, with some slack."""
+
+
+def jumps(said: list[Twist2D]) -> list[float]:
+    """Changes of speed between periods; braking to a stop by the wheels themselves is none."""
+    return [abs(after.forward_m_s - before.forward_m_s) for before, after in itertools.pairwise(said)]
+
+
+@pytest.mark.parametrize("bearing_rad", [0.2, 0.8, 1.4, 2.0, 3.0])
+@pytest.mark.parametrize("distance_m", [0.3, 1.0, 3.0])
+def test_speed_changes_smoothly_from_arcs_to_the_path(robot: BareDriver, bearing_rad: float, distance_m: float) -> None:
+    robot.plugin.drive_path([Point2D(distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad))])
+    assert max(jumps(run(robot))) < STEP_M_S
+
+
+def test_speed_changes_smoothly_where_a_turn_changes_its_direction(robot: BareDriver) -> None:
     robot.plugin.turn(math.pi)
-    said = run(robot)
-    steps = [abs(after.forward_m_s - before.forward_m_s) for before, after in itertools.pairwise(said)]
-    assert max(steps[:-1]) < 0.8 * 0.06 + 0.02
+    assert max(jumps(run(robot))[:-1]) < STEP_M_S
+
+
+def test_after_a_straight_drive_nothing_is_left_of_an_arc_before_it(robot: BareDriver) -> None:
+    robot.plugin.follow([Point2D(-3.0, 0.1)])
+    while robot.wheels.twist.forward_m_s > -0.15:
+        robot.step()
+    robot.plugin.drive(2.0)
+    robot.step(20)
+    robot.commands()
+    speed_m_s = robot.wheels.twist.forward_m_s
+    assert speed_m_s > 0.3
+    robot.plugin.follow([Point2D(5.0, 0.0)])
+    robot.step(4)
+    after = [one.forward_m_s for one in robot.commands() if isinstance(one, Twist2D)]
+    assert max(abs(new - old) for old, new in itertools.pairwise([speed_m_s, *after])) < STEP_M_S
+
+
+@pytest.mark.parametrize("target", [Point2D(0.0, 3.0), Point2D(-5.0, 1.0)])
+def test_after_backing_away_it_does_not_dash_forwards(robot: BareDriver, target: Point2D) -> None:
+    robot.plugin.follow([Point2D(4.0, 0.0)])
+    robot.step(20)
+    robot.plugin.drive(-2.0)
+    robot.step(30)
+    robot.commands()
+    speed_m_s = robot.wheels.twist.forward_m_s
+    assert speed_m_s < -0.3
+    robot.plugin.follow([Point2D(robot.wheels.at.x_m + target.x_m, target.y_m)])
+    robot.step(8)
+    after = [one.forward_m_s for one in robot.commands() if isinstance(one, Twist2D)]
+    assert max(abs(new - old) for old, new in itertools.pairwise([speed_m_s, *after])) < STEP_M_S
+
+
+@pytest.mark.parametrize("bend_rad", [0.0, 0.3, 0.6, 1.0, 1.5])
+def test_it_brakes_as_hard_as_any_base_for_what_appears_ahead_while_it_steers(bend_rad: float) -> None:
+    nearest = []
+    for radius_min_m in (0.0, RADIUS_MIN_M):
+        robot = BareDriver()
+        robot.wheels.steers, robot.wheels.radius_min_m = True, radius_min_m
+        robot.plugin.activate()
+        robot.plugin.follow([Point2D(6.0, 0.0)])
+        while robot.wheels.twist.forward_m_s < 0.55:
+            robot.step()
+        at = robot.wheels.at
+        robot.plugin.follow([Point2D(at.x_m + 3.0 * math.cos(bend_rad), 3.0 * math.sin(bend_rad))])
+        robot.lidar.wall_m = at.x_m + 0.2 + 0.2
+        near_m = math.inf
+        for _ in range(40):
+            robot.step()
+            near_m = min(near_m, robot.lidar.wall_m - robot.wheels.at.x_m - 0.2)
+        nearest.append(near_m)
+    assert nearest[1] > nearest[0] - 0.02
+
+
+def test_arcs_keep_the_limits_of_speed() -> None:
+    slow = BareDriver(speed_m_s=0.1)
+    slow.wheels.steers, slow.wheels.radius_min_m = True, RADIUS_MIN_M
+    slow.plugin.activate()
+    slow.plugin.turn(math.pi)
+    assert max(abs(one.forward_m_s) for one in run(slow)) < 1.1 * 0.1  # the ramp goes a little beyond its aim
+
+
+@pytest.mark.parametrize("fastest_m_s", [0.0, 0.05])
+def test_arcs_keep_the_speed_that_a_path_is_given(robot: BareDriver, fastest_m_s: float) -> None:
+    robot.plugin.follow([Point2D(-3.0, 0.0)], fastest_m_s)
+    robot.step(60)
+    said = [one for one in robot.commands() if isinstance(one, Twist2D)]
+    assert max(abs(one.forward_m_s) for one in said) < 1.1 * fastest_m_s + 1e-9
+
+
+def test_a_lidar_that_is_covered_is_no_open_floor(robot: BareDriver) -> None:
+    robot.lidar.latest = lambda: LaserScan(robot.clock.now_ns(), (), (), 6.0)
+    robot.plugin.drive_path([Point2D(3.0, 0.0)])
+    robot.step(30)
+    assert robot.wheels.at == Pose2D(0.0, 0.0, 0.0)
+    assert robot.plugin.blocked_why() == "the lidar is covered: its scan has no beam"
 
 
 def test_a_wall_close_ahead_makes_it_back_away_and_it_never_comes_nearer(robot: BareDriver) -> None:

@@ -69,6 +69,11 @@ def test_parts_of_the_robot_itself_are_left_out(beams):
     assert sorted(told.ranges_m) == [2.0, told.range_max_m]
 
 
+def test_a_covered_lidar_is_refused_although_it_measures():
+    with pytest.raises(BadScan, match="beyond the robot itself"):
+        read(scan([0.1] * 90), mount=Mount(hidden_within_m=0.15), beams=360)
+
+
 def test_what_is_near_the_lidar_and_far_from_the_robots_centre_is_no_part_of_it():
     told = read(scan([3.0, 3.0, 0.15, 3.0]), mount=Mount(x_m=0.3, hidden_within_m=0.2), beams=360)
     assert min(told.ranges_m) == pytest.approx(0.45)
