@@ -14,7 +14,10 @@ from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.can.frames import BadFrame
 from robrain.protocol.can.payload import ERROR, ID_MASK
 from robrain.protocol.can.sequence import MODULUS, SequenceWatch
+from robrain.protocol.wire.clock import to_ns
 
+ROUND_SHARE = 0.75
+"""Frames of one round come within this share of their period."""
 ECHOES = 64
 """Own frames that are remembered: some interfaces give them back."""
 
@@ -52,6 +55,9 @@ class CanLink:
         """Values of each encoder frame since the last complete report."""
         self._added_up = [0.0] * sum(len(one.factors) for one in frames.encoders)
         """Ticks of each wheel, where speeds are measured."""
+        self._round_ns = 0
+        """When the first frame of the present round was measured."""
+        self._round_most_ns = to_ns(ROUND_SHARE * frames.period_s)
         self._missing = 0
         """Rounds of several encoder frames that were not complete since the last report."""
         self._last_ns: int | None = None
@@ -144,8 +150,10 @@ class CanLink:
             counter = int(values[-1])
             lost = self._sequences[number].note(counter)
             self._missing += lost if is_last else 0
-        if number == 0:
+        if frame.stamp_ns - self._round_ns > self._round_most_ns:
             self._parts = [None] * len(self._parts)  # what is left is of a round that was not complete
+        if not any(self._parts):
+            self._round_ns = frame.stamp_ns
         self._parts[number] = tuple([factor * value for factor, value in zip(wheels.factors, values, strict=False)])
         if not is_last:
             return None
