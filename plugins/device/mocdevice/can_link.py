@@ -145,22 +145,19 @@ class CanLink:
             self._rejected += 1
             return None
         counter = None
-        is_last = number == len(self._parts) - 1
         if self._frames.has_counter:
             counter = int(values[-1])
             lost = self._sequences[number].note(counter)
-            self._missing += lost if is_last else 0
-        if frame.stamp_ns - self._round_ns > self._round_most_ns:
-            self._parts = [None] * len(self._parts)  # what is left is of a round that was not complete
+            self._missing += lost if number == 0 else 0
+        if frame.stamp_ns - self._round_ns > self._round_most_ns:  # what is left is of a round that was not complete
+            self._missing += self._parts[0] is not None
+            self._parts = [None] * len(self._parts)
         if not any(self._parts):
             self._round_ns = frame.stamp_ns
         self._parts[number] = tuple([factor * value for factor, value in zip(wheels.factors, values, strict=False)])
-        if not is_last:
+        if None in self._parts:
             return None
         parts, self._parts = self._parts, [None] * len(self._parts)
-        if None in parts:
-            self._missing += 1  # a frame of this round; the counts of the next one have it
-            return None
         missing, self._missing = self._missing, 0
         whole = [value for part in parts if part is not None for value in part]
         if self._frames.is_speed:
