@@ -107,7 +107,7 @@ class FrameMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     encoders: Annotated[tuple[FrameSignals, ...], Meta(min_length=1, max_length=SIGNALS_MAX)] = (
         FrameSignals(frame="WheelEncoders", signals=("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")),
     )
-    """Frames that are received, in any order; together they are the counts. `units` are for `measure = "speed"` only."""
+    """Frames that are received, in any order; together they are the counts. `units` are for `measure = "speed"`."""
     measure: Measure = Measure.COUNTS
     stop: StopFrame = StopFrame(frame="Stop", values={"latched": 0})
     status: StatusFrame = StatusFrame(frame="MotorStatus")
