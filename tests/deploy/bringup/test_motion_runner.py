@@ -114,7 +114,7 @@ def test_a_way_to_a_wall_is_given_up_before_it(bench: LockstepBench) -> None:
 
 
 def test_a_robot_whose_wheels_are_blocked_gives_up_in_bounded_time(bench: LockstepBench) -> None:
-    bench.arena._robots[0].two_wheels._turn = lambda *rpm: None  # type: ignore[union-attr, method-assign]
+    bench.arena._robots[0].described._turn = lambda values: None  # type: ignore[union-attr, method-assign]
     began_ns = bench.clock.now_ns()
     with pytest.raises(MotionFailed, match="it has not ended after 8 s"):
         bench.perform(TurnOnSpot(0.6))

@@ -113,7 +113,7 @@ def robot(*lines: str) -> str:
     [
         (
             robot('type = "skout"'),
-            "robots[0].type: unknown value 'skout' (did you mean `scout`?); it may be carrier, omni",
+            "robots[0].type: unknown value 'skout' (did you mean `scout`?); it may be car, carrier, ",
         ),
         (robot("pose_m = [1, 1]"), "robots[0]: unknown key `pose_m` (did you mean `place_m`?)"),
         (robot("place_m = [1, 1]", "near_m = [1, 1]"), "robots[0]: expected either place_m or near_m, got both"),
