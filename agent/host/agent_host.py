@@ -49,7 +49,7 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import DropTaken, T
 from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.wire.reasons.offers import RobotHalted
+from robrain.protocol.wire.reasons.offers import RobotHalted, StoodStill
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -70,7 +70,11 @@ T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
 STOOD_STILL_NS = to_ns(0.5)
-"""After this time between two steps messages count as heard right after the first: many times the usual period."""
+"""After this time between two steps the process stood still: many times the usual period, and as long as a coordinator
+waits for the answer to an offer."""
+WAKING_NS = to_ns(0.2)
+"""For so long after it stood still, messages count as heard right after the last step before, and offers are refused:
+what waited in the process arrives in the first step, what waited in the network soon after it."""
 WIRES_MIN = 128
 """Number of wires, closed ones included, from which closed ones are let go."""
 WOKEN_PASSES = 2
@@ -138,6 +142,8 @@ class AgentHost:
         self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
         self._stepped_ns = self.clock.now_ns()
+        self._slept_ns, self._awake_ns = 0, 0
+        """When its process last began to stand still, and from when on nothing that waited for it arrives any more."""
         self._halts = 0
         self._log = self._wire.publisher(ROBOT_LOG, robot=self.name)
         self._faulted: dict[str, str] = {}
@@ -206,9 +212,11 @@ class AgentHost:
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:
             halting.hear()
+        if now_ns - self._stepped_ns > STOOD_STILL_NS:
+            self._slept_ns, self._awake_ns = self._stepped_ns, now_ns + WAKING_NS
         if self._inbox.has_some:
             # A process that was stopped finds summaries of any age: they may have come right after its last step.
-            heard_ns = now_ns if now_ns - self._stepped_ns <= STOOD_STILL_NS else self._stepped_ns
+            heard_ns = self._slept_ns if now_ns < self._awake_ns else now_ns
             for received in self._inbox.drain():
                 self.desk.hear_coordinator(received.message, self.name, heard_ns)
         self._stepped_ns = now_ns
@@ -338,6 +346,9 @@ class AgentHost:
         if self._registry.halted:
             return TaskAnswer.refused(RobotHalted())
         now_ns = self.clock.now_ns()
+        if now_ns < self._awake_ns or now_ns - self._stepped_ns > STOOD_STILL_NS:
+            # The coordinator may have given the offer up, or have ended.
+            return TaskAnswer.refused(StoodStill())
         self._wire.traces.note(request.asked.task.id, request.trace)
         reason = None if self._consensus is None else self._consensus.why_not_now(request.asked.task.id, now_ns)
         return self.desk.offer(request.asked, now_ns) if reason is None else TaskAnswer.refused(reason)

@@ -1,6 +1,7 @@
-"""CPU and memory of a process of this machine, from Linux's /proc; unknown elsewhere."""
+"""CPU and memory of a process of this machine, and how long it waited for a core: from Linux's /proc."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,6 +54,43 @@ class ProcessFigures:
         share = None if self._before is None else max(cpu_s - self._before[1], 0.0) / (now_s - self._before[0])
         self._before, self._last = (now_s, cpu_s), Figures(share, memory_mb)
         return self._last
+
+
+class CoreWait:
+    """How long a process could not run because other processes had the cores.
+
+    Args:
+        pid: its process id.
+        proc: where Linux tells of processes.
+
+    """
+
+    def __init__(self, pid: int, proc: Path = PROC) -> None:
+        self._tasks = proc / str(pid) / "task"
+        self._before: dict[str, int] | None = None
+
+    def since_last_s(self) -> float:
+        """Seconds since the last call, of the thread that waited longest; 0 in the first call and where unknown.
+
+        All threads count: the main one may wait for another that holds the interpreter's lock and waits for a core.
+        """
+        before, self._before = self._before, self._read_ns()
+        if before is None:
+            return 0.0
+        return max((waited - before.get(thread, waited) for thread, waited in self._before.items()), default=0) / 1e9
+
+    def forget(self) -> None:
+        """Let the next call be the first again."""
+        self._before = None
+
+    def _read_ns(self) -> dict[str, int]:
+        waited: dict[str, int] = {}
+        with suppress(OSError):
+            for thread in self._tasks.iterdir():
+                with suppress(OSError, ValueError, IndexError):
+                    # Time on a core, time waited for one, both ns, and number of turns: proc/schedstat of the kernel.
+                    waited[thread.name] = int((thread / "schedstat").read_text().split()[1])
+        return waited
 
 
 def _read(folder: Path) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """When a process is started, killed, started again or given up: a pure state machine of one process.
 
-It knows no process and no clock: its owner tells it what happened, and asks it with the time what to do next. Time in
-which the owner itself stood still is no evidence against the process, as the whole machine may have been suspended.
+It knows no process and no clock: its owner reports what happened, and asks it with the time what to do next. Time in
+which the owner itself stood still is no evidence against the process, as the whole machine may have been suspended; nor
+is most of the time in which the process waited for a core, on a machine that has more to do than it can.
 """
 
 from collections import deque
@@ -14,6 +15,11 @@ from robrain.protocol.model.ranges import check_positive
 
 LONGEST_LOOK_S = 0.5
 """Longer times between two calls of `next_step` count as so much silence."""
+WAITED_SHARE = 0.2
+"""Of time that a process waited for a core, so much counts as silence (chosen): a loop that never ends is killed within
+five times `hang_s`, however busy the machine is."""
+QUIET_S = 0.5
+"""Silence from which it is worth looking whether a process waits for a core: longer than any usual period."""
 
 
 class RestartPolicy(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,7 +86,8 @@ class Failure(NamedTuple):
     status: int
     """Exit status; negative for a signal."""
     silent_s: float
-    """How long its main loop had been silent, or how long it had been starting."""
+    """How long its main loop had been silent, or how long it had been starting; of the time that it waited for a core,
+    `WAITED_SHARE` is in it."""
     delay_s: float | None
     """Until the next start; None if it is given up."""
 
@@ -111,6 +118,11 @@ class Restarts:
         """How often it was started again."""
         return max(self.starts - 1, 0)
 
+    @property
+    def is_quiet(self) -> bool:
+        """Whether it runs and has been silent, or starting, for a while."""
+        return self.phase in (Phase.STARTING, Phase.UP) and self._silent_s >= QUIET_S
+
     def started(self) -> None:
         """It was started, as `next_step` said."""
         self.phase, self.starts = Phase.STARTING, self.starts + 1
@@ -139,15 +151,22 @@ class Restarts:
             self.phase, self._start_s = Phase.WAITING, now_s + delay_s
         return Failure(now_s, self._cause, status, self._silent_s, delay_s)
 
-    def next_step(self, now_s: float) -> Step:
-        """What to do now; has to be asked a few times a second."""
+    def next_step(self, now_s: float, waited_s: float = 0.0) -> Step:
+        """What to do now; has to be asked a few times a second.
+
+        Args:
+            now_s: the time, of a clock that only goes forward.
+            waited_s: for how much of the time since the last call the process waited for a core.
+
+        """
         looked_s, self._looked_s = self._looked_s, now_s
         if self.phase is Phase.WAITING:
             return Step.START if now_s >= self._start_s else Step.NOTHING
         if self.phase not in (Phase.STARTING, Phase.UP):
             return Step.NOTHING
         if looked_s is not None:
-            self._silent_s += min(max(now_s - looked_s, 0.0), LONGEST_LOOK_S)
+            look_s = min(max(now_s - looked_s, 0.0), LONGEST_LOOK_S)
+            self._silent_s += look_s - (1.0 - WAITED_SHARE) * min(max(waited_s, 0.0), look_s)
         is_up = self.phase is Phase.UP
         if self._silent_s < (self.policy.hang_s if is_up else self.policy.start_s):
             return Step.NOTHING

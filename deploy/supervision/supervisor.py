@@ -15,7 +15,7 @@ from robrain.deploy.processes.children import Child
 from robrain.deploy.processes.lifeline import LifelineEnd
 from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.part import HUB, Part, PartEvent, PartEventKind, PartView, failed
-from robrain.deploy.supervision.process_figures import ProcessFigures
+from robrain.deploy.supervision.process_figures import CoreWait, ProcessFigures
 from robrain.deploy.supervision.restarts import Phase, Restarts, Step
 
 BAD_INPUT = 2
@@ -32,6 +32,7 @@ class Supervised:
         self.restarts = Restarts(part.policy)
         self.child: Child | None = None
         self.figures: ProcessFigures | None = None
+        self._core_wait: CoreWait | None = None
         self.last_lines: list[str] = []
         """Output of the process before this one."""
         self.failed_s: float | None = None
@@ -53,7 +54,7 @@ class Supervised:
         except OSError:
             self._lifeline.close()
             raise
-        self.figures = ProcessFigures(self.child.pid)
+        self.figures, self._core_wait = ProcessFigures(self.child.pid), CoreWait(self.child.pid)
 
     def hear(self) -> bool:
         """Take in what its process says; whether it is ready since this call."""
@@ -66,6 +67,16 @@ class Supervised:
         if pulse.beats:
             self.restarts.beat()
         return self.is_up and not was_up
+
+    def next_step(self, now_s: float) -> Step:
+        """What to do with its process now."""
+        waited_s = 0.0
+        if self._core_wait is not None:
+            if self.restarts.is_quiet:
+                waited_s = self._core_wait.since_last_s()
+            else:
+                self._core_wait.forget()
+        return self.restarts.next_step(now_s, waited_s)
 
     def came_up(self, now_s: float) -> PartEvent:
         """It is up since now: the event that tells of it."""
@@ -83,7 +94,7 @@ class Supervised:
             self.child.kill_group()
             self.child.wait()
             self.last_lines = list(self.child.lines)
-        self.child = self.figures = None
+        self.child = self.figures = self._core_wait = None
 
     def view(self, now_s: float, messages: str, words: str) -> PartView:
         """How it is."""
@@ -142,7 +153,7 @@ class Supervisor:
                 self._on_event(each.came_up(now_s))
             if each.child is not None and (status := each.child.exit_status) is not None:
                 self._note_end(each, status, now_s)
-            step = each.restarts.next_step(now_s)
+            step = each.next_step(now_s)
             if step is Step.KILL and each.child is not None:
                 each.child.kill_group()
             elif step is Step.START:

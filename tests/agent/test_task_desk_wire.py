@@ -4,9 +4,11 @@ import pytest
 
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
 from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.wire.reasons.offers import StoodStill
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 from tests.agent.desk_of_one import offer
 
@@ -108,3 +110,34 @@ def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
 def test_a_deactivated_behavior_takes_no_tasks(seeker):
     seeker.hosts[-1].manager.get("seeker").apply(Trigger.DEACTIVATE)
     assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer()).why
+
+
+def stand_still(bench, for_s):
+    """Time passes without a step of the host, as where its process is stopped."""
+    bench.clock.advance_to(bench.clock.now_ns() + to_ns(for_s))
+
+
+@pytest.mark.parametrize("steps", [0, 1, 9])
+def test_offers_that_may_have_waited_while_the_process_stood_still_are_refused(seeker, steps):
+    stand_still(seeker, 0.6)
+    seeker.tick(steps)
+    assert send(seeker, ROBOT_OFFER, offer()) == TaskAnswer.refused(StoodStill())
+    assert seeker.plugin("seeker").log == []
+
+
+def test_offers_are_taken_again_soon_after_the_process_goes_on_and_after_short_pauses(seeker):
+    stand_still(seeker, 0.6)
+    seeker.tick(12)
+    stand_still(seeker, 0.4)
+    assert send(seeker, ROBOT_OFFER, offer()) == TaskAnswer(accepted=True)
+
+
+def test_a_summary_that_may_have_waited_while_the_process_stood_still_does_not_renew_the_lease(seeker):
+    send(seeker, ROBOT_OFFER, offer(lease_s=1.0))
+    seeker.coordinator.put(TeamState(robots=[]))
+    seeker.tick(5)
+    stand_still(seeker, 1.2)
+    seeker.tick(1)
+    seeker.coordinator.put(TeamState(robots=[]))
+    seeker.tick(1)
+    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]

@@ -86,6 +86,10 @@ class RobotHalted(Reason, frozen=True, tag="robot_halted"):
     """The robot is halted."""
 
 
+class StoodStill(Reason, frozen=True, tag="stood_still"):
+    """The robot's process has stood still; the offer may have waited for it longer than the coordinator did."""
+
+
 OfferRefusal = (
     DoneJustNow
     | EpochAhead
@@ -99,5 +103,6 @@ OfferRefusal = (
     | PluginOut
     | PositionLost
     | RobotHalted
+    | StoodStill
     | Said
 )  # fmt: skip

@@ -90,6 +90,30 @@ def test_time_in_which_the_supervisor_itself_stood_still_is_no_silence() -> None
     assert steps(restarts, 3600.1, 3604.5) == []
 
 
+@pytest.mark.parametrize(("waited_share", "killed_s"), [(0.0, 5.0), (0.5, 8.3), (1.0, 25.0), (9.0, 25.0), (-1.0, 5.0)])
+def test_time_in_which_a_process_waited_for_a_core_counts_for_a_fifth(waited_share: float, killed_s: float) -> None:
+    restarts, now_s = up(), 0.0
+    restarts.next_step(now_s)
+    while restarts.next_step(now_s := now_s + 0.1, 0.1 * waited_share) is Step.NOTHING:
+        pass
+    assert now_s == pytest.approx(killed_s, abs=0.15)
+
+
+def test_process_is_quiet_while_it_runs_and_has_not_beaten_for_a_while() -> None:
+    restarts = Restarts(POLICY)
+    assert steps(restarts, -2.0, -1.0) != []
+    assert not restarts.is_quiet
+    restarts.started()
+    steps(restarts, 0.0, 0.6)
+    assert restarts.is_quiet
+    restarts.ready()
+    assert not restarts.is_quiet
+    steps(restarts, 0.6, 1.2)
+    assert restarts.is_quiet
+    restarts.beat()
+    assert not restarts.is_quiet
+
+
 def test_end_is_told_as_an_end_after_an_earlier_hang() -> None:
     restarts = up()
     steps(restarts, 0.0, 6.0)

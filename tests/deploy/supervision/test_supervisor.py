@@ -12,6 +12,7 @@ import pytest
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.part import Part, PartEvent, PartEventKind
+from robrain.deploy.supervision.process_figures import CoreWait
 from robrain.deploy.supervision.restarts import Cause, RestartPolicy
 from robrain.deploy.supervision.supervisor import Supervisor
 from tests.waiting import has_ended, until
@@ -67,6 +68,18 @@ def test_process_that_stands_still_is_killed_and_started_again(run) -> None:
     wait(supervisor, lambda: PartEventKind.UP_AGAIN in kinds(events))
     assert events[2].cause is Cause.SILENT
     assert events[2].words.startswith("hub was silent for 1.")
+
+
+def test_process_that_waits_for_a_core_has_more_time(run, monkeypatch) -> None:
+    monkeypatch.setattr(CoreWait, "since_last_s", lambda _: 1.0)
+    supervisor, events = run(HUB)
+    hub = supervisor.named("hub")
+    wait(supervisor, lambda: hub.is_up)
+    os.kill(hub.child.pid, signal.SIGSTOP)
+    stopped_s = time.monotonic()
+    wait(supervisor, lambda: PartEventKind.FAILED in kinds(events))
+    assert time.monotonic() - stopped_s > 2.0
+    assert events[2].cause is Cause.SILENT
 
 
 def test_process_that_fails_again_and_again_is_given_up(run) -> None:
