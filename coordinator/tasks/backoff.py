@@ -27,8 +27,8 @@ impossible must not be offered all the time."""
 REFUSALS_MAX = 6
 """Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
 PASSING = (DoneJustNow, Occupied, PositionLost, RobotHalted, StoodStill)
-"""Refusals for what a robot is at just now, which say nothing of the task: it charges, is lost or halted, or its process
-has stood still."""
+"""Refusals for what a robot is at just now, which say nothing of the task: it charges, is lost or halted, or its
+process has stood still."""
 CHARGED_SOC = 0.9
 """State of charge from which a robot's want of energy is no passing one (chosen: below where charging ends)."""
 KEPT = 4096
