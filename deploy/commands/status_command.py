@@ -1,6 +1,7 @@
-"""`robrain status`: which members of a team are present, and what they have refused."""
+"""`robrain status`: which members of a team are present, how its robots are, and what they have refused."""
 
 import time
+from enum import StrEnum
 
 import msgspec
 
@@ -10,6 +11,7 @@ from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
@@ -19,6 +21,27 @@ POLL_S = 0.02
 COORDINATOR = "coordinator"
 
 
+class RobotCondition(StrEnum):
+    """How a robot is; the first that holds."""
+
+    HALTED = "halted"
+    FAULTED = "faulted"
+    LOST = "lost"
+    """It does not know where it is."""
+    SILENT = "silent"
+    """Its token is there, but it has published no state for a second."""
+    UP = "up"
+
+
+class RobotStanding(msgspec.Struct, frozen=True, kw_only=True):
+    """How one robot is."""
+
+    robot: str
+    condition: RobotCondition
+    why: str = ""
+    """In words; empty if it is up."""
+
+
 class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The members of a team that are present."""
 
@@ -26,6 +49,8 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     coordinator: bool
     robots: list[str]
     """Names, sorted."""
+    standing: list[RobotStanding] = []
+    """How each robot is, in the same order."""
     refused: dict[str, list[Refusal]] = {}
     """What the coordinator and the robots have refused, by `coordinator` and the robots' names; absent if nothing."""
     mote_field: MoteFieldState | None = None
@@ -50,11 +75,12 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         found = team_found(wire)
         if not found.robots and not found.coordinator:
             raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
-        refused, summary = _told(inbox, len(found.robots) + found.coordinator)
+        refused, summary, states = _told(inbox, len(found.robots) + found.coordinator)
     return TeamStatus(
         team=team,
         coordinator=found.coordinator,
         robots=found.robots,
+        standing=[standing_of(name, states.get(name)) for name in found.robots],
         refused=refused,
         mote_field=None if summary is None else summary.mote_field or None,
         stand_by=None if summary is None else summary.stand_by or None,
@@ -69,8 +95,8 @@ def show_status(found: TeamStatus) -> None:
         tell(f"  the coordinator takes no tasks: {found.unwritable}")
     if found.stand_by is not None:
         tell(f"  {found.stand_by.words}")
-    for name in found.robots:
-        tell(f"  {name} up")
+    for one in found.standing:
+        tell(f"  {one.robot} {one.condition}{f': {one.why}' if one.why else ''}")
     if found.mote_field is not None:
         tell(f"  {found.mote_field.words}")
     for name, refused in found.refused.items():
@@ -78,9 +104,30 @@ def show_status(found: TeamStatus) -> None:
             tell(f"  {name} refused {one.words}")
 
 
-def _told(inbox: Inbox, members: int) -> tuple[dict[str, list[Refusal]], TeamState | None]:
-    """What members have refused, and the coordinator's summary, as far as they publish it within `STATE_S`."""
+def standing_of(robot: str, state: RobotState | None) -> RobotStanding:
+    """How a robot is, by its last state."""
+    condition, why = RobotCondition.UP, ""
+    if state is None:
+        condition, why = RobotCondition.SILENT, f"it has published no state for {STATE_S:g} s"
+    elif state.halted:
+        condition, why = RobotCondition.HALTED, f"by {', '.join(state.halted_by) or 'the team'}"
+        if state.not_halted:
+            why += f"; not stopped: {', '.join(state.not_halted)}"
+    elif state.faulted:
+        condition, lines = RobotCondition.FAULTED, [fault.why.strip().rpartition("\n")[2] for fault in state.faulted]
+        why = "; ".join(f"{fault.plugin} does not run: {line}" for fault, line in zip(state.faulted, lines, strict=True))
+    elif state.lost:
+        condition, why = RobotCondition.LOST, state.lost
+    return RobotStanding(robot=robot, condition=condition, why=why)
+
+
+_Told = tuple[dict[str, list[Refusal]], TeamState | None, dict[str, RobotState]]
+
+
+def _told(inbox: Inbox, members: int) -> _Told:
+    """What members have refused, the coordinator's summary, and the robots' states, as published within `STATE_S`."""
     told: dict[str, list[Refusal]] = {}
+    states: dict[str, RobotState] = {}
     summary: TeamState | None = None
     until_s = time.monotonic() + STATE_S
     while len(told) < members and time.monotonic() < until_s:
@@ -88,5 +135,7 @@ def _told(inbox: Inbox, members: int) -> tuple[dict[str, list[Refusal]], TeamSta
             refused = received.message.refused
             told[received.names.get("robot", COORDINATOR)] = refused if isinstance(refused, list) else []
             summary = received.message if isinstance(received.message, TeamState) else summary
+            if isinstance(received.message, RobotState):
+                states[received.message.robot] = received.message
         time.sleep(POLL_S)
-    return {name: refused for name, refused in sorted(told.items()) if refused}, summary
+    return {name: refused for name, refused in sorted(told.items()) if refused}, summary, states

@@ -310,6 +310,8 @@ class TeamView:
 
     def _take_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
         name = names["recorder"]
+        if name not in self.recorders:  # it follows those that have ended without a word
+            self.recorders = {other: view for other, view in self.recorders.items() if not view.is_silent(now_s)}
         if name in self.recorders or len(self.recorders) < RECORDERS:
             self.recorders.setdefault(name, RecorderView(name)).take(state, now_s)
 

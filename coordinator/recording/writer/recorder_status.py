@@ -16,7 +16,8 @@ logger = logging.getLogger(__name__)
 STATE_NS = to_ns(1.0)
 """How often a live recorder tells how it does."""
 SLOW_S = 1.0
-"""A step that takes longer than this is told: the disk does not keep up."""
+"""A step that takes longer than this is reported."""
+SLOW = "as the disk or the machine is too slow"
 
 
 class RecorderTelling:
@@ -58,11 +59,11 @@ class RecorderTelling:
         slow = took_s > SLOW_S
         due = self._said_ns is None or not 0 <= now_ns - self._said_ns < STATE_NS
         if slow:
-            logger.warning("recording is slow: the disk took %.1f s", took_s)
+            logger.warning("recording is slow: writing took %.1f s, %s", took_s, SLOW)
         if (due and (self._live or lost > self._lost_told)) or slow:
             self._said_ns = now_ns
             self._lost_told = lost
-            self._say(f"the disk took {took_s:.1f} s" if slow else "")
+            self._say(f"writing took {took_s:.1f} s, {SLOW}" if slow else "")
 
     def close(self) -> None:
         """Say the last."""
@@ -72,8 +73,8 @@ class RecorderTelling:
 
     def _hangs(self, lasted_s: float) -> None:
         if lasted_s < 2 * SLOW_S:  # once in the log, again and again on the wire
-            logger.warning("recording has been waiting for the disk for %.1f s", lasted_s)
-        self._say(f"the disk has accepted nothing for {lasted_s:.1f} s")
+            logger.warning("recording has written nothing for %.1f s, %s", lasted_s, SLOW)
+        self._say(f"nothing has been written for {lasted_s:.1f} s, {SLOW}")
 
     def _say(self, why: str) -> None:
         with self._lock:

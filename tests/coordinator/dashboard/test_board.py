@@ -253,13 +253,13 @@ def test_ellipse_is_turned_as_the_covariance_is() -> None:
     assert ellipse((-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0)) is None
 
 
-def recorder_says(view: TeamView, now_s: float, **told: object) -> list[str]:
+def recorder_says(view: TeamView, now_s: float, name: str = "main", **told: object) -> list[str]:
     """What the alerts say of a recorder that has told this."""
     if told:
-        state = RecorderState(recorder="main", **told)  # type: ignore[arg-type]
-        key = RECORDER_STATE.key("default", recorder="main")
-        view.apply(Received(RECORDER_STATE, key, {"recorder": "main"}, state), now_s)
-    return [alert.text for alert in alerts_of(view, now_s) if alert.subject == "Recorder main"]
+        state = RecorderState(recorder=name, **told)  # type: ignore[arg-type]
+        key = RECORDER_STATE.key("default", recorder=name)
+        view.apply(Received(RECORDER_STATE, key, {"recorder": name}, state), now_s)
+    return [alert.text for alert in alerts_of(view, now_s) if alert.subject == f"Recorder {name}"]
 
 
 def test_recorder_that_cannot_write_or_loses_messages_is_an_alert() -> None:
@@ -282,3 +282,13 @@ def test_recorder_that_falls_silent_is_an_alert_unless_it_has_closed_its_file() 
     assert said.startswith("says nothing any more")
     assert recorder_says(view, 71.0, file="run.mcap", closed=True) == []
     assert recorder_says(view, 99.0) == []
+
+
+def test_recorder_that_was_killed_is_no_alert_once_another_follows_it() -> None:
+    view = TeamView()
+    for now_s in (0.0, 1.0):
+        recorder_says(view, now_s, file="run.mcap")
+    recorder_says(view, 2.0, "second", file="run.1.mcap")
+    assert recorder_says(view, 11.0) != []
+    assert recorder_says(view, 12.0, "third", file="run.2.mcap") == []
+    assert recorder_says(view, 12.0) == []

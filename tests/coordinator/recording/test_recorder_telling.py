@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.recording.writer import recorder_status as recorder_telling
-from robrain.coordinator.recording.writer.recorder_status import RecorderTelling
+from robrain.coordinator.recording.writer.recorder_status import SLOW, RecorderTelling
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 
@@ -100,10 +100,10 @@ def test_a_step_that_takes_more_than_a_second_is_told_whatever_else(
 ) -> None:
     assert lockstep.step(5.0, took_s=1.0) == []
     assert caplog.records == []
-    assert lockstep.step(6.5, took_s=1.5) == ["the disk took 1.5 s"]
+    assert lockstep.step(6.5, took_s=1.5) == [f"writing took 1.5 s, {SLOW}"]
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     lockstep.why = "messages were lost"
-    assert lockstep.step(8.0, took_s=1.25) == ["messages were lost; the disk took 1.2 s"]
+    assert lockstep.step(8.0, took_s=1.25) == [f"messages were lost; writing took 1.2 s, {SLOW}"]
 
 
 def test_a_disk_that_hangs_is_told_again_and_again_and_logged_once(
@@ -113,8 +113,8 @@ def test_a_disk_that_hangs_is_told_again_and_again_and_logged_once(
     assert watch.period_s == 1.0
     for lasted_s in (1.5, 2.0, 3.0):
         watch.tell(lasted_s)
-    assert live.said == [f"the disk has accepted nothing for {lasted_s} s" for lasted_s in (1.5, 2.0, 3.0)]
-    assert [record.getMessage() for record in caplog.records] == ["recording has been waiting for the disk for 1.5 s"]
+    assert live.said == [f"nothing has been written for {lasted_s} s, {SLOW}" for lasted_s in (1.5, 2.0, 3.0)]
+    assert [record.getMessage() for record in caplog.records] == [f"recording has written nothing for 1.5 s, {SLOW}"]
 
 
 def test_the_watch_follows_each_step_and_ends_with_the_recorder(live: Recorder) -> None:

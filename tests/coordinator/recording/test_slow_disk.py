@@ -93,14 +93,14 @@ def team(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Team]:
 def test_a_disk_that_hangs_is_told_while_it_hangs_and_what_is_lost_is_counted(team: Team, tmp_path: Path) -> None:
     team.speak_until(lambda state: state.messages > 0)
     HungDisk.gate.clear()
-    hanging = team.speak_until(lambda state: "the disk has accepted nothing for" in state.why)
+    hanging = team.speak_until(lambda state: "nothing has been written for" in state.why)
     assert not hanging.closed
-    full = team.speak_until(lambda state: bool(state.lost) and "the disk has accepted nothing for" in state.why)
+    full = team.speak_until(lambda state: bool(state.lost) and "nothing has been written for" in state.why)
     assert full.waiting == CAPACITY
     assert "came faster than they are written" in full.why
     assert [lost.topic for lost in full.lost] == ["robot_state"]
     HungDisk.gate.set()
-    team.speak_until(lambda state: "the disk took" in state.why)
+    team.speak_until(lambda state: "writing took" in state.why)
     good = team.speak_until(lambda state: "the disk" not in state.why)
     assert good.lost[0].messages >= full.lost[0].messages
     team.close()
@@ -114,7 +114,7 @@ def test_a_disk_that_hangs_is_told_while_it_hangs_and_what_is_lost_is_counted(te
 def test_nobody_waits_for_a_disk_that_hangs(team: Team) -> None:
     team.speak_until(lambda state: state.messages > 0)
     HungDisk.gate.clear()
-    team.speak_until(lambda state: "the disk has accepted nothing for" in state.why)
+    team.speak_until(lambda state: "nothing has been written for" in state.why)
     ear = Inbox(every=True)
     team.robot.subscribe(ear, ROBOT_STATE)
     began_s = time.monotonic()
