@@ -95,8 +95,8 @@ def show_status(found: TeamStatus) -> None:
         tell(f"  the coordinator takes no tasks: {found.unwritable}")
     if found.stand_by is not None:
         tell(f"  {found.stand_by.words}")
-    for one in found.standing:
-        tell(f"  {one.robot} {one.condition}{f': {one.why}' if one.why else ''}")
+    for robot in found.standing:
+        tell(f"  {robot.robot} {robot.condition}{f': {robot.why}' if robot.why else ''}")
     if found.mote_field is not None:
         tell(f"  {found.mote_field.words}")
     for name, refused in found.refused.items():
@@ -115,7 +115,9 @@ def standing_of(robot: str, state: RobotState | None) -> RobotStanding:
             why += f"; not stopped: {', '.join(state.not_halted)}"
     elif state.faulted:
         condition, lines = RobotCondition.FAULTED, [fault.why.strip().rpartition("\n")[2] for fault in state.faulted]
-        why = "; ".join(f"{fault.plugin} does not run: {line}" for fault, line in zip(state.faulted, lines, strict=True))
+        why = "; ".join(
+            f"{fault.plugin} does not run: {line}" for fault, line in zip(state.faulted, lines, strict=True)
+        )
     elif state.lost:
         condition, why = RobotCondition.LOST, state.lost
     return RobotStanding(robot=robot, condition=condition, why=why)

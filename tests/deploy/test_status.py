@@ -28,14 +28,20 @@ def test_a_field_that_the_coordinator_leaves_alone_is_not_mentioned(capsys) -> N
     [
         (None, RobotCondition.SILENT, "r1 silent: it has published no state for 1 s"),
         (RobotState(robot="r1"), RobotCondition.UP, "r1 up"),
-        (RobotState(robot="r1", halted=True, halted_by=["ann", "bob"]), RobotCondition.HALTED, "r1 halted: by ann, bob"),
+        (
+            RobotState(robot="r1", halted=True, halted_by=["ann", "bob"]),
+            RobotCondition.HALTED,
+            "r1 halted: by ann, bob",
+        ),
         (
             RobotState(robot="r1", halted=True, not_halted=["driver"], lost="bumped", faulted=[]),
             RobotCondition.HALTED,
             "r1 halted: by the team; not stopped: driver",
         ),
         (
-            RobotState(robot="r1", lost="bumped", faulted=[PluginFault(plugin="scan", why="Traceback:\nOSError: gone")]),
+            RobotState(
+                robot="r1", lost="bumped", faulted=[PluginFault(plugin="scan", why="Traceback:\nOSError: gone")]
+            ),
             RobotCondition.FAULTED,
             "r1 faulted: scan does not run: OSError: gone",
         ),

@@ -109,6 +109,8 @@ def test_one_robot_is_halted_alone_and_without_a_coordinator(commands, arena) ->
     watcher.wait_until_all_drive()
     halted = commands.run_until(succeeds, "halt", "--robot", "r1", ROBRAIN_CONNECT=endpoint)
     assert halted.stdout == "r1: halted\n"
+    shown = commands.run_until(succeeds, "status", ROBRAIN_CONNECT=endpoint)
+    assert [line.strip() for line in shown.stdout.splitlines()[1:3]] == ["r1 halted: by operator", "r2 up"]
     until(lambda: watcher.driven_m(0.5)["r1"] < STANDS_M, "r1 does not come to a stand")
 
     def r2_drives() -> bool:
