@@ -285,12 +285,16 @@ app.command()(machine_files)
 app.command()(router)
 app.command()(scenarios)
 
-RobotOption = Annotated[str | None, typer.Option(help="This robot only; default: the whole team.")]
+RobotOption = Annotated[str | None, typer.Option(help="The same as ROBOT.")]
+OneRobotArgument = Annotated[
+    str | None, typer.Argument(metavar="ROBOT", help="This robot only; default: the whole team.")
+]
 ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]
 
 
 @app.command()
 def halt(
+    one: OneRobotArgument = None,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     robot: RobotOption = None,
@@ -298,9 +302,9 @@ def halt(
     reason: Annotated[str, typer.Option(help="Reason, for the log.")] = "",
 ) -> None:
     """Emergency halt: stop all robots, and list those that have not stopped."""
-    from robrain.deploy.commands.halt_command import halt_command
+    from robrain.deploy.commands.halt_command import halt_command, one_robot
 
-    if failed := halt_command(connect, check_name("team", team), robot, by, reason):
+    if failed := halt_command(connect, check_name("team", team), one_robot(one, robot), by, reason):
         raise typer.Exit(failed)
 
 
@@ -314,12 +318,16 @@ def lead(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None
 
 @app.command()
 def resume(
-    connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, robot: RobotOption = None, by: ByOption = None
+    one: OneRobotArgument = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    robot: RobotOption = None,
+    by: ByOption = None,
 ) -> None:
     """End an emergency halt; allowed to the one that halted, and to operators."""
-    from robrain.deploy.commands.halt_command import resume_command
+    from robrain.deploy.commands.halt_command import one_robot, resume_command
 
-    if failed := resume_command(connect, check_name("team", team), robot, by):
+    if failed := resume_command(connect, check_name("team", team), one_robot(one, robot), by):
         raise typer.Exit(failed)
 
 

@@ -4,6 +4,7 @@ import os
 
 from robrain.client.halting import HaltReport
 from robrain.client.team import Team
+from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import tell
 from robrain.protocol.model.tasks.halt_latch import OPERATOR
 from robrain.protocol.wire.keys import check_name
@@ -40,6 +41,13 @@ def resume_command(connect: str | None, team: str, robot: str | None = None, by:
     _check_robot(robot)
     with Team.connect(connect, team=team) as client:
         return _print_report(client.resume(robot, by=_who(by)), None if robot else team)
+
+
+def one_robot(argument: str | None, option: str | None) -> str | None:
+    """The robot of a command that takes it as ROBOT and as --robot (UsageError if they name two)."""
+    if argument is not None and option is not None and argument != option:
+        raise UsageError(f"--robot {option}: expected one robot, got {argument} as well")
+    return argument if argument is not None else option
 
 
 def _check_robot(robot: str | None) -> None:

@@ -107,10 +107,10 @@ def test_one_robot_is_halted_alone_and_without_a_coordinator(commands, arena) ->
     endpoint, watcher = arena
     start_agents(commands, "r1", "r2")
     watcher.wait_until_all_drive()
-    halted = commands.run_until(succeeds, "halt", "--robot", "r1", ROBRAIN_CONNECT=endpoint)
+    halted = commands.run_until(succeeds, "halt", "r1", "--by", "operator:ann", ROBRAIN_CONNECT=endpoint)
     assert halted.stdout == "r1: halted\n"
     shown = commands.run_until(succeeds, "status", ROBRAIN_CONNECT=endpoint)
-    assert [line.strip() for line in shown.stdout.splitlines()[1:3]] == ["r1 halted: by operator", "r2 up"]
+    assert [line.strip() for line in shown.stdout.splitlines()[1:3]] == ["r1 halted: by operator:ann", "r2 up"]
     until(lambda: watcher.driven_m(0.5)["r1"] < STANDS_M, "r1 does not come to a stand")
 
     def r2_drives() -> bool:
@@ -119,7 +119,7 @@ def test_one_robot_is_halted_alone_and_without_a_coordinator(commands, arena) ->
         return driven_m["r2"] > 0.0
 
     until(r2_drives, "r2 stands as well")
-    commands.run_until(succeeds, "resume", "--robot", "r1", ROBRAIN_CONNECT=endpoint)
+    commands.run_until(succeeds, "resume", "r1", ROBRAIN_CONNECT=endpoint)
     watcher.wait_until_all_drive()
 
 
