@@ -39,7 +39,7 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.offers import NeedsTime, NoPath, OfferRefusal
+from robrain.protocol.wire.reasons.offers import NeedsTime, NoPath, OfferRefusal, Unexplored
 from robrain.protocol.wire.reasons.reason import Said
 
 STEP_S = 0.25
@@ -304,7 +304,7 @@ class Errand(Behavior, ABC, Generic[P]):
         goal = task.place
         path = self.travel.plan(goal)
         if path is None:
-            return TaskAnswer.refused(NoPath())
+            return TaskAnswer.refused(Unexplored() if self.travel.view().is_unexplored(goal) else NoPath())
         pose = self.travel.pose()
         way_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
         _, home_m = self.budget.way_home(path[-1] if path else goal)

@@ -6,7 +6,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.mapping.grid_geometry import UNKNOWN, GridGeometry
 
 
 class MapView(msgspec.Struct, frozen=True, eq=False):
@@ -15,6 +16,11 @@ class MapView(msgspec.Struct, frozen=True, eq=False):
     version: int
     geometry: GridGeometry
     classes: NDArray[np.int8]
+
+    def is_unexplored(self, place: Point2D) -> bool:
+        """Whether a place, arena frame, lies within the map's borders and has not been seen."""
+        row, column = self.geometry.cell_of(place.x_m, place.y_m)
+        return self.geometry.contains(row, column) and bool(self.classes[row, column] == UNKNOWN)
 
 
 class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):

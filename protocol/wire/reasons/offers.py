@@ -90,6 +90,10 @@ class StoodStill(Reason, frozen=True, tag="stood_still"):
     """The robot's process has stood still; the offer may have waited for it longer than the coordinator did."""
 
 
+class Unexplored(Reason, frozen=True, tag="unexplored"):
+    """The robot's map has no path to the task's place, as it does not know that place yet."""
+
+
 OfferRefusal = (
     DoneJustNow
     | EpochAhead
@@ -104,5 +108,6 @@ OfferRefusal = (
     | PositionLost
     | RobotHalted
     | StoodStill
+    | Unexplored
     | Said
 )  # fmt: skip

@@ -235,6 +235,8 @@ def words(reason: AnyReason) -> str:
             return "the robot is halted"
         case tasks.RobotOut(robot=robot, because=why_not, attempt=attempt, attempts=attempts):
             return f"{robot} {words(why_not)}{f'; attempt {attempt} of {attempts}' if attempt else ''}"
+        case offers.Unexplored():
+            return "no way there, as its place is not explored yet"
         case offers.StoodStill():
             return "its process has just stood still, and the offer may have waited"
         case tasks.RuleEvent(rule=rule, robot=robot, plugin=plugin, event=event, value=number):

@@ -8,12 +8,13 @@ from robrain.agent.lifecycle.plugin_info import plugin_info
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath
+from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath, Unexplored
 from robrain.protocol.wire.topics import HALT, ROBOT_PATH, ROBOT_STATE
 from tests.plugins.behavior.errands import START, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)
-WALLED = Point2D(-3.0, 1.0)
+WALLED = Point2D(-300.0, 1.0)
+BEHIND_THE_WALL = Point2D(6.4, 2.0)
 START_PLACE = Point2D(START.x_m, START.y_m)
 UNSEEN = Point2D(5.6, 2.0)
 """Behind the pillar, where the robot has not looked."""
@@ -121,6 +122,12 @@ def test_a_place_that_cannot_be_reached_is_refused(errands):
     run = errands("visit")
     assert run.offer(Task(id="v", kind="visit", place=WALLED)).reason == NoPath()
     assert run.hosts["r1"].desk.status is None
+
+
+def test_a_place_that_is_not_on_the_map_yet_is_refused_as_unexplored(errands):
+    run = errands("visit")
+    answer = run.offer(Task(id="v", kind="visit", place=BEHIND_THE_WALL))
+    assert (answer.reason, answer.why) == (Unexplored(), "no way there, as its place is not explored yet")
 
 
 def test_a_robot_that_nobody_talks_to_sleeps(errands):
