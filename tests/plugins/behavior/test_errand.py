@@ -14,7 +14,7 @@ from tests.plugins.behavior.errands import START, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)
 WALLED = Point2D(-300.0, 1.0)
-BEHIND_THE_WALL = Point2D(6.4, 2.0)
+NEXT_ROOM = Point2D(10.0, 2.0)
 START_PLACE = Point2D(START.x_m, START.y_m)
 UNSEEN = Point2D(5.6, 2.0)
 """Behind the pillar, where the robot has not looked."""
@@ -125,8 +125,8 @@ def test_a_place_that_cannot_be_reached_is_refused(errands):
 
 
 def test_a_place_that_is_not_on_the_map_yet_is_refused_as_unexplored(errands):
-    run = errands("visit")
-    answer = run.offer(Task(id="v", kind="visit", place=BEHIND_THE_WALL))
+    run = errands("visit", parameters={"mapper": {"width_m": 20.0}})
+    answer = run.offer(Task(id="v", kind="visit", place=NEXT_ROOM))
     assert (answer.reason, answer.why) == (Unexplored(), "no way there, as its place is not explored yet")
 
 
