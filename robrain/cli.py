@@ -360,7 +360,7 @@ def call(
     team: TeamOption = DEFAULT_TEAM,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Call a function of a robot's plugin, and print its result: call r1 driver pose, call r1 driver drive 0.5."""
+    """Call a function of a robot's plugin, and print its result: call r1 localisation pose, call r1 driver drive 1."""
     from robrain.deploy.commands.call_command import call_command
     from robrain.deploy.commands.terminal import print_line
 

@@ -127,7 +127,7 @@ def show_left(left: ExplorationLeft) -> None:
         largest = unseen[0]
         print_line(
             f"not seen yet: {len(unseen)} place{'s' if len(unseen) > 1 else ''} that robots can reach, "
-            f"{sum(one.area_m2 for one in unseen):.1f} m² in all, the largest beyond "
+            f"up to {sum(one.area_m2 for one in unseen):.1f} m² (what lies in obstacles counts), the largest beyond "
             f"{largest.place.x_m:.1f}, {largest.place.y_m:.1f}"
         )
     if not regions and not left.more:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -66,8 +66,8 @@ def manifests_page() -> str:
 def planning_page() -> str:
     """The whole of docs/reference/planning.md."""
     tables = [
-        f"## `{name}` {{#{_anchor(name)}}}\n\n{summary(struct)}\n\n{struct_table(struct)}"
-        for name, struct in _tables(PlanningPolicy, "planning.")
+        f"## {each.heading} {{#{each.anchor}}}\n\n{summary(each.struct)}\n\n{struct_table(each.struct)}"
+        for each in _tables(PlanningPolicy, "planning.")
     ]
     return page("Planning files", PLANNING, struct_table(PlanningPolicy), *tables)
 
@@ -75,40 +75,60 @@ def planning_page() -> str:
 def file_sections(root: Struct) -> list[str]:
     """A section for each table of a file, as they stand in its structs."""
     tables = list(_tables(root))
-    links = {_anchor(name): f"[`{name}`](#{_anchor(name)})" for name, _ in tables}
+    links: dict[str, str] = {}
+    for each in tables:
+        before = f"{links[each.path]} or " if each.path in links else ""
+        words = f'`type = "{each.tag}"`' if each.tag and before else each.heading
+        links[each.path] = f"{before}[{words}](#{each.anchor})"
     sections = []
-    for name, struct in tables:
-        keys = {
-            field.encode_name: f"{name.strip('[]')}.{field.encode_name}" for field in msgspec.structs.fields(struct)
-        }
-        fields = struct_table(struct, {key: links.get(_anchor(path), "") for key, path in keys.items()})
-        about = summary(struct)
-        if struct is PlanningPolicy:
+    for each in tables:
+        keys = {field.encode_name: f"{each.path}.{field.encode_name}" for field in msgspec.structs.fields(each.struct)}
+        fields = struct_table(each.struct, {key: links.get(path, "") for key, path in keys.items()})
+        about = summary(each.struct)
+        if each.struct is PlanningPolicy:
             about, fields = "See [planning files](planning.md).", ""
-        sections.append(f"## `{name}` {{#{_anchor(name)}}}\n\n{about}\n\n{fields}")
+        sections.append(f"## {each.heading} {{#{each.anchor}}}\n\n{about}\n\n{fields}")
     return sections
 
 
-def _tables(struct: Struct, prefix: str = "") -> Iterator[tuple[str, Struct]]:
-    """Tables of a file by their names in brackets, those within others after them."""
+class _Table(NamedTuple):
+    """A table of a file."""
+
+    path: str
+    struct: Struct
+    many: bool
+    tag: str
+    """Value of its key `type`, where tables of several kinds may be there; else empty."""
+
+    @property
+    def heading(self) -> str:
+        """Its name in brackets, as in the file."""
+        name = f"`[[{self.path}]]`" if self.many else f"`[{self.path}]`"
+        return f'{name} of `type = "{self.tag}"`' if self.tag else name
+
+    @property
+    def anchor(self) -> str:
+        """Where links to it go."""
+        path = f"{self.path}.{self.tag}" if self.tag else self.path
+        return path.replace(".", "-").replace("_", "-")
+
+
+def _tables(struct: Struct, prefix: str = "") -> Iterator[_Table]:
+    """Tables of a file, those within others after them."""
     for field in msgspec.structs.fields(struct):
-        inner, many = _struct_of(get_type_hints(struct)[field.name])
-        if inner is not None:
+        structs, many = _structs_of(get_type_hints(struct)[field.name])
+        for inner in structs:
             path = f"{prefix}{field.encode_name}"
-            yield (f"[[{path}]]" if many else f"[{path}]"), inner
+            tag = inner.__struct_config__.tag if len(structs) > 1 else None
+            yield _Table(path, inner, many, str(tag or ""))
             yield from _tables(inner, f"{path}.")
 
 
-def _struct_of(hint: Any) -> tuple[Struct | None, bool]:
-    """The struct that a field holds, and whether it holds many."""
+def _structs_of(hint: Any) -> tuple[list[Struct], bool]:
+    """The structs of which a field holds one, and whether it holds many."""
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
-        return hint, False
+        return [hint], False
     many = get_origin(hint) in (list, tuple)
     if many or get_origin(hint) in (Union, UnionType):
-        found = [one for one in (_struct_of(inner)[0] for inner in get_args(hint)) if one is not None]
-        return (found[0] if found else None), many
-    return None, False
-
-
-def _anchor(name: str) -> str:
-    return name.strip("[]").replace(".", "-").replace("_", "-")
+        return [one for inner in get_args(hint) for one in _structs_of(inner)[0]], many
+    return [], False

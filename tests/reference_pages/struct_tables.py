@@ -74,12 +74,12 @@ def type_words(hint: Any, link: str = "") -> str:
     if hint in PLAIN:
         return PLAIN[hint]
     if origin in (Union, UnionType):
-        return " or ".join(type_words(one, link) for one in inner if one is not NoneType)
+        return " or ".join(dict.fromkeys(type_words(one, link) for one in inner if one is not NoneType))
     if origin is Literal:
         return _choices(inner)
     if origin is tuple and inner[-1] is not Ellipsis:
         kinds = {type_words(one, link) for one in inner}
-        return f"{COUNTS[len(inner)]} {kinds.pop()}s" if len(kinds) == 1 else "list"
+        return f"{COUNTS[len(inner)]} {_plural(kinds.pop())}" if len(kinds) == 1 else "list"
     if origin in (list, tuple):
         return f"list of {_plural(type_words(inner[0], link))}"
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
@@ -90,7 +90,7 @@ def type_words(hint: Any, link: str = "") -> str:
 
 
 def _plural(words: str) -> str:
-    return words if words.startswith(("`", "table", "list", "[")) else f"{words}s"
+    return words if words.startswith(("`", "table", "list", "[", *COUNTS.values())) else f"{words}s"
 
 
 def _choices(values: Any) -> str:
