@@ -69,10 +69,8 @@ def frames_of(chassis: Chassis) -> FrameMap:
         return TWO_WHEELS
     if not isinstance(chassis, Differential) and chassis.wheels == 4:
         return FOUR_WHEELS
-    raise ValueError(
-        "chassis: expected two driven wheels, four omni or mecanum wheels or a car, "
-        f"got {chassis.wheels} wheels of {type(chassis).__name__.lower()}"
-    )
+    expected = "four wheel_angles_deg" if isinstance(chassis, Omni) else "wheels_per_side = 1"
+    raise ValueError(f"chassis: expected {expected} in the simulator, got {chassis.wheels} wheels")
 
 
 def obeyed(chassis: Chassis) -> list[int]:

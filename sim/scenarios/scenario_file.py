@@ -15,6 +15,7 @@ from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.file_mistakes import unknown_name
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.maps.placement import Starts
@@ -23,7 +24,6 @@ from robrain.sim.motes.field import FieldSpec
 from robrain.sim.motes.mote import MoteSpec
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.motes.radio import RadioModel
-from robrain.sim.scenarios.file_mistakes import unknown_name
 from robrain.sim.spec_checks import check_above_zero, check_within
 from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
 from robrain.sim.world.arena import RobotHardware

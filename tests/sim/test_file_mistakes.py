@@ -5,7 +5,7 @@ import msgspec
 import pytest
 
 from robrain.sim.errors import ScenarioError
-from robrain.sim.scenarios.file_mistakes import unknown_name
+from robrain.sim.file_mistakes import unknown_name
 from robrain.sim.scenarios.scenario_file import parse_scenario
 
 GOOD = '[scenario]\nname = "s"\n[floor]\nsize_m = [4.0, 3.0]\n'
@@ -81,6 +81,22 @@ def test_a_document_without_unknown_names_is_passed(document):
         (
             "[[chargers]]\nplace_m = [1, 1]\n[charger]\n",
             "unknown table `charger` (did you mean `chargers`?); there are",
+        ),
+        (
+            '[[robots]]\nhardware = { chassis = { type = "tank" } }\n',
+            "robots[0]: hardware.chassis.type: unknown value 'tank'; it may be ackermann, differential, ",
+        ),
+        (
+            '[[robots]]\nhardware = { chassis = { type = "omni", trck_m = 1 } }\n',
+            "robots[0]: hardware.chassis: unknown key `trck_m`; there are encoder_ticks_per_turn, type, ",
+        ),
+        (
+            '[robot.chassis]\ntype = "differentail"\n',
+            "robot.chassis.type: unknown value 'differentail' (did you mean `differential`?); it may be ackermann,",
+        ),
+        (
+            '[robot.chassis]\ntype = "mecanum"\nsteering_max_rad = 1\n',
+            "robot.chassis: unknown key `steering_max_rad`; there are encoder_ticks_per_turn, track_m, type,",
         ),
         ('[team]\nstarts = "scatered"\n', "team.starts: unknown value 'scatered' (did you mean `scattered`?); it may"),
     ],

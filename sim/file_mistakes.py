@@ -11,10 +11,11 @@ import msgspec
 Struct = type[msgspec.Struct]
 
 
-def unknown_name(document: dict[str, Any], struct: Struct) -> str:
+def unknown_name(document: dict[str, Any], struct: Struct, path: str = "") -> str:
     """The first unknown key or value of a document, with its table, the nearest known name and all known ones.
 
-    Empty if there is none. Nothing else is checked: types, ranges and missing keys are the decoder's affair.
+    Empty if there is none. Nothing else is checked: types, ranges and missing keys are the decoder's affair. `path` is
+    where the document stands in its file, if it is a part of one.
 
     >>> from robrain.sim.motes.radio import RadioModel
     >>> class Tables(msgspec.Struct):
@@ -22,7 +23,7 @@ def unknown_name(document: dict[str, Any], struct: Struct) -> str:
     >>> unknown_name({"radoi": {}}, Tables)
     'unknown table `radoi` (did you mean `radio`?); there is radio'
     """
-    return next(_unknown(document, struct, ""), "")
+    return next(_unknown(document, struct, path), "")
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -55,12 +56,22 @@ def _unknown_in_table(table: dict[str, Any], struct: Struct, path: str) -> Itera
             yield from _unknown(value, fields[key], f"{path}.{key}" if path else key)
         elif is_strict and key != struct.__struct_config__.tag_field:
             what = f"{path}: unknown key" if path else "unknown table"
-            verb = "are" if len(fields) > 1 else "is"
-            yield f"{what} `{key}`{nearest(key, fields)}; there {verb} {listed(fields)}"
+            tag = struct.__struct_config__.tag_field
+            known = [*fields, *([tag] if tag else [])]
+            yield f"{what} `{key}`{nearest(key, known)}; there {'are' if len(known) > 1 else 'is'} {listed(known)}"
 
 
 def _unknown_in_union(value: Any, members: Sequence[Any], path: str) -> Iterator[str]:
     """A value of a union is unknown if no member knows it; what is told is that of the first."""
+    tags = {member.__struct_config__.tag: member for member in members if _is_struct(member)}
+    key = next((member.__struct_config__.tag_field for member in members if _is_struct(member)), None)
+    if isinstance(value, dict) and key is not None and isinstance(tag := value.get(key), str):
+        if tag in tags:
+            yield from _unknown(value, tags[tag], path)
+        else:
+            known = [str(one) for one in tags]
+            yield f"{path}.{key}: unknown value '{tag}'{nearest(tag, known)}; it may be {listed(known, 'or')}"
+        return
     told = [next(_unknown(value, member, path), "") for member in members if _may_be(value, member)]
     if told and all(told):
         yield told[0]
