@@ -22,8 +22,7 @@ from robrain.deploy.processes.name_claim import claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.errors import NobodyThere
-from robrain.protocol.wire.hub import may_answer
-from robrain.protocol.wire.session import open_lockstep_session, open_session
+from robrain.protocol.wire.session import may_answer, open_lockstep_session, open_session
 
 MARKS = {True: "ok", False: "WRONG", None: "unknown"}
 ON_THE_WIRE = ("zenoh",)

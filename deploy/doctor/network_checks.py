@@ -7,8 +7,7 @@ from contextlib import closing
 
 from robrain.deploy.doctor.check import Check, CheckName
 from robrain.protocol.wire.errors import NobodyThere, PortTaken, WireError
-from robrain.protocol.wire.hub import may_answer
-from robrain.protocol.wire.session import check_port_free, open_session
+from robrain.protocol.wire.session import check_port_free, may_answer, open_session
 
 
 def check_router(endpoints: Sequence[str]) -> Check:

@@ -19,8 +19,8 @@ from robrain.protocol.wire.border.safe_text import safe_json, safe_text
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, PortTaken
-from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, may_answer
-from robrain.protocol.wire.session import check_endpoint, is_secured, open_session
+from robrain.protocol.wire.hub import given_endpoints, hub_endpoint
+from robrain.protocol.wire.session import check_endpoint, is_secured, may_answer, open_session
 
 PARENT_VARIABLE = "ROBRAIN_PARENT"
 """Process id of the parent that started a process, which ends when its parent has changed."""

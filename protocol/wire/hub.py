@@ -1,13 +1,12 @@
 """Where to find a team: at the endpoints given, or else at this machine's hub."""
 
 import os
-import socket
 
 import zenoh
 
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import NobodyThere
-from robrain.protocol.wire.session import TCP_ENDPOINT, check_endpoint
+from robrain.protocol.wire.session import check_endpoint
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 CONNECT_VARIABLE = "ROBRAIN_CONNECT"
@@ -17,7 +16,6 @@ HUB_VARIABLE = "ROBRAIN_HUB"
 DEFAULT_HUB = "tcp/127.0.0.1:7447"
 """Zenoh's default port, on loopback only."""
 TEAMS_TIMEOUT_S = 2.0
-PROBE_TIMEOUT_S = 0.5
 
 
 def hub_endpoint() -> str:
@@ -59,18 +57,6 @@ def nobody_answers(endpoints: list[str]) -> str:
             f"give --connect tcp/HOST:PORT or set {CONNECT_VARIABLE}"
         )
     return f"nobody answers at {where}: is `robrain up` or a Zenoh router running there?"
-
-
-def may_answer(endpoint: str) -> bool:
-    """Whether something accepts connections there; True for endpoints other than TCP, which only Zenoh can try."""
-    match = TCP_ENDPOINT.fullmatch(endpoint)
-    if match is None:
-        return True
-    try:
-        with socket.create_connection((match["host"].strip("[]"), int(match["port"])), PROBE_TIMEOUT_S):
-            return True
-    except (OSError, OverflowError):
-        return False
 
 
 def teams_there(wire: Endpoint) -> list[str]:

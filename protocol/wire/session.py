@@ -24,6 +24,7 @@ LISTENING_TIMEOUT_S = 60.0
 
 TCP_ENDPOINT = re.compile(r"tcp/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
 """A plain TCP endpoint: host and port."""
+PROBE_TIMEOUT_S = 0.5
 LISTENING = re.compile(TCP_ENDPOINT.pattern.replace("tcp", "(tcp|tls)"))
 """As above, or with certificates."""
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp|unixsock-stream|ws)/.+")
@@ -123,12 +124,29 @@ def open_session(
                 f"nobody answers {identity.member} at {', '.join(connect)}: is `robrain router` running there, and are "
                 "both certificates of one CA and in time?"
             ) from error
+        if any(TCP_ENDPOINT.fullmatch(each) and may_answer(each) for each in connect):
+            raise NobodyThere(
+                f"what listens at {', '.join(connect)} does not answer in plain Zenoh: a secured team is reached by "
+                "`robrain --tls FOLDER COMMAND --connect tls/HOST:PORT`, as `robrain up` prints it"
+            ) from error
         if connect:
             raise NobodyThere(
                 f"nobody answers at {', '.join(connect)}: is `robrain up` or a Zenoh router running there?"
             ) from error
         raise
     return session
+
+
+def may_answer(endpoint: str) -> bool:
+    """Whether something accepts connections there; True for endpoints other than TCP, which only Zenoh can try."""
+    match = TCP_ENDPOINT.fullmatch(endpoint)
+    if match is None:
+        return True
+    try:
+        with socket.create_connection((match["host"].strip("[]"), int(match["port"])), PROBE_TIMEOUT_S):
+            return True
+    except (OSError, OverflowError):
+        return False
 
 
 def check_endpoint(endpoint: str) -> str:

@@ -37,6 +37,13 @@ def test_nobody_there_is_said_in_a_sentence(free_port):
         open_session(connect=[f"tcp/127.0.0.1:{free_port}"], wait_s=0.2)
 
 
+def test_what_accepts_connections_and_does_not_speak_zenoh_may_be_a_secured_team(taken_port):
+    with pytest.raises(
+        NobodyThere, match=rf"what listens at tcp/127.0.0.1:{taken_port} does not answer in plain Zenoh"
+    ):
+        open_session(connect=[f"tcp/127.0.0.1:{taken_port}"], wait_s=0.2)
+
+
 def test_a_client_without_an_endpoint_is_told_how_to_give_one():
     with pytest.raises(WireError, match=r"--connect tcp/HOST:PORT or set ROBRAIN_CONNECT"):
         open_session()
