@@ -51,6 +51,7 @@ POINTS_MAX = 100_000
 _X_Y = attrgetter("x_m", "y_m")
 NO_ODOMETRY = "no data from the wheel encoders"
 NO_ROOM = "there is no room to turn"
+NEEDS_SPEED = "its wheels turn it only while it drives"
 IN_THE_WAY = "an obstacle has blocked the path"
 TOO_NARROW = "the path has been too narrow"
 
@@ -350,7 +351,8 @@ class Driver(OnBase):
         speed_m_s = math.hypot(wanted.forward_m_s, left_m_s)
         heading_rad = wrap_angle_rad(pose.yaw_rad + math.atan2(left_m_s, wanted.forward_m_s))
         free_m = self._lookout.free_m(pose, heading_rad)
-        self._note(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else "")
+        why = NEEDS_SPEED if self._arcs is not None and speed_m_s == 0 and wanted.yaw_rad_s else ""
+        self._note(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else why)
         ahead_m = self._way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         slow_m_s = min(speed_m_s, limits.speed_m_s, limits.hand_speed_m_s)
         self._steering.go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m, may_reverse=True)

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.agent.action import Outcome
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.unit.driver.driver import NO_ROOM, PARKED_M, PARKED_RAD
+from robrain.plugins.unit.driver.driver import NEEDS_SPEED, NO_ROOM, PARKED_M, PARKED_RAD
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from tests.plugins.unit.bare_driver import BareDriver
@@ -198,9 +198,11 @@ def test_driven_by_hand_it_steers_no_further_than_it_can_and_does_not_move_by_it
         robot.plugin.move(0.0, 0.0, 1.0, lease)
         robot.step()
     assert robot.wheels.at == Pose2D(0.0, 0.0, 0.0)
+    assert robot.plugin.blocked_why() == NEEDS_SPEED
     for _ in range(30):
         robot.plugin.move(0.2, 0.0, 1.0, lease)
         robot.step()
+    assert robot.plugin.blocked_why() == ""
     assert robot.wheels.at.yaw_rad > 0.3
     said = [one for one in robot.wheels.said if isinstance(one, Twist2D)]
     assert all(abs(one.yaw_rad_s) * RADIUS_MIN_M <= abs(one.forward_m_s) + 1e-9 for one in said)
