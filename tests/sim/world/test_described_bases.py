@@ -68,7 +68,7 @@ def test_a_car_explores_without_collisions_and_its_hull_never_slides_sideways() 
 
 def test_wheels_that_no_simulated_controller_turns_are_refused_with_their_key() -> None:
     wide = {"chassis": {"type": "differential", "wheels_per_side": 2, "track_m": 0.3, **WHEELS}}
-    with pytest.raises(ValueError, match="chassis: expected two driven wheels, four omni or mecanum wheels or a car"):
+    with pytest.raises(ValueError, match="chassis: expected wheels_per_side = 1 in the simulator, got 2 wheels"):
         RobotSpec(hardware=wide)
 
 
