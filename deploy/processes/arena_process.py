@@ -15,7 +15,7 @@ from robrain.deploy.processes.robot_files import (
     addresses,
     loadable_from_here,
     open_forwarders,
-    open_lidars,
+    open_lines,
     write_robot_files,
 )
 from robrain.deploy.run.kernels import prepare_kernels
@@ -56,10 +56,10 @@ def arena_command(
         wire = closing.enter_context(live_endpoint(session, team))
         where = place.connect or listening_at(session)
         forwarders = open_forwarders(wire, [robot.name for robot in world.robots], closing)
-        listening, lidars = addresses(forwarders), []
+        listening, lines = addresses(forwarders), []
         if robot_files is not None:
             robot_files.mkdir(parents=True, exist_ok=True)
-            lidars = open_lidars(wire, world, robot_files, closing)
+            lines = open_lines(wire, world, robot_files, closing)
             for path in write_robot_files(
                 world,
                 robot_files,
@@ -67,7 +67,7 @@ def arena_command(
                 connect=where[0],
                 forwarders=listening,
                 loadable=loadable_from_here(where),
-                lidars=lidars,
+                lines=lines,
             ):
                 say(f"{own_program()} agent {path}")
         arena = world.arena(wire)
@@ -77,7 +77,7 @@ def arena_command(
                 tell(said(robot, address))
             tell(f"arena: {scenario.name} at {', '.join(where)}, robots {names}; Ctrl-C ends it")
             should_stop.ready()
-            run_arena(arena, should_stop, [*forwarders, *lidars])
+            run_arena(arena, should_stop, [*forwarders, *lines])
         finally:
             arena.close()
 
@@ -92,7 +92,7 @@ def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
 
 
 class Stepped(Protocol):
-    """What lets others in: a base station's forwarder, a lidar's line."""
+    """What lets others in: a base station's forwarder, a serial line."""
 
     def step(self) -> None:
         """Pass on what there is."""

@@ -14,15 +14,18 @@ from robrain.agent.host.robot_file import RobotFile
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import is_loopback
-from robrain.sim.firmware.lidar_line import LidarProtocol
+from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
+from robrain.sim.firmware.line_controller import BASE_LINE
 from robrain.sim.motes.serial_forwarder import SerialForwarder
-from robrain.sim.peripherals.lidar_plug import LidarPlug
-from robrain.sim.robot.robot_hardware import ArenaRobot
-from robrain.sim.world.robot_specs import LIDAR_PLUGIN
+from robrain.sim.peripherals.line_plug import LinePlug
+from robrain.sim.robot.robot_hardware import ArenaRobot, Controller
+from robrain.sim.world.robot_specs import BASE_PLUGIN, LIDAR_PLUGIN
 from robrain.sim.world.world import World
 
 MOVED_ON = {"start_known": True, "start_sigma_m": 0.2, "start_sigma_rad": 0.1}
 """Uncertainty of the last pose that a robot reported: it drives on for 0.2 s, until its base stops by itself."""
+PLUGINS = MappingProxyType({LINE: LIDAR_PLUGIN, BASE_LINE: BASE_PLUGIN})
+"""Of the serial lines: whose parameter `port` names each."""
 NO_FORWARDERS: Mapping[str, str] = MappingProxyType({})
 
 
@@ -44,7 +47,7 @@ def write_robot_files(
     connect: str,
     forwarders: Mapping[str, str] = NO_FORWARDERS,
     loadable: Sequence[Path] = (),
-    lidars: Iterable[LidarPlug] = (),
+    lines: Iterable[LinePlug] = (),
 ) -> list[Path]:
     """Write one file per robot into a folder.
 
@@ -55,16 +58,17 @@ def write_robot_files(
         connect: endpoint that their agents connect to.
         forwarders: `host:port` of the robots' Serial Forwarders, written as a comment.
         loadable: folders from which plugins may be loaded while the robots run.
-        lidars: serial lines of the robots' lidars.
+        lines: serial lines of the robots.
 
     """
-    paths, ports = [], {plug.robot: str(plug.path.absolute()) for plug in lidars}
+    paths, ports = [], {(plug.robot, PLUGINS[plug.line]): str(plug.path.absolute()) for plug in lines}
     for robot in world.robots:
         robot_file = robot_file_of(world, robot, team=team, connect=connect, loadable=loadable)
-        if robot.name in ports:
-            scan = {**robot_file.parameters.get(LIDAR_PLUGIN, {}), "port": ports[robot.name]}
-            parameters = {**robot_file.parameters, LIDAR_PLUGIN: scan}
-            robot_file = msgspec.structs.replace(robot_file, parameters=parameters)
+        for plugin in PLUGINS.values():
+            if port := ports.get((robot.name, plugin)):
+                of_plugin = {**robot_file.parameters.get(plugin, {}), "port": port}
+                parameters = {**robot_file.parameters, plugin: of_plugin}
+                robot_file = msgspec.structs.replace(robot_file, parameters=parameters)
         paths.append(write_robot_file(robot_file, folder, forwarders))
     return paths
 
@@ -113,12 +117,14 @@ def open_forwarders(endpoint: Endpoint, robots: Iterable[str], closing: ExitStac
     return forwarders
 
 
-def open_lidars(endpoint: Endpoint, world: World, folder: Path, closing: ExitStack) -> list[LidarPlug]:
-    """The serial lines of lidars as pseudo terminals, `ROBOT-lidar` in a folder; closed with `closing`."""
+def open_lines(endpoint: Endpoint, world: World, folder: Path, closing: ExitStack) -> list[LinePlug]:
+    """The robots' serial lines as pseudo terminals, such as `r1-lidar` in a folder; closed with `closing`."""
     plugs = []
     for robot in world.robots:
-        if robot.lidar.protocol is not LidarProtocol.WIRE:
-            plug = LidarPlug(endpoint, robot.name, folder / f"{robot.name}-lidar")
+        lines = [LINE] if robot.lidar.protocol is not LidarProtocol.WIRE else []
+        lines += [BASE_LINE] if robot.controller is Controller.LINES else []
+        for line in lines:
+            plug = LinePlug(endpoint, robot.name, line, folder / f"{robot.name}-{line}")
             closing.callback(plug.close)
             plugs.append(plug)
     return plugs

@@ -7,7 +7,7 @@ import serial
 
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_SERIAL
+from robrain.protocol.wire.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 
 CHUNK_BYTES = 65_536
 SIMULATED = "zenoh:"
@@ -58,7 +58,7 @@ class PortLine:
 
 
 class SimulatedLine:
-    """A line of the simulator's: samples on the wire, in both drives; from the sensor to the robot only.
+    """A line of the simulator's: samples on the wire, in both drives.
 
     Args:
         wire: the plugin's own endpoint, with which the line ends.
@@ -72,13 +72,15 @@ class SimulatedLine:
         self._inbox = Inbox(capacity=256)
         self._inbox.on_arrival = wake
         wire.subscribe(self._inbox, ARENA_SERIAL, robot=robot, line=name)
+        self._sent = wire.publisher(ARENA_SERIAL_TX, robot=robot, line=name)
 
     def read(self) -> bytes:
         """As SerialLine."""
         return b"".join(data for _, _, data in self._inbox.drain_raw()) if self._inbox.has_some else b""
 
     def write(self, data: bytes) -> None:
-        """As SerialLine: simulated sensors need no word."""
+        """As SerialLine."""
+        self._sent.put_bytes(data)
 
     def close(self) -> None:
         """The endpoint's owner closes it."""

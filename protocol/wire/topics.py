@@ -388,29 +388,17 @@ ARENA_CAN: Topic[bytes] = Topic(
     max_bytes=4096,
 )
 ARENA_RADIO_RX: Topic[bytes] = Topic(
-    name="arena_radio_rx",
-    pattern="arena/{robot}/radio/rx",
-    doc="A TinyOS packet that the robot's base station hears",
-    by=Role.ARENA,
-    encoding=TINYOS_PACKET,
-    max_bytes=4096,
-)
+    name="arena_radio_rx", pattern="arena/{robot}/radio/rx", by=Role.ARENA, encoding=TINYOS_PACKET, max_bytes=4096,
+    doc="A TinyOS packet that the robot's base station hears")  # fmt: skip
 ARENA_RADIO_TX: Topic[bytes] = Topic(
-    name="arena_radio_tx",
-    pattern="arena/{robot}/radio/tx",
-    doc="A TinyOS packet that the robot's base station sends",
-    by=Role.ROBOT,
-    encoding=TINYOS_PACKET,
-    max_bytes=4096,
-)
+    name="arena_radio_tx", pattern="arena/{robot}/radio/tx", by=Role.ROBOT, encoding=TINYOS_PACKET, max_bytes=4096,
+    doc="A TinyOS packet that the robot's base station sends")  # fmt: skip
 ARENA_SERIAL: Topic[bytes] = Topic(
-    name="arena_serial",
-    pattern="arena/{robot}/serial/{line}",
-    doc="Bytes that a simulated robot's sensor sends on a serial line",
-    by=Role.ARENA,
-    encoding=SERIAL_BYTES,
-    max_bytes=65_536,
-)
+    name="arena_serial", pattern="arena/{robot}/serial/{line}", by=Role.ARENA, encoding=SERIAL_BYTES, max_bytes=65_536,
+    doc="Bytes that a simulated robot's hardware sends on a serial line")  # fmt: skip
+ARENA_SERIAL_TX: Topic[bytes] = Topic(
+    name="arena_serial_tx", pattern="arena/{robot}/serial/{line}/tx", by=Role.ROBOT, encoding=SERIAL_BYTES,
+    doc="Bytes that a robot sends on a serial line of its simulated hardware", max_bytes=4096)  # fmt: skip
 ARENA_SCAN = Topic(
     name="arena_scan",
     pattern="arena/{robot}/scan",

@@ -80,7 +80,9 @@ def obeyed(chassis: Chassis) -> list[int]:
 
 
 class DescribedController(MotorController):
-    """See MotorController; `roll` follows the body in each tick, and `tell_counts` sends the encoders' frames.
+    """A motor controller of a base that is described by its wheels; the body it moves has others.
+
+    In each tick `roll` follows the body; `tell_counts` sends what the encoders have counted, if that is due by itself.
 
     Args:
         bus: the robot's bus.
@@ -96,6 +98,34 @@ class DescribedController(MotorController):
     ) -> None:
         super().__init__(bus, hull, tick_s, transmit_errors)
         self._base, self._hull = base, hull
+        self._turns_rad = [0.0] * base.wheels
+
+    def roll(self, forward_m: float, left_m: float, turned_rad: float) -> None:
+        """Follow the body's motion of a tick."""
+        for wheel, turn_rad in enumerate(self._base.wheel_speeds_rad_s(Twist2D(forward_m, left_m, turned_rad))):
+            self._turns_rad[wheel] += turn_rad
+
+    def tell_counts(self) -> None:
+        """Send the counts of all wheels."""
+
+    @property
+    def _counts(self) -> list[int]:
+        return [int(turn_rad // self._base.rad_per_tick) for turn_rad in self._turns_rad]
+
+    def _turn(self, commands: Sequence[float]) -> None:
+        """Obey the base's commands, as of `WheelBase.commands`."""
+        self._wanted_rad_s = self._hull.wheel_speeds_rad_s(self._base.commanded(commands))
+        self.due_tick = self._received_tick + self._watchdog_ticks
+        self.state = MotorState.RUNNING
+
+
+class FrameController(DescribedController):
+    """Takes commands and sends counts in the frames of a DBC file; arguments as of `DescribedController`."""
+
+    def __init__(
+        self, bus: can.BusABC, base: Chassis, hull: OmniBase, tick_s: float, transmit_errors: Callable[[], int]
+    ) -> None:
+        super().__init__(bus, base, hull, tick_s, transmit_errors)
         self._described = frame_port(bus)
         frames = frames_of(base)
         dbc = read_dbc(frames.dbc)
@@ -107,9 +137,8 @@ class DescribedController(MotorController):
         self._wanted = codec_of(command)
         units = command.units * (len(command.signals) // len(command.units))
         self._per_si = tuple(unit.per_si(base.wheel_radius_m) for unit in units)
-        self._counts = tuple(codec_of(one) for one in frames.encoders)
+        self._count_frames = tuple(codec_of(one) for one in frames.encoders)
         self._state_frame = codec_of(FrameSignals(frame=frames.status.frame, signals=("state", "fault")))
-        self._turns_rad = [0.0] * base.wheels
 
     def receive(self, tick: int | None = None) -> None:
         """As MotorController."""
@@ -128,20 +157,15 @@ class DescribedController(MotorController):
             if not any(values) and self.state is MotorState.ERROR and not self.has_failed:
                 self._stand(MotorState.WATCHDOG)  # standing still acknowledges the failure
             elif self.state is not MotorState.ERROR:
-                self._turn(values)
+                self._turn([value / per_si for value, per_si in zip(values, self._per_si, strict=True)])
         if tick >= self.due_tick:
             self._stand(MotorState.WATCHDOG)
         self.has_news |= self.state is not before
 
-    def roll(self, forward_m: float, left_m: float, turned_rad: float) -> None:
-        """Follow the body's motion of a tick."""
-        for wheel, turn_rad in enumerate(self._base.wheel_speeds_rad_s(Twist2D(forward_m, left_m, turned_rad))):
-            self._turns_rad[wheel] += turn_rad
-
     def tell_counts(self) -> None:
         """Send the counts of all wheels."""
-        counts = [int(turn_rad // self._base.rad_per_tick) for turn_rad in self._turns_rad]
-        for codec in self._counts:
+        counts = self._counts
+        for codec in self._count_frames:
             own = [(counts.pop(0) + HALF_TURN) % MODULUS - HALF_TURN for _ in codec.bits]
             self._described.send_data(codec.arbitration_id, codec.encode(0, *own))
 
@@ -150,9 +174,3 @@ class DescribedController(MotorController):
         self.has_news = False
         data = self._state_frame.encode(0, self.state, int(self.has_failed))
         self._described.send_data(self._state_frame.arbitration_id, data)
-
-    def _turn(self, values: Sequence[float]) -> None:
-        commands = [value / per_si for value, per_si in zip(values, self._per_si, strict=True)]
-        self._wanted_rad_s = self._hull.wheel_speeds_rad_s(self._base.commanded(commands))
-        self.due_tick = self._received_tick + self._watchdog_ticks
-        self.state = MotorState.RUNNING

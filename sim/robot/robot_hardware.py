@@ -1,11 +1,13 @@
 """Hardware parameters of simulated robots."""
 
+from enum import StrEnum
 from typing import Any
 
 import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.navigation.wheel_bases import Differential
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.firmware.described_controller import Chassis, frames_of
 from robrain.sim.firmware.power_model import PowerModel
@@ -13,6 +15,15 @@ from robrain.sim.firmware.range_sensors import RangeSensorSpec
 from robrain.sim.robot.camera import CameraSpec
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.robot.wheels import WheelSpec
+
+
+class Controller(StrEnum):
+    """How the motor controller of a `chassis` is reached."""
+
+    CAN = "can"
+    """By the frames of its DBC file, for the plugin `mocdevice`."""
+    LINES = "lines"
+    """By lines of text on a serial line, as ROSArduinoBridge, for the plugin `serial_base`; two wheels."""
 
 
 class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -26,6 +37,8 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     chassis: Chassis | None = None
     """Other wheels instead, on a controller with other frames: `type` is differential (`protocol/can/two_wheels.dbc`),
     omni or mecanum, with four wheels (`four_wheels.dbc`), or ackermann (`car.dbc`)."""
+    controller: Controller = Controller.CAN
+    """With `chassis`: how its motor controller is reached."""
     radius_m: float = 0.2
     """Radius of the robot's footprint, a disc."""
     battery: BatterySpec = BatterySpec()
@@ -42,6 +55,8 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
             raise ValueError(f"expected radius_m > 0, got {self.radius_m}")
         if self.chassis is not None:
             frames_of(self.chassis)
+        if self.controller is Controller.LINES and not isinstance(self.chassis, Differential):
+            raise ValueError('controller: expected a chassis of type = "differential" for "lines"')
 
 
 class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields=True):

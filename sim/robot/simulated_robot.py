@@ -1,5 +1,7 @@
 """One simulated robot: a body on wheels, the nodes on its CAN bus, a battery and a lidar."""
 
+from collections.abc import Sized
+
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
@@ -8,20 +10,23 @@ from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.navigation.wheel_bases import Differential
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.topics import ARENA_SCAN, ARENA_SERIAL
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.battery import Battery
 from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps
-from robrain.sim.firmware.described_controller import DescribedController, obeyed
+from robrain.sim.firmware.described_controller import DescribedController, FrameController, obeyed
 from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
+from robrain.sim.firmware.line_controller import BASE_LINE, LineController, SerialPort
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.robot.lidar import Lidar
 from robrain.sim.robot.robot_body import MASS_KG, RobotBody
-from robrain.sim.robot.robot_hardware import ArenaRobot
+from robrain.sim.robot.robot_hardware import ArenaRobot, Controller
 from robrain.sim.robot.wheels import Wheels
 
 CAN_CHANNEL = "can0"
@@ -31,6 +36,8 @@ OBEYED = ("WheelCommand", "Stop")
 
 
 def _obeyed(spec: ArenaRobot) -> list[int]:
+    if spec.controller is Controller.LINES:
+        return []
     if spec.chassis is not None:
         return obeyed(spec.chassis)
     return [codec(name).arbitration_id for name in OBEYED]
@@ -87,8 +94,8 @@ class SimulatedRobot:
             now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
             on_outside=endpoint.note_outside,
         )
-        self.pending = bus.pending
-        """Empty if no frame waits to be received."""
+        self.pending: Sized = bus.pending
+        """Empty if nothing waits to be received by the motor controller."""
         self.bus = BusLine(bus, late_frames, stamps)
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
         self.body = RobotBody(space, wheels, spec.start, spec.radius_m)
@@ -106,18 +113,30 @@ class SimulatedRobot:
         """A turn of the lidar is complete with each tick that leaves this when it is divided by the period."""
         self.described: DescribedController | None = None
         """The controller, if it is that of a described base."""
-        if spec.chassis is None:
-            self.controller = MotorController(self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors)
-        else:
-            self.described = DescribedController(
+        if isinstance(spec.chassis, Differential) and spec.controller is Controller.LINES:
+            inbox = Inbox(capacity=256)
+            endpoint.subscribe(inbox, ARENA_SERIAL_TX, robot=spec.name, line=BASE_LINE)
+            port = SerialPort(inbox, endpoint.publisher(ARENA_SERIAL, robot=spec.name, line=BASE_LINE).put_bytes)
+            self.pending = port
+            self.described = LineController(port, self.bus, spec.chassis, spec.base, tick_s)
+        elif spec.chassis is not None:
+            self.described = FrameController(
                 self.bus, spec.chassis, spec.base, tick_s, lambda: self.bus.transmit_errors
             )
-            self.controller = self.described
+        self.controller = self.described or MotorController(
+            self.bus, spec.base, tick_s, lambda: self.bus.transmit_errors
+        )
         self.ranges = RangeSensors(
             self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
         )
         self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
         self.controller.powered = not self.battery.is_cut_off
+
+    def drop_commands(self) -> None:
+        """Drop what the robot's computer has sent to its nodes and they have not received."""
+        self.bus.take_frames()
+        if isinstance(self.described, LineController):
+            self.described.forget()
 
     def scan(self, hulls: NDArray[np.float64]) -> None:
         """Send a turn of the lidar; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""

@@ -259,7 +259,7 @@ class Arena:
         try:
             yield
         finally:
-            self._named(robot).bus.take_frames()
+            self._named(robot).drop_commands()
 
     def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
         """Have a robot's lidar send the same turn again and again, or let it go on (KeyError: no such robot)."""

@@ -21,7 +21,8 @@ from robrain.sim.maps.placement import Starts, scatter_poses, spawn_poses
 from robrain.sim.robot.robot_hardware import RobotHardware
 
 ROBOT_SPACING_M = 0.7
-LIDAR_PLUGIN = "scan"
+LIDAR_PLUGIN, BASE_PLUGIN = "scan", "mocdevice"
+"""Their names also where other plugins take their places."""
 
 
 class RobotType(StrEnum):
@@ -35,6 +36,8 @@ class RobotType(StrEnum):
     """Large and slow, with a large battery."""
     TWO_WHEELS = "two_wheels"
     """A differential base, whose motor controller has other frames (`protocol/can/two_wheels.dbc`)."""
+    SERIAL = "serial"
+    """The same wheels, whose motor controller speaks lines of text on a serial line."""
     FOUR_OMNI = "four_omni"
     """Four omni wheels (`protocol/can/four_wheels.dbc`)."""
     MECANUM = "mecanum"
@@ -61,6 +64,10 @@ HARDWARE: Mapping[RobotType, dict[str, Any]] = MappingProxyType(
         RobotType.TWO_WHEELS: {
             "chassis": {"type": "differential", "track_m": 0.3, **WHEELS},
         },
+        RobotType.SERIAL: {
+            "chassis": {"type": "differential", "track_m": 0.3, **WHEELS},
+            "controller": "lines",
+        },
         RobotType.FOUR_OMNI: {
             "chassis": {"type": "omni", "wheel_distance_m": 0.16, "wheel_angles_deg": [45, 135, 225, 315], **WHEELS},
         },
@@ -78,6 +85,7 @@ PLUGINS: Mapping[RobotType, dict[str, dict[str, Any]]] = MappingProxyType(
         RobotType.OMNI: {},
         RobotType.SCOUT: {},
         RobotType.TWO_WHEELS: {},
+        RobotType.SERIAL: {},
         RobotType.FOUR_OMNI: {},
         RobotType.MECANUM: {},
         RobotType.CAR: {},

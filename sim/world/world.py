@@ -24,6 +24,7 @@ from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.described_controller import frames_of
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
+from robrain.sim.firmware.line_controller import BASE_LINE, CYCLES_PER_S
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -31,11 +32,12 @@ from robrain.sim.maps.placement import Starts, scatter_points
 from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.robot.robot_hardware import Controller
 from robrain.sim.traffic.traffic import TrafficPlan
 from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.referee import team_geometry
-from robrain.sim.world.robot_specs import LIDAR_PLUGIN, RobotSpec, check_places, merged, start_poses
+from robrain.sim.world.robot_specs import BASE_PLUGIN, LIDAR_PLUGIN, RobotSpec, check_places, merged, start_poses
 from robrain.sim.world.scenario_tasks import TaskSpec
 
 MOTE_CLEARANCE_M = 0.1
@@ -120,11 +122,7 @@ class World:
                 **({} if robot.lidar.is_imperfect else {"submap": {"misses_min": 1}}),
             },
             "battery": {"capacity_wh": robot.battery.capacity_wh},
-            "mocdevice": {
-                "radius_m": robot.radius_m,
-                **_base(robot),
-                **_stamped_at(self.disturbance),
-            },
+            "mocdevice": {"radius_m": robot.radius_m, **_base(robot, self.disturbance)},
             **_lidar(robot),
             **_range_sensors(robot),
             **_home(self.chargers),
@@ -264,16 +262,22 @@ def _range_sensors(robot: ArenaRobot) -> dict[str, dict[str, object]]:
     }
 
 
-def _base(robot: ArenaRobot) -> dict[str, Any]:
-    """Parameters of `mocdevice`: the wheels, and the frames if they are not the Robertino's."""
+def _base(robot: ArenaRobot, disturbance: DisturbanceSpec) -> dict[str, Any]:
+    """Parameters of the base: the wheels, and the frames or lines if they are not the Robertino's."""
+    stamped = _stamped_at(disturbance)
     if robot.chassis is None:
-        return {"base": msgspec.to_builtins(robot.base)}
-    return {"base": msgspec.to_builtins(robot.chassis), "frames": msgspec.to_builtins(frames_of(robot.chassis))}
+        return {"base": msgspec.to_builtins(robot.base), **stamped}
+    base: dict[str, Any] = {"base": msgspec.to_builtins(robot.chassis)}
+    if robot.controller is Controller.LINES:
+        lines = {"units": ["turns/s"], "scale": robot.chassis.encoder_ticks_per_turn / CYCLES_PER_S}
+        return {**base, "port": f"{SIMULATED}{BASE_LINE}", "lines": lines}
+    return {**base, "frames": msgspec.to_builtins(frames_of(robot.chassis)), **stamped}
 
 
 def _roles(robot: ArenaRobot) -> dict[str, str]:
     protocol = robot.lidar.protocol
-    return {} if protocol is LidarProtocol.WIRE else {LIDAR_PLUGIN: protocol.value}
+    roles = {} if protocol is LidarProtocol.WIRE else {LIDAR_PLUGIN: protocol.value}
+    return roles if robot.controller is Controller.CAN else {**roles, BASE_PLUGIN: "serial_base"}
 
 
 def _lidar(robot: ArenaRobot) -> dict[str, dict[str, Any]]:

@@ -10,6 +10,7 @@ from robrain.protocol.wire.topic import Query, Role, Topic, WireKey
 from robrain.protocol.wire.topics import (
     ARENA_CAN,
     ARENA_RADIO_TX,
+    ARENA_SERIAL_TX,
     ARENA_TRUTH,
     COORDINATOR_OBJECTIVE,
     HALT,
@@ -61,6 +62,7 @@ PUTS: dict[str, Roles] = {
     HALT.name: _DESK,
     ARENA_CAN.name: _ARENA | _ROBOT,
     ARENA_RADIO_TX.name: _ARENA | _ROBOT,
+    ARENA_SERIAL_TX.name: _ARENA | _ROBOT,  # the arena opens pseudo terminals
     MOTE_READING.name: _ARENA | _ROBOT,  # simulated gateways are parts of the arena
 }
 HEARS: dict[str, Roles] = {ARENA_TRUTH.name: ALL - _ROBOT, **{row.name: _COORDINATOR for row in STANDING_ROWS}}

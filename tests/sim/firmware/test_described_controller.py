@@ -11,7 +11,7 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.model.navigation.wheel_bases import Differential
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.firmware.described_controller import TWO_WHEELS, DescribedController
+from robrain.sim.firmware.described_controller import TWO_WHEELS, FrameController
 from robrain.sim.firmware.motor_controller import NEVER, WATCHDOG_S, MotorState
 
 TICK_S = 0.02
@@ -25,7 +25,7 @@ class Desk:
 
     def __init__(self, board: can.BusABC, host: can.BusABC) -> None:
         self.host = host
-        self.controller = DescribedController(board, BASE, HULL, TICK_S, lambda: 0)
+        self.controller = FrameController(board, BASE, HULL, TICK_S, lambda: 0)
 
     def command(self, left_rpm: float, right_rpm: float) -> None:
         message = read_dbc(TWO_WHEELS.dbc).get_message_by_name("DriveCommand")

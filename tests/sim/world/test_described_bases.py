@@ -29,6 +29,34 @@ def test_odometry_of_two_wheels_is_exact_and_the_hull_never_slides_sideways() ->
     run.close()
 
 
+def test_odometry_by_lines_of_text_is_as_true_as_that_by_frames() -> None:
+    run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=RobotType.SERIAL),)).world())
+    (robot,), start = run.arena._robots, run.arena._robots[0].body.pose
+    for _ in range(500):
+        run.tick()
+    device = run.hosts[0].manager.get("mocdevice").plugin
+    assert type(device).__name__ == "SerialBase"
+    true, found = robot.body.pose, start.compose(device.pose())
+    assert robot.body.distance_m > 3.0
+    assert found.distance_m(true) < 0.05  # counts are asked for at 20 Hz
+    assert math.remainder(found.yaw_rad - true.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.05)
+    assert device.counters().rejected == 0
+    assert robot.controller.rejected_frames == 0
+    run.close()
+
+
+def test_a_team_with_a_base_on_a_serial_line_explores_without_collisions_in_equal_runs_alike() -> None:
+    mixed = TWO.replace(robots=2, roster=(RobotSpec(type=RobotType.SERIAL),), seed=5)
+    first, again = mixed.run(), mixed.run()
+    assert (first.ended, first.collisions) == ("explored", 0)
+    assert first.digest == again.digest
+
+
+def test_a_serial_controller_of_other_than_two_wheels_is_refused() -> None:
+    with pytest.raises(ValueError, match='controller: expected a chassis of type = "differential" for "lines"'):
+        RobotSpec(type=RobotType.MECANUM, hardware={"controller": "lines"})
+
+
 @pytest.mark.parametrize("kind", [RobotType.FOUR_OMNI, RobotType.MECANUM])
 def test_odometry_of_four_wheels_is_exact_and_the_hull_slides_sideways_too(kind: RobotType) -> None:
     run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=kind),)).world())
@@ -68,7 +96,7 @@ def test_a_car_explores_without_collisions_and_its_hull_never_slides_sideways() 
 
 def test_wheels_that_no_simulated_controller_turns_are_refused_with_their_key() -> None:
     wide = {"chassis": {"type": "differential", "wheels_per_side": 2, "track_m": 0.3, **WHEELS}}
-    with pytest.raises(ValueError, match="chassis: expected wheels_per_side = 1 in the simulator, got 2 wheels"):
+    with pytest.raises(ValueError, match="chassis: expected wheels_per_side = 1 in the simulator, got 4 wheels"):
         RobotSpec(hardware=wide)
 
 

@@ -78,7 +78,7 @@ def _may_speak(row: WireKey) -> set[MemberRole]:
     """Who may publish, answer or announce it."""
     if row.name in ("halt", "mote_reading"):
         return ORDERS[row.name]
-    if row.name in ("arena_can", "arena_radio_tx"):
+    if row.name in ("arena_can", "arena_radio_tx", "arena_serial_tx"):
         return {A, ROB}
     if row.name == "replay_control":
         return {OP}

@@ -1,20 +1,20 @@
-"""The serial line of a simulated lidar as a pseudo terminal, so that a real driver reads it in a live arena."""
+"""A serial line of a simulated robot as a pseudo terminal, so that a real driver opens it in a live arena."""
 
 from pathlib import Path
 
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_SERIAL
-from robrain.sim.firmware.lidar_line import LINE
+from robrain.protocol.wire.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.sim.peripherals.serial_plug import SerialPlug
 
 
-class LidarPlug:
+class LinePlug:
     """One robot's; its owner calls `step()` often.
 
     Args:
         endpoint: where the bytes come from.
-        robot: whose lidar.
+        robot: whose hardware.
+        line: its name, such as `lidar`.
         path: by which the line is opened; a link to the pseudo terminal.
 
     Raises:
@@ -22,17 +22,19 @@ class LidarPlug:
 
     """
 
-    def __init__(self, endpoint: Endpoint, robot: str, path: Path) -> None:
-        self.robot, self.path = robot, path
+    def __init__(self, endpoint: Endpoint, robot: str, line: str, path: Path) -> None:
+        self.robot, self.line, self.path = robot, line, path
         self.lost_bytes = 0
         """Bytes that nobody has read in time."""
         self._inbox = Inbox(capacity=64)
         self._plug = SerialPlug(path)
-        endpoint.subscribe(self._inbox, ARENA_SERIAL, robot=robot, line=LINE)
+        endpoint.subscribe(self._inbox, ARENA_SERIAL, robot=robot, line=line)
+        self._sent = endpoint.publisher(ARENA_SERIAL_TX, robot=robot, line=line)
 
     def step(self) -> None:
-        """Pass on what the lidar has sent."""
-        self._plug.receive()  # what it is sent does not matter: it measures anyway
+        """Pass on what has been sent, both ways."""
+        if data := self._plug.receive():
+            self._sent.put_bytes(data)
         for _, _, data in self._inbox.drain_raw() if self._inbox.has_some else ():
             self.lost_bytes += len(data) - self._plug.send(data)
 
