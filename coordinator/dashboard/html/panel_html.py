@@ -122,7 +122,7 @@ def _accuracy_tiles(view: TeamView, now_s: float) -> list[str]:
         tile("Map error", "map-off", figure(wrong, "{:.1f} %"), kind),
         tile("Doubled walls", "map-doubled", figure(doubled_m, "{:.1f} m")),
         tile("Worst error", "position-error", figure(error_m, "{:.2f} m")),
-        tile("Silent divergence", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+        tile("Silently off", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
     ]
 
 

@@ -91,7 +91,7 @@ def _accuracy_tiles(robot: RobotView) -> list[str]:
             tile("NEES", "card-nees", figure(known.nees, "{:.1f}")),
             tile("NEES in 95 %", "card-nees-in-band", figure(in_band, "{:.0f} %")),
             tile("Time lost", "card-lost", f"{known.lost_s:.1f} s"),
-            tile("Silent divergence", "card-silent", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+            tile("Silently off", "card-silent", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
         ]
     return tiles
 

@@ -50,8 +50,8 @@ def _regions(view: TeamView) -> list[RegionLeft]:
 
 
 def left_label(region: RegionLeft) -> str:
-    """A region in a few words."""
-    return f"{region.kind.value.replace('_', ' ')}, {region.area_m2:.1f} m²"
+    """A region in a few words; the scene's font has no ²."""
+    return f"{region.kind.value.replace('_', ' ')}, {region.area_m2:.1f} m2"
 
 
 def frame(region: RegionLeft) -> Mesh:

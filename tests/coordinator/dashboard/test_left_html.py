@@ -97,4 +97,4 @@ def test_the_map_has_a_frame_around_each_region_and_a_mark_at_its_place() -> Non
     layer = LeftLayer(MagicMock())
     assert set(layer._meshes(view, 0.0)) == {palette.BAD, palette.WARNING}
     assert layer._meshes(TeamView(), 0.0) == {}
-    assert left_label(REGION) == "too narrow, 5.0 m²"
+    assert left_label(REGION) == "too narrow, 5.0 m2"
