@@ -235,10 +235,6 @@ def words(reason: AnyReason) -> str:
             return "the robot is halted"
         case tasks.RobotOut(robot=robot, because=why_not, attempt=attempt, attempts=attempts):
             return f"{robot} {words(why_not)}{f'; attempt {attempt} of {attempts}' if attempt else ''}"
-        case offers.Unexplored():
-            return "no way there, as its place is not explored yet"
-        case offers.StoodStill():
-            return "its process has just stood still, and the offer may have waited"
         case tasks.RuleEvent(rule=rule, robot=robot, plugin=plugin, event=event, value=number):
             return f"rule {rule}: {plugin} of {robot} notified of {event}{'' if number is None else f' {number:g}'}"
         case tasks.RuleReading():
@@ -251,6 +247,8 @@ def words(reason: AnyReason) -> str:
             return f"is to charge: {task}"
         case robots.SpeaksSeldom(period_s=period_s, timeout_s=timeout_s):
             return f"speaks each {period_s:g} s, and {timeout_s:g} s is all that is waited"
+        case offers.StoodStill():
+            return "its process has just stood still, and the offer may have waited"
         case idle.TaskSoon():
             return "idle because its next task begins soon"
         case idle.TeamHalted():
@@ -280,6 +278,8 @@ def words(reason: AnyReason) -> str:
             return f"{topic} of {sender} is {age_s:.1f} s old, more than {deadline_s:.1f} s"
         case idle.TriedInVain(frontiers=count):
             return f"idle because it has just tried in vain to get to {_borders(count)}"
+        case offers.Unexplored():
+            return "no way there, as its place is not explored yet"
         case robots.Unreachable(why=why):
             return f"could not be asked: {why}"
         case tasks.Unreadable(error=error):

@@ -84,12 +84,13 @@ def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) ->
     coordinator = commands.start("coordinator", ROBRAIN_CONNECT=endpoint)
     commands.line_with(coordinator, "coordinator: of team default")
     # On an overloaded machine a robot may lose its link and be back a moment later, so status is asked until it agrees.
-    there = {"team": "default", "coordinator": True, "robots": ["r1"]}
+    up = [{"robot": "r1", "condition": "up", "why": ""}]
+    there = {"team": "default", "coordinator": True, "robots": ["r1"], "standing": up}
     until(lambda: _status(commands, ROBRAIN_CONNECT=endpoint) == there, f"status never told {there}")
 
     coordinator.kill()
     coordinator.wait()
-    left = {"team": "default", "coordinator": False, "robots": ["r1"]}
+    left = {"team": "default", "coordinator": False, "robots": ["r1"], "standing": up}
     until(lambda: _status(commands, "--connect", endpoint) == left, f"status never told {left}")
 
 
