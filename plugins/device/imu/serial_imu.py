@@ -16,14 +16,12 @@ from robrain.agent.silence import Silence
 from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.lines import LineCodec, LineFormat
+from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
 from robrain.plugins.device.imu.witmotion import WitMotionCodec
 from robrain.protocol.model.localization.gyro_yaw import YawRate
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
-
-RATE_MAX_RAD_S = 40.0
-"""Beyond the range of any gyroscope of this kind."""
 
 
 class ImuAbsent(OSError):
@@ -83,7 +81,9 @@ class SerialImu(Device):
         self._latest: ImuSample | None = None
         self._codec: ImuCodec = self._new_codec()
         self._period_ns = to_ns(1.0 / wanted.rate_hz)
-        self._cos, self._sin = math.cos(wanted.mounted_yaw_rad), math.sin(wanted.mounted_yaw_rad)
+        self._mounting = Mounting(
+            upside_down=wanted.upside_down, yaw_rad=wanted.mounted_yaw_rad, yaw_sign=wanted.yaw_sign
+        )
         self._samples = self._beyond = 0
 
     def activate(self) -> None:
@@ -148,21 +148,7 @@ class SerialImu(Device):
         before_ns = latest.stamp_ns if latest is not None and latest.stamp_ns <= now_ns else 0  # the clock was set back
         for number, motion in enumerate(motions, 1 - len(motions)):
             stamp_ns = max(before_ns + 1, now_ns + number * self._period_ns)
-            self._latest = sample = self._sample(motion, stamp_ns)
+            self._latest = sample = self._mounting.sample(motion, stamp_ns)
             rates.append(YawRate(stamp_ns, sample.yaw_rate_rad_s))
             before_ns = stamp_ns
         self._samples += len(motions)
-
-    def _sample(self, motion: Motion, stamp_ns: int) -> ImuSample:
-        wanted = self.parameters
-        turns = -wanted.yaw_sign if wanted.upside_down else wanted.yaw_sign
-        rate_rad_s = turns * motion.yaw_rate_rad_s
-        if motion.x_m_s2 is None or motion.y_m_s2 is None:
-            return ImuSample(stamp_ns, rate_rad_s)
-        x_m_s2, y_m_s2 = motion.x_m_s2, -motion.y_m_s2 if wanted.upside_down else motion.y_m_s2
-        return ImuSample(
-            stamp_ns,
-            rate_rad_s,
-            self._cos * x_m_s2 - self._sin * y_m_s2,
-            self._sin * x_m_s2 + self._cos * y_m_s2,
-        )

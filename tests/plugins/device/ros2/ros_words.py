@@ -48,5 +48,23 @@ def scan(ranges_m: list[float], **changed: Any) -> Any:
     return SimpleNamespace(**(message | changed))
 
 
+def imu(
+    rate_rad_s: float = 0.0,
+    x_m_s2: float = 0.0,
+    y_m_s2: float = 0.0,
+    *,
+    stamp_ns: int = 0,
+    has_rate: bool = True,
+    has_acceleration: bool = True,
+) -> Any:
+    return SimpleNamespace(
+        header=header(stamp_ns),
+        angular_velocity=vector(z=rate_rad_s),
+        angular_velocity_covariance=[0.0 if has_rate else -1.0, *[0.0] * 8],
+        linear_acceleration=vector(x_m_s2, y_m_s2, 9.8),
+        linear_acceleration_covariance=[0.0 if has_acceleration else -1.0, *[0.0] * 8],
+    )
+
+
 def battery(voltage: float = 15.5, current: float = -1.0, temperature: float = 24.0, *, stamp_ns: int = 0) -> Any:
     return SimpleNamespace(header=header(stamp_ns), voltage=voltage, current=current, temperature=temperature)

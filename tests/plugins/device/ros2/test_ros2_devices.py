@@ -14,14 +14,15 @@ from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters
 from robrain.plugins.device.ros2_base import ros2_base
 from robrain.plugins.device.ros2_battery import ros2_battery
+from robrain.plugins.device.ros2_imu import ros2_imu
 from robrain.plugins.device.ros2_scan import ros2_scan
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.topics import ROBOT_EVENT
 from tests.plugins.device.ros2.fake_link import Link
-from tests.plugins.device.ros2.ros_words import STANDING, battery, odometry, scan
+from tests.plugins.device.ros2.ros_words import STANDING, battery, imu, odometry, scan
 
-ROLES = {"mocdevice": "ros2_base", "scan": "ros2_scan", "bm2": "ros2_battery"}
+ROLES = {"mocdevice": "ros2_base", "scan": "ros2_scan", "bm2": "ros2_battery", "imu": "ros2_imu"}
 TICK_NS = to_ns(0.02)
 GONE = Pose2D(0.0, 0.0, 0.0)
 
@@ -32,7 +33,7 @@ class Robot:
     def __init__(self, one, link, **parameters):
         self.one, self.link = one, link
         named = {name: {"namespace": "/r1"} | parameters.get(name, {}) for name in ROLES}
-        load = ["mocdevice", "scan", "bm2", "driver", "command"]
+        load = ["mocdevice", "scan", "bm2", "imu", "driver", "command"]
         self.host = one.add(RobotFile(robot=RobotTable("r1", "test", load=load, roles=ROLES), parameters=named))
         self.host.start()
         self.number = 0
@@ -77,7 +78,7 @@ class Robot:
 def link(monkeypatch):
     link = Link()
 
-    for module in (ros2_base, ros2_scan, ros2_battery):
+    for module in (ros2_base, ros2_scan, ros2_battery, ros2_imu):
         monkeypatch.setattr(module, "open_link", link.opened)
     # The clock of the gate stands for one that is never set; in these tests the robot's clock is not.
     monkeypatch.setattr(ros2_base.time, "monotonic_ns", lambda: link.clock.now_ns())
@@ -213,7 +214,7 @@ def test_a_robot_that_was_away_for_long_is_back_within_two_seconds_where_its_odo
     for _ in range(periods):
         robot.run(3.0)
         assert robot.state()[0] == "faulted"
-        assert robot.link.users == 2  # lidar and battery
+        assert robot.link.users == 3  # lidar, battery and IMU
     robot.link.present.add("/r1/odom")
     robot.number = 0  # its node was started again, and its odometry with it
 
@@ -325,9 +326,31 @@ def test_a_current_that_the_robot_does_not_measure_is_told_as_a_guess(build):
     assert (latest["current_a"], latest["report"]["has_current"]) == (0.8, False)
 
 
+def test_turn_rates_go_to_the_odometry_in_the_robots_frame_and_in_order(build):
+    robot = build(imu={"upside_down": True, "mounted_yaw_rad": math.pi})
+    inbox, rates = robot.link.inboxes["/r1/imu/data"], robot.host.board.yaw_rates
+    robot.run(1.0)
+    for stamp_s, rate_rad_s in ((0.98, 0.5), (0.99, 0.6), (0.97, 0.7), (0.995, math.nan)):
+        inbox.put(imu(rate_rad_s, 1.0, 2.0, stamp_ns=to_ns(stamp_s)), to_ns(1.0))
+    robot.run(0.1)
+    assert [one.rad_s for one in rates] == [-0.5, -0.6, -0.7]
+    stamps = [one.stamp_ns for one in rates]
+    assert stamps == sorted(set(stamps))
+    assert stamps[-1] <= robot.one.clock.now_ns()
+    latest = robot.one.call("imu", "latest")
+    assert (latest["forward_m_s2"], latest["left_m_s2"]) == (pytest.approx(-1.0), pytest.approx(2.0))
+    assert robot.one.call("imu", "rejected") == 1
+    assert "expected a rate up to 40 rad/s" in robot.one.call("imu", "why_rejected")
+
+
+def test_an_imu_that_is_never_heard_is_named_in_the_log_with_the_topic(robot, caplog):
+    robot.run(25.0)
+    assert sum("no measurement yet: the publisher of /r1/imu/data is silent" in said for said in caplog.messages) == 1
+
+
 def test_at_the_end_everything_is_released(robot):
     robot.run(0.1)
-    assert robot.link.users == 3
+    assert robot.link.users == 4
     robot.host.close()
     assert robot.link.users == 0
     assert all(inbox.is_closed for inbox in robot.link.inboxes.values())
@@ -345,6 +368,7 @@ def test_at_the_end_everything_is_released(robot):
         ("scan", {"beams": 0, "mount": {"x_m": 0.1}}, "beams > 0"),
         ("scan", {"mount": {"yaw_rad": 7.0}}, "mount.yaw_rad"),
         ("bm2", {"current_a": math.nan}, "finite"),
+        ("imu", {"mounted_yaw_rad": math.inf}, "finite mounted_yaw_rad"),
     ],
 )
 def test_a_parameter_that_cannot_be_is_named(build, plugin, wrong, what):

@@ -1,0 +1,1 @@
+"""The IMU of a ROS 2 robot."""

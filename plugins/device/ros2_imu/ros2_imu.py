@@ -1,0 +1,91 @@
+"""An inertial measurement unit that ROS 2 publishes; its turn rate goes to the odometry, as that of `serial_imu`."""
+
+import logging
+import math
+
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Imu
+
+from robrain.agent.plugin import Device, external, unlocked
+from robrain.agent.silence import FirstWord
+from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
+from robrain.plugins.device.imu.mounting import Mounting
+from robrain.plugins.device.ros2.checked_topic import CheckedTopic
+from robrain.plugins.device.ros2.link import Ros2Link, open_link
+from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
+from robrain.plugins.device.ros2_imu.imu_message import ToldMotion, read_imu
+from robrain.protocol.model.localization.gyro_yaw import YawRate
+
+logger = logging.getLogger(__name__)
+
+
+class Ros2Imu(Device):
+    """Reads a unit's turn rate and acceleration, and leaves the turn rate to the odometry."""
+
+    class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
+        """The topic, and how the unit is mounted."""
+
+        imu: str = "imu/data"
+        """Topic of the measurements, sensor_msgs/Imu."""
+        upside_down: bool = False
+        mounted_yaw_rad: float = 0.0
+        """Direction of the unit's x axis, robot's frame; for the accelerations alone."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            check_topics(self, "imu")
+            if not math.isfinite(self.mounted_yaw_rad):
+                raise ValueError(f"expected a finite mounted_yaw_rad, got {self.mounted_yaw_rad}")
+
+    interface = ImuInterface
+    period_s = 0.02
+    parameters: Parameters
+
+    def init(self) -> None:
+        wanted = self.parameters
+        self._link: Ros2Link | None = None
+        self._topic: CheckedTopic[ToldMotion] | None = None
+        self._latest: ImuSample | None = None
+        self._mounting = Mounting(upside_down=wanted.upside_down, yaw_rad=wanted.mounted_yaw_rad)
+
+    def activate(self) -> None:
+        wanted = self.parameters
+        self._link = open_link(self.env, wanted)
+        self._first = FirstWord(self.env.clock.now_ns())
+        topic = wanted.topic(wanted.imu)
+        self._topic = CheckedTopic(self._link, Imu, topic, qos_profile_sensor_data, read_imu, self.env.hurry)
+
+    def step(self) -> None:
+        rates, now_ns = self.env.board.yaw_rates, self.env.clock.now_ns()
+        if self._latest is None and self._topic is not None and not self._topic and self._first.is_missing(now_ns):
+            where = self.parameters.topic(self.parameters.imu)
+            logger.warning("%s: no measurement yet: the publisher of %s is silent", self.env.robot, where)
+        for told, measured_ns, _ in self._topic.take() if self._topic is not None else ():
+            latest = self._latest
+            before_ns = latest.stamp_ns if latest is not None and latest.stamp_ns <= now_ns else 0  # was it set back?
+            sample = self._mounting.sample(told.motion, max(before_ns + 1, min(measured_ns, now_ns)))
+            self._latest = sample
+            rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
+
+    def deactivate(self) -> None:
+        link, self._link = self._link, None
+        if self._topic is not None:
+            self._topic.close()
+        if link is not None:
+            link.release()
+
+    @external
+    @unlocked
+    def latest(self) -> ImuSample | None:
+        """The last measurement; null before the first."""
+        return self._latest
+
+    @external
+    def rejected(self) -> int:
+        """Messages that were rejected: numbers out of range, or no turn rate."""
+        return self._topic.rejected if self._topic is not None else 0
+
+    @external
+    def why_rejected(self) -> str:
+        """Why the last of them was; empty if none was."""
+        return self._topic.why_rejected if self._topic is not None else ""

@@ -1,0 +1,25 @@
+import math
+
+import pytest
+
+from robrain.plugins.device.imu.imu_codec import Motion
+from robrain.plugins.device.ros2_imu.imu_message import BadImu, read_imu
+from tests.plugins.device.ros2.ros_words import imu
+
+
+def test_rate_and_acceleration_are_those_of_the_message():
+    assert read_imu(imu(0.5, 1.0, -2.0, stamp_ns=7)) == (7, Motion(0.5, 1.0, -2.0))
+
+
+def test_what_the_unit_does_not_measure_is_left_out_or_refused():
+    assert read_imu(imu(0.5, 1.0, 2.0, has_acceleration=False)).motion == Motion(0.5)
+    with pytest.raises(BadImu, match="does not measure its angular velocity"):
+        read_imu(imu(0.5, has_rate=False))
+
+
+@pytest.mark.parametrize(
+    "wrong", [imu(math.nan), imu(math.inf), imu(-41.0), imu(0.0, math.nan), imu(0.0, 0.0, math.inf), imu(0.0, 3000.0)]
+)
+def test_a_number_that_cannot_be_is_refused(wrong):
+    with pytest.raises(BadImu, match="expected"):
+        read_imu(wrong)
