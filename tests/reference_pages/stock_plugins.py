@@ -47,8 +47,8 @@ def _section(manifest: Manifest, plugin: type[Plugin], common: Struct | None) ->
         ("restart", f"`{tag.restart}`" if tag.restart != "no" else ""),
     ]
     about = " ".join((inspect.getdoc(plugin) or "").partition("\n\n")[0].split())
-    lines = [f"- {name}: {value}" for name, value in facts if value]
-    parts = [f"## {stem}", about, "\n".join(lines), _parameters(manifest, plugin, common), _functions(plugin)]
+    line = " · ".join(f"{name}: {value}" for name, value in facts if value)
+    parts = [f"## {stem}", about, line, _parameters(manifest, plugin, common), _functions(plugin)]
     return "\n\n".join(part.strip() for part in parts if part.strip())
 
 
