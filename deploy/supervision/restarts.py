@@ -16,8 +16,8 @@ from robrain.protocol.model.ranges import check_positive
 LONGEST_LOOK_S = 0.5
 """Longer times between two calls of `next_step` count as so much silence."""
 WAITED_SHARE = 0.2
-"""Of time that a process waited for a core, so much counts as silence (chosen): a loop that never ends is killed within
-five times `hang_s`, however busy the machine is."""
+"""Share of the time waited for a core that counts as silence (chosen): a loop that never ends is killed within five
+times `hang_s`, however busy the machine is."""
 QUIET_S = 0.5
 """Silence from which it is worth looking whether a process waits for a core: longer than any usual period."""
 

@@ -41,7 +41,7 @@ class ToldMotion(NamedTuple):
     """A measurement, with its stamp."""
 
     stamp_ns: int
-    """By the clock of whoever stamped it; 0 if it has no stamp."""
+    """By the publisher's clock; 0 if it has no stamp."""
     motion: Motion
 
 

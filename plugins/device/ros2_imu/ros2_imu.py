@@ -62,7 +62,9 @@ class Ros2Imu(Device):
             logger.warning("%s: no measurement yet: the publisher of %s is silent", self.env.robot, where)
         for told, measured_ns, _ in self._topic.take() if self._topic is not None else ():
             latest = self._latest
-            before_ns = latest.stamp_ns if latest is not None and latest.stamp_ns <= now_ns else 0  # was it set back?
+            before_ns = (
+                latest.stamp_ns if latest is not None and latest.stamp_ns <= now_ns else 0
+            )  # the clock was set back
             sample = self._mounting.sample(told.motion, max(before_ns + 1, min(measured_ns, now_ns)))
             self._latest = sample
             rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
