@@ -6,18 +6,19 @@ import msgspec
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState
 
-from robrain.agent.plugin import Device, external, unlocked
+from robrain.agent.plugin import external, unlocked
 from robrain.plugins.device.bm2.counting import counted
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
-from robrain.plugins.device.ros2.link import Ros2Link, open_link
+from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
+from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.ros2_battery.battery_message import BatteryMessage, ToldBattery, read_battery
 from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 
 
-class Ros2Battery(Device):
+class Ros2Battery(TopicDevice):
     """Reads a ROS 2 robot's battery, and integrates charge and energy."""
 
     class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -44,8 +45,6 @@ class Ros2Battery(Device):
     parameters: Parameters
 
     def init(self) -> None:
-        self._link: Ros2Link | None = None
-        self._topic: CheckedTopic[ToldBattery] | None = None
         self._latest: BatteryMeasurement | None = None
 
     def activate(self) -> None:
@@ -61,28 +60,11 @@ class Ros2Battery(Device):
             report = msgspec.UNSET if state.has_current else BatteryReport(has_current=False)
             self._latest = counted(self._latest, stamp_ns, volts, amps, celsius, report, gap_s=wanted.gap_s)
 
-    def deactivate(self) -> None:
-        link, self._link = self._link, None
-        if self._topic is not None:
-            self._topic.close()
-        if link is not None:
-            link.release()
-
     @external
     @unlocked
     def latest(self) -> BatteryMeasurement | None:
         """The last measurement; null before the first."""
         return self._latest
-
-    @external
-    def rejected(self) -> int:
-        """Messages that were rejected: numbers out of range, or no current."""
-        return self._topic.rejected if self._topic is not None else 0
-
-    @external
-    def why_rejected(self) -> str:
-        """Why the last of them was; empty if none was."""
-        return self._topic.why_rejected if self._topic is not None else ""
 
     def _read(self, message: BatteryMessage) -> ToldBattery:
         return read_battery(message, self.parameters.current_a, self.parameters.temperature_c)

@@ -6,20 +6,21 @@ import math
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu
 
-from robrain.agent.plugin import Device, external, unlocked
+from robrain.agent.plugin import external, unlocked
 from robrain.agent.silence import FirstWord
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import Mounting
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
-from robrain.plugins.device.ros2.link import Ros2Link, open_link
+from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
-from robrain.plugins.device.ros2_imu.imu_message import ToldMotion, read_imu
+from robrain.plugins.device.ros2.topic_device import TopicDevice
+from robrain.plugins.device.ros2_imu.imu_message import read_imu
 from robrain.protocol.model.localization.gyro_yaw import YawRate
 
 logger = logging.getLogger(__name__)
 
 
-class Ros2Imu(Device):
+class Ros2Imu(TopicDevice):
     """Reads a unit's turn rate and acceleration, and leaves the turn rate to the odometry."""
 
     class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -43,8 +44,6 @@ class Ros2Imu(Device):
 
     def init(self) -> None:
         wanted = self.parameters
-        self._link: Ros2Link | None = None
-        self._topic: CheckedTopic[ToldMotion] | None = None
         self._latest: ImuSample | None = None
         self._mounting = Mounting(upside_down=wanted.upside_down, yaw_rad=wanted.mounted_yaw_rad)
 
@@ -69,25 +68,8 @@ class Ros2Imu(Device):
             self._latest = sample
             rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
 
-    def deactivate(self) -> None:
-        link, self._link = self._link, None
-        if self._topic is not None:
-            self._topic.close()
-        if link is not None:
-            link.release()
-
     @external
     @unlocked
     def latest(self) -> ImuSample | None:
         """The last measurement; null before the first."""
         return self._latest
-
-    @external
-    def rejected(self) -> int:
-        """Messages that were rejected: numbers out of range, or no turn rate."""
-        return self._topic.rejected if self._topic is not None else 0
-
-    @external
-    def why_rejected(self) -> str:
-        """Why the last of them was; empty if none was."""
-        return self._topic.why_rejected if self._topic is not None else ""
