@@ -1,4 +1,4 @@
-"""Importing a plugin's class from the module that its manifest names; modules are executed anew after an edit."""
+"""Importing a plugin's class from the module that its manifest names; modules are executed again after an edit."""
 
 import importlib
 import importlib.util

@@ -139,7 +139,7 @@ class Environment:
         self.__requests.observe(event, function)
 
     def hurry(self) -> None:
-        """Have this plugin's next step run at once instead of when it is due; its period counts anew from then.
+        """Have this plugin's next step run at once instead of when it is due; its period starts again then.
 
         For what must not wait for the period, such as the first command after a standstill. In lockstep it is run in
         this tick or the next one.

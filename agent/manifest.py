@@ -115,7 +115,7 @@ def read_manifest(path: Path) -> Manifest:
 
 @lru_cache(maxsize=TEXTS_KEPT)
 def _manifest(name: str, path: Path, text: str) -> Manifest:
-    """By its text, so that the robots of one process read a file anew and parse it once; nobody changes a manifest."""
+    """By its text, so that the robots of one process read a file again and parse it once; nobody changes a manifest."""
     try:
         raw = parse_toml(text)
     except BadToml as error:

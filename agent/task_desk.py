@@ -5,7 +5,7 @@ older epoch than the last one accepted is refused, so that a coordinator that wa
 task whose coordinator is silent for longer than the lease is let go, and one that is held is forgotten.
 
 One behavior drives at a time. A task that is accepted while another runs takes its place: the behavior of the old one
-is told to let go, then the new one may begin (`may_begin`). What a behavior does of its own accord (it wanders, it goes
+is told to let go, then the new one may begin (`may_begin`). What a behavior does by itself (it wanders, it goes
 to charge) it says by `occupy`, and gives way as soon as `occupies` says no: to any task, or, while it is firm, to none.
 """
 
@@ -99,7 +99,7 @@ class _Held(NamedTuple):
 
 
 class _Own(NamedTuple):
-    """What a behavior does of its own accord."""
+    """What a behavior does by itself."""
 
     name: str
     firm: str
@@ -192,7 +192,7 @@ class TaskDesk:
         return self._begun == task_id and self.is_busy
 
     def occupy(self, name: str, *, firm: str = "") -> bool:
-        """A behavior wants to move the robot of its own accord; on any thread.
+        """A behavior wants to move the robot by itself; on any thread.
 
         Args:
             name: the plugin's.
@@ -215,7 +215,7 @@ class TaskDesk:
         return own is not None and own.name == name and not self.is_busy
 
     def vacate(self, name: str) -> None:
-        """The behavior is done with what it did of its own accord; on any thread."""
+        """The behavior is done with what it did by itself; on any thread."""
         if self._own is not None and self._own.name == name:
             self._own = None
 

@@ -1,6 +1,6 @@
 """Questions on the wire that are asked again until somebody answers.
 
-On an overloaded machine an answer may come too late, and a link may break and be made anew a moment later.
+On an overloaded machine an answer may come too late, and a link may break and be made again a moment later.
 """
 
 from collections.abc import Callable

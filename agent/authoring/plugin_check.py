@@ -115,7 +115,7 @@ class _Check:
     def _import(self, manifest: Manifest) -> PluginCode:
         beside = manifest.path.parent / f"{manifest.class_path.partition(':')[0]}.py"
         module = (manifest.path.parent, manifest.class_path.partition(":")[0])
-        # Read anew, for it may have been edited since; but once, for its classes share the interfaces in it.
+        # Read again, for it may have been edited since; but once, for its classes share the interfaces in it.
         is_fresh = beside.is_file() and module not in self._modules
         self._modules.add(module)
         self._codes[manifest.path] = None

@@ -58,7 +58,7 @@ TELL_DONE_NS, TELL_DONE_PERIOD_NS = to_ns(60.0), to_ns(1.0)
 ANSWER_NS = to_ns(2.0)
 """Those that hear a coordinator say so for this long after the ballot of one that hears none."""
 STALL_NS = to_ns(5.0)
-"""A negotiation that leads to nothing for so long is begun anew."""
+"""A negotiation that leads to nothing for so long is started again."""
 ROUNDS = 20
 """Rounds of improvement, while the robots work already (measured: `docs/explanation/no-centre.md`)."""
 AGAIN_NS = to_ns(30.0)
@@ -338,7 +338,7 @@ class ConsensusDesk:
         return [task for task in free if self.known.open[task.id].heard_ns >= self._look.behind_since_ns]
 
     def _open(self, tasks: dict[str, Task], mates: frozenset[str], now_ns: int) -> None:
-        """Bid anew, in the negotiation that a mate has opened or in one of its own."""
+        """Bid again, in the negotiation that a mate has opened or in one of its own."""
         pose, negotiation = self._board.pose, self._negotiation
         self._not_mine = {name: until for name, until in self._not_mine.items() if until > now_ns}
         able: list[Task] = []

@@ -85,7 +85,7 @@ class FaultDesk:
         self.look_ns = min(self.look_ns, again_ns)
 
     def forget(self, plugin: ManagedPlugin) -> None:
-        """A plugin is loaded anew by hand, or has gone."""
+        """A plugin is loaded again by hand, or has gone."""
         self._cases.pop(plugin.name, None)
         self._drops.pop(plugin.name, None)
 

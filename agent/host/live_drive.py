@@ -71,8 +71,8 @@ class PluginThreads:
     """Gives all plugins their turns, on as few threads as are busy at a time and one or two that wait.
 
     No plugin waits for another: a thread that is about to enter a plugin sees to it that one more waits for whatever is
-    due next. One that is stuck in a plugin is thereby replaced. There are at most as many threads as plugins that are
-    in a turn, those included that hang and were abandoned, and `SPARE` more.
+    due next. So another takes the place of one that is stuck in a plugin. There are at most as many threads as plugins
+    that are in a turn, those included that hang and were abandoned, and `SPARE` more.
 
     Args:
         host: its plugins are followed as they are loaded and unloaded while the robot runs.

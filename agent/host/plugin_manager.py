@@ -132,7 +132,7 @@ class PluginManager:
             plugin.apply(Trigger.CLOSE)
 
     def load(self, name_or_path: str, within: Iterable[Path] | None = None) -> list[ManagedPlugin]:
-        """Load and activate a plugin, with what it requires, and whatever was left out for want of these.
+        """Load and activate a plugin, with what it requires, and whatever was left out for lack of these.
 
         Args:
             name_or_path: a name in the robot's places, or the path of a manifest or of a folder with one or more.
@@ -188,7 +188,7 @@ class PluginManager:
             return going
 
     def reload(self, name: str) -> ManagedPlugin:
-        """Take a plugin's manifest and code anew from disk; if that fails the old one keeps running.
+        """Take a plugin's manifest and code again from disk; if that fails the old one keeps running.
 
         Raises:
             PluginError: why it failed.
@@ -222,7 +222,7 @@ class PluginManager:
             self._under_way.release()
 
     def foreign_came(self, names: Iterable[str]) -> None:
-        """Foreign plugins have come: start what was left out for want of them."""
+        """Foreign plugins have come: start what was left out for lack of them."""
         came = list(names)
         if any(not set(came).isdisjoint(plugin.manifest.tag.requires) for plugin in self.plugins.values()):
             self.later(partial(self._starter.begin_dependants, came))

@@ -147,7 +147,7 @@ class IsolatedPlugin(Plugin):
         return self._contract.attributes[name].decode(self._ask(Get(OWN, name), self._limits.call_s))
 
     def _start(self) -> None:
-        self._end("is started anew")
+        self._end("is restarted")
         own_module = self._plugin_class.__module__
         desk = ParentDesk(self.env, self, self._contract, own_module, weakref.WeakMethod(self._hear))
         try:

@@ -69,7 +69,7 @@ class ManagedPlugin:
         self.needs = ""
         """The extra that it needs and that is not installed."""
         self.lacks = ""
-        """The plugin that it requires and for want of which it does not run; empty if it is not for that."""
+        """The plugin that it requires and for lack of which it does not run; empty if it is not for that."""
         self.raised = raised(None)
         """Where the plugin's code raised what has led to the state."""
         self._context = context

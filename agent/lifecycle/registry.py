@@ -101,7 +101,7 @@ class Registry:
         return users[::-1]
 
     def needs_of(self, name: str) -> str:
-        """The extra for want of which a plugin is left out, or one that it requires; empty if that is not why."""
+        """The extra for lack of which a plugin is left out, or one that it requires; empty if that is not why."""
         plugin = self.plugins.get(name)
         while plugin is not None and plugin.lacks:
             plugin = self.plugins.get(plugin.lacks)

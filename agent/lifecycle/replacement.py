@@ -36,7 +36,7 @@ class Replacement:
 
     Args:
         plugin: whose instance it is.
-        manifest: the plugin's, read anew.
+        manifest: the plugin's, read again.
         check: whether the edited plugin fits in.
         live: as in `import_code`.
 

@@ -75,7 +75,7 @@ class Starter:
         self._in_time(plugin, replacement.run, replacement.give_up)
 
     def begin_dependants(self, came: Iterable[str]) -> list[ManagedPlugin]:
-        """Start what was left out, or deactivated, for want of what is there now, and what waits for that in turn.
+        """Start what was left out, or deactivated, for lack of what is there now, and what waits for that in turn.
 
         Returns:
             Those that were started.
@@ -96,7 +96,7 @@ class Starter:
         return begun
 
     def sort(self) -> None:
-        """Find the start order anew, and leave out what requires itself or cannot be imported."""
+        """Find the start order again, and leave out what requires itself or cannot be imported."""
         registry = self._registry
         for plugin in registry.plugins.values():
             if plugin.state is PluginState.DISCOVERED:

@@ -1,7 +1,7 @@
 """The tables of a journal, and how older ones become those of today.
 
 `PRAGMA user_version` is the schema's number. A new file goes through all migrations, so that there is one way only by
-which today's tables come about; each migration is one transaction, hence all or nothing.
+which today's tables come about; each migration is one transaction, so all or nothing.
 """
 
 import sqlite3
@@ -52,7 +52,7 @@ MIGRATIONS: tuple[str, ...] = (
     """,
     # 3: reasons as values, in JSON, beside their words; of older changes only the words are known.
     "ALTER TABLE change ADD COLUMN reason TEXT NOT NULL DEFAULT 'null';",
-    # 4: what rules have made tasks for, so that a coordinator that begins anew does not make them again.
+    # 4: what rules have made tasks for, so that a coordinator that starts again does not make them again.
     """
     CREATE TABLE alarm (
         rule TEXT NOT NULL,

@@ -172,7 +172,7 @@ class RuleDesk:
             return
         known = watch.alarms.get(source)
         if known is not None and track.newest_ns <= known.taken_ns:
-            return  # the reading for which there was a task, told again to a coordinator that has begun anew
+            return  # the reading for which there was a task, told again to a coordinator that has started again
         held_s, age_ns = track.held_s, self._now_ns - track.newest_ns
         if held_s is None or held_s < condition.for_s or age_ns > to_ns(condition.max_age_s):
             return
@@ -210,7 +210,7 @@ class RuleDesk:
             is_old = self._now_ns - event.stamp_ns > to_ns(condition.max_age_s)
             source = watch.source_of(event.robot)
             known = watch.alarms.get(source)
-            # A coordinator that begins anew is told the last events again.
+            # A coordinator that starts again is told the last events again.
             is_known = known is not None and event.stamp_ns <= known.taken_ns
             if not is_meant or is_old or is_known or not condition.holds(value):
                 continue

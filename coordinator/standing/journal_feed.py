@@ -160,7 +160,7 @@ class JournalFeed:
         self._had_copy, self._copy_heard_ns = process, now_ns
         if process != self._noted_copy:
             try:
-                self._journal.note_copied_by(process)  # a coordinator that begins anew must know as well
+                self._journal.note_copied_by(process)  # a coordinator that starts again must know as well
                 self._noted_copy = process
             except JournalUnwritable:
                 logger.debug("that %s has a copy is written down once the journal can be written", process)

@@ -61,7 +61,7 @@ class Backoff:
         """Record that a robot refused a task or failed at it.
 
         What a robot refuses for what it is at just now makes a pause, and does not count towards its last word; nor
-        does a refusal for want of energy by a robot that has more after a charge.
+        does a refusal for lack of energy by a robot that has more after a charge.
 
         Args:
             task_id: the task.
@@ -99,7 +99,7 @@ class Backoff:
 
 
 def _is_enough_once_charged(refusal: OfferRefusal, battery: BatteryState | None) -> bool:
-    """Whether a robot refuses for want of energy that its full battery has."""
+    """Whether a robot refuses for lack of energy that its full battery has."""
     if battery is None or not isinstance(refusal, NeedsEnergy) or battery.soc >= CHARGED_SOC:
         return False
     return refusal.needed_j * battery.soc <= battery.remaining_j

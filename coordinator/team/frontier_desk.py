@@ -83,7 +83,7 @@ class FrontierDesk:
 
     @property
     def lack_range(self) -> set[str]:
-        """Robots that get no frontier for want of energy."""
+        """Robots that get no frontier for lack of energy."""
         return {name for name, why in self._explorer.idle.items() if isinstance(why, LacksRange)}
 
     def why_idle(self) -> dict[str, IdleReason]:

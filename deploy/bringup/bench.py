@@ -42,7 +42,7 @@ class Bench(abc.ABC):
 
     @abc.abstractmethod
     def start(self, robot_file: RobotFile, *, with_lidar: bool) -> None:
-        """Start the devices anew with the parameters of this file.
+        """Start the devices again with the parameters of this file.
 
         Args:
             robot_file: the robot's.

@@ -156,7 +156,7 @@ class BringUp:
             self._bench.wait_for_scan()
 
     def _do(self, step: Step, found: list[Finding]) -> bool:
-        """Note what a step has found, and go on with that; whether the devices were started anew for it."""
+        """Note what a step has found, and go on with that; whether the devices were restarted for it."""
         self._step = step
         self._note(found)
         if any(one.stops for one in found):

@@ -22,7 +22,7 @@ from robrain.protocol.wire.topic import Query
 from robrain.protocol.wire.topics import COORDINATOR_STATE, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_STATE, ROBOT_WHO
 
 SKEW_OK_S = 0.5
-"""Chosen: Zenoh stamps anew what differs by more. From 5 s on messages are refused."""
+"""Chosen: Zenoh stamps again what differs by more. From 5 s on messages are refused."""
 LISTEN_S = 2.0
 """Time in which a coordinator has told its state several times."""
 ENOUGH_STAMPS = 3

@@ -57,7 +57,7 @@ class SecuredRouter:
         return next(filter(is_secured, listening_at(self.session)))
 
     def look(self) -> str:
-        """Open the session anew if the folder's files have changed; members then connect again by themselves.
+        """Open the session again if the folder's files have changed; members then connect again by themselves.
 
         Returns:
             What happened, in words; empty if nothing.
@@ -82,7 +82,7 @@ class SecuredRouter:
             self.session = self._open(identity)
         except RobrainError as error:
             return f"{error}; the router tries again"
-        return f"members and certificate are read anew: {self.members} may connect"
+        return f"members and certificate are read again: {self.members} may connect"
 
     def close(self) -> None:
         """End it."""

@@ -220,7 +220,7 @@ class NameWatch:
     """Says when to stop, and notices that the name was lost while this process hung.
 
     A process that stands still for about its lease loses its tokens, and another may take its name. Once it runs
-    again it looks for that other process for a while, because its connection is made anew meanwhile.
+    again it looks for that other process for a while, because its connection is made again meanwhile.
 
     Args:
         claim: the name that this process has.

@@ -18,7 +18,7 @@ def warn_of_listening(who: str, listen: Sequence[str], note: Note) -> None:
     for endpoint in listen:
         if not is_secured(endpoint) and not is_loopback(endpoint):
             note(
-                f"{who}: warning: other machines can reach {endpoint}, and there is no log-in: whoever does can drive, "
+                f"{who}: warning: other machines can reach {endpoint}, and there is no log-in: anyone there can drive, "
                 "halt and resume the robots; `robrain router` asks for certificates"
             )
 

@@ -44,7 +44,7 @@ def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[float], No
 
 @contextmanager
 def record_display(path: Path, *, quiet: bool = False) -> Iterator[Callable[[Recorder], None]]:
-    """A line on how a recorder does, drawn anew in a terminal."""
+    """A line on how a recorder does, redrawn in a terminal."""
     console = Console(stderr=True, highlight=False)
     if not quiet:
         console.print(f"recording to {said(path)}; Ctrl-C ends it", soft_wrap=True)

@@ -31,7 +31,7 @@ OPERATOR_TICKS = 5
 def scenario_of(script: FaultScript) -> Scenario:
     """The scenario that a script runs in, without its motes.
 
-    A scenario's robots are r1, r2 and so on; those of a script that was shrunk are named anew, in their order.
+    A scenario's robots are r1, r2 and so on; those of a script that was shrunk are named again, in their order.
     """
     scenario, radio = Scenario.builtin(script.scenario), script.radio
     names = {robot.name: f"r{number}" for number, robot in enumerate(script.robots, start=1)}

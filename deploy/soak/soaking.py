@@ -216,7 +216,7 @@ def find_planted(bugs: Sequence[str], seeds: Sequence[int], jobs: int) -> list[P
 def _find(
     bug: str, seeds: Sequence[int], crew: LocalCrew[SoakTask, SoakRecord], should_stop: Callable[[], bool]
 ) -> PlantedFind:
-    """In chunks, so that few scripts are run in vain once one has found the bug."""
+    """In chunks, so that few scripts are run needlessly once one has found the bug."""
     began_s, records = time.monotonic(), list[SoakRecord]()
     for start in range(0, len(seeds), SEEDS_AT_ONCE):
         tasks = [SoakTask(seed=seed, trials_max=0, bug=bug) for seed in seeds[start : start + SEEDS_AT_ONCE]]

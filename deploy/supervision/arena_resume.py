@@ -1,6 +1,6 @@
 """An arena that is started again goes on with the robots where they were: a file of their true poses.
 
-The file is written by `robrain up` from the last `arena/truth`. Batteries, motes and moving bodies begin anew.
+The file is written by `robrain up` from the last `arena/truth`. Batteries, motes and moving bodies start again.
 """
 
 from dataclasses import replace

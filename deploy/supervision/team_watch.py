@@ -145,7 +145,7 @@ class TeamWatch:
         return RobotSeen(name, told(robot.why_not_up(now_ns)), is_up=False)
 
     def _note_truth(self, truth: ArenaTruth) -> None:
-        if truth.sim_time_s < self._sim_time_s:  # of another arena, which begins anew
+        if truth.sim_time_s < self._sim_time_s:  # of another arena, which starts again
             self._before_s += self._sim_time_s
         self.truth, self._sim_time_s = truth, truth.sim_time_s
         self._truths += 1

@@ -97,7 +97,7 @@ def until(condition, what, step=lambda: None):
     ends_s = time.monotonic() + PATIENCE_S
     while not (found := condition()):
         if time.monotonic() > ends_s:
-            sys.exit(f"in vain: {what}")
+            sys.exit(f"without success: {what}")
         step()
         time.sleep(AGAIN_S)
     return found

@@ -81,7 +81,7 @@ class Run(Generic[P]):
         goal: its place.
         way_m: length of the way there, as planned.
         home_m: from the place to the nearest charger.
-        own: what the robot does, if it does so of its own accord and the task desk knows of no task.
+        own: what the robot does, if it does so by itself and the task desk knows of no task.
 
     """
 
@@ -102,7 +102,7 @@ class Run(Generic[P]):
         self.script = play()
         self._play = play
         self.is_paused = False
-        """The robot is lost; its script begins anew when it knows again where it is."""
+        """The robot is lost; its script starts again when it knows again where it is."""
         self.is_as_planned = True
         self.goal = goal
         self.way_m = way_m
@@ -328,7 +328,7 @@ class Errand(Behavior, ABC, Generic[P]):
         return None
 
     def ended_own(self, state: TaskState, why: str) -> None:
-        """What it did of its own accord has ended."""
+        """What it did by itself has ended."""
 
     def take_on(self, run: Run[P]) -> None:
         """Have this to do from now on."""

@@ -10,7 +10,7 @@ SLOTS = 16
 
 
 class ImageOut:
-    """Where a behavior's pictures leave the robot; made anew in each `activate`.
+    """Where a behavior's pictures leave the robot; made again in each `activate`.
 
     Args:
         env: the behavior's.

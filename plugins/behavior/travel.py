@@ -160,7 +160,7 @@ class Travel:
         return PositionLost(self._env.robot, why) if why else None
 
     def find_itself(self, *, for_task: bool = False) -> bool:
-        """Drive about slowly while the robot is lost, bound for nowhere; False once that has been in vain.
+        """Drive about slowly while the robot is lost, bound for nowhere; False once that has failed.
 
         The goal is kept: when the robot knows again where it is, `step` goes on to it.
 

@@ -2,7 +2,7 @@
 
 MODULUS = 256
 LONGEST_GAP = 64
-"""A step beyond this, or backwards, is a sender that has started anew rather than a loss."""
+"""A step beyond this, or backwards, is a sender that has restarted rather than a loss."""
 
 
 class SequenceWatch:

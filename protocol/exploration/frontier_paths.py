@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it
 SNAP_M = 0.8
 """Greatest distance of a path's ends from the robot and from the frontier."""
 FIELD_KEPT_NS = to_ns(5.0)
-"""Costs between frontiers are computed anew after this long (chosen: little changes far from the robots)."""
+"""Costs between frontiers are computed again after this long (chosen: little changes far from the robots)."""
 
 
 class FrontierPaths:

@@ -21,8 +21,8 @@ def is_name(name: str) -> bool:
 def check_name(what: str, name: str) -> str:
     """Return `name` if it can be one chunk of a key.
 
-    Letters, digits, `_`, `-` and `.`, at most 63 of them, starting with a letter, digit or `_`. Zenoh's own
-    special characters (`*`, `/`, `#`, `$`, `?`, a leading `@`) are thereby refused.
+    Letters, digits, `_`, `-` and `.`, at most 63 of them, starting with a letter, digit or `_`. This
+    excludes Zenoh's special characters (`*`, `/`, `#`, `$`, `?`, a leading `@`).
 
     Raises:
         BadName: saying what is wrong with it.

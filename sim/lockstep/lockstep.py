@@ -298,7 +298,7 @@ class LockstepRun:
         self._recorder.on_recorded = on_recorded
 
     def switch_off(self, robot: str) -> None:
-        """Switch a robot's computer off: its team loses contact, and its wheels stop for want of commands.
+        """Switch a robot's computer off: its team loses contact, and its wheels stop for lack of commands.
 
         Its body stays on the floor, where the others have to go around it.
 

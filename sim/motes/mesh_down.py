@@ -32,7 +32,7 @@ class DownCounters(msgspec.Struct):
     undelivered: int = 0
     """Dropped because a next mote was dead, out of reach or never acknowledged."""
     refused: int = 0
-    """Not taken for want of room."""
+    """Not taken for lack of room."""
 
 
 class _Waiting(msgspec.Struct):

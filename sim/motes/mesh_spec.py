@@ -25,7 +25,7 @@ class MeshSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     wake_s: float = 0.5
     """Interval of these moments, which a reading waits at each mote that passes it on."""
     routes_s: float = 30.0
-    """Interval at which motes choose their next hops anew; each sends a beacon for it and hears its neighbours'."""
+    """Interval at which motes choose their next hops again; each sends a beacon for it and hears its neighbours'."""
 
     def __post_init__(self) -> None:
         check_within(self, 0, HOPS_MAX, "hops")

@@ -185,7 +185,7 @@ class RobotAir:
 
     Shadowing belongs to the places of both ends: one Gaussian field over the floor, of half the variance, is added for
     the sender's place and for the receiver's. So both directions are alike, and the deviation is that of a mote's link
-    unless both stand in one place. Chosen, for want of a model of moving pairs that is as simple.
+    unless both stand in one place. Chosen, for lack of a model of moving pairs that is as simple.
 
     Args:
         radio: what it is like.

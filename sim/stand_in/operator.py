@@ -15,7 +15,7 @@ AGAIN_NS = to_ns(1.0)
 REPEATED_NS = to_ns(2.0)
 """`robrain halt` says a halt again for so long while a robot has not confirmed it."""
 NOT_NOW_S = 0.001
-"""Of the wall: within this process an answer is there at once, or with a later step and hence when asked again."""
+"""Of the wall: within this process an answer is there at once, or with a later step and so when asked again."""
 NS_PER_S = 1_000_000_000
 
 

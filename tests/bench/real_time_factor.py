@@ -69,7 +69,7 @@ def whole_run_ms(world: World, *, simulated_s: float = SIMULATED_S) -> tuple[flo
 
 
 def _bare_loop_ms(world: World) -> float:
-    """The same walls and as many round bodies, each with its velocity set anew every tick, and nothing else."""
+    """The same walls and as many round bodies, each with its velocity set again every tick, and nothing else."""
     space = pymunk.Space()
     add_walls(space, world.plan, collision_type=1)
     rng = np.random.default_rng(0)

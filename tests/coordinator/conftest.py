@@ -177,7 +177,7 @@ class Team:
         """A coordinator takes over; the one before has ended, as by a kill: it never says another word."""
         if self._coordinator_wire is not None:
             self._coordinator_wire.close()
-        if journal is None:  # one that remembers nothing counts its changes anew
+        if journal is None:  # one that remembers nothing counts its changes from the start
             self._told.clear()
         self._coordinator_wire = self.endpoint()
         self.coordinator = Coordinator(self._coordinator_wire, journal, policy, rules)
@@ -216,7 +216,7 @@ class Team:
             self.coordinator.step()
             for received in self._events.drain():
                 event = received.message
-                if event.change not in self._told:  # a coordinator that begins anew tells the last ones again
+                if event.change not in self._told:  # a coordinator that starts again tells the last ones again
                     self._told[event.change] = event
                     self.heard.append(event)
 

@@ -44,7 +44,7 @@ class DeskRobot(FakeRobot):
         self.wire.subscribe(self._inbox, COORDINATOR_STATE)
 
     def restart(self) -> None:
-        """Its process is killed, and begins anew."""
+        """Its process is killed, and starts again."""
         self._new_desk()
         self.stopped = self.isolated = False
         self.leave()

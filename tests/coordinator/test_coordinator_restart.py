@@ -1,4 +1,4 @@
-"""The coordinator is killed and begins anew on its journal, while robots go on."""
+"""The coordinator is killed and starts again on its journal, while robots go on."""
 
 import pytest
 

@@ -37,7 +37,7 @@ HEAVY_S = 20_000.0
 
 
 class Reluctant(FakeRobot):
-    """Refuses some tasks once, for want of energy."""
+    """Refuses some tasks once, for lack of energy."""
 
     def come(self) -> None:
         self._refused: set[str] = set()

@@ -119,7 +119,7 @@ def open_page(context: BrowserContext, url: str) -> tuple[Page, list[str]]:
 
 
 def click_on(page: Page, selector: str) -> None:
-    """Click on something in a table, which may be drawn anew at any moment; the mouse does not mind."""
+    """Click on something in a table, which may be redrawn at any moment; the mouse does not mind."""
     found = wait_for(lambda: page.evaluate(MIDDLE_OF, selector), bool, selector)
     page.mouse.click(found["x"], found["y"])
 

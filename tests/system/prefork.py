@@ -58,7 +58,7 @@ class PreforkServer:
 
 
 class ForkedCommand(subprocess.Popen[str]):
-    """Popen of `robrain WORDS`, which is forked from the server instead of started anew.
+    """Popen of `robrain WORDS`, which is forked from the server and needs no new interpreter.
 
     Popen makes the pipes; the three methods that know how a process begins and ends are replaced.
     """

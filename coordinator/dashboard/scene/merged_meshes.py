@@ -2,7 +2,7 @@
 
 A software renderer takes 30 µs for each instance of a batched mesh and for each of viser's own lines, in every frame,
 and next to nothing for triangles of one mesh: with a hundred robots that is the difference between 2 and 30 frames a
-second. What moves all the time is batched all the same (`Instances`), as a merged mesh has to be sent anew as a whole.
+second. What moves all the time is batched all the same (`Instances`), as a merged mesh has to be sent again as a whole.
 """
 
 from collections.abc import Iterable, Mapping

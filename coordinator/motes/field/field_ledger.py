@@ -32,7 +32,7 @@ class MoteLife:
         """As when it was first heard."""
         self.arrived = 0
         self.is_hopeless = False
-        """Whether robots have been there in vain since it was last heard."""
+        """Whether robots failed to collect there since it was last heard."""
         self._first_ns = taken_at_ns(reading)
         self._newest_ns = self._first_ns
         self._spoke_ns = self._first_ns

@@ -15,7 +15,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 BOTH_NS = to_ns(FREE_AFTER_S)
 """For as long two robots may be at a task: the lease and its guard time."""
 SILENT_NS = to_ns(1.0)
-"""A robot that says nothing for this long is not counted as being at its task; its time begins anew."""
+"""A robot that says nothing for this long is not counted as being at its task; its time starts again."""
 
 
 class _At:

@@ -23,7 +23,7 @@ class Told(Enum):
 class TaskChanges:
     """Follows `task/event`.
 
-    The coordinator numbers its changes without gaps, repeats the last ones after a restart, and begins anew at 1 with
+    The coordinator numbers its changes without gaps, repeats the last ones after a restart, and starts again at 1 with
     an empty journal.
     """
 
@@ -84,7 +84,7 @@ class TaskChanges:
 
 
 def _is_later(event: TaskEvent, known: TaskEvent) -> bool:
-    """Whether it is a change after the known one, also of a coordinator that counts anew."""
+    """Whether it is a change after the known one, also of a coordinator that counts from the start."""
     if event.change > known.change:
         return True
     return (event.change, event.epoch, event.state) != (known.change, known.epoch, known.state) and (

@@ -54,7 +54,7 @@ def recover(source: Path, path: Path, on_progress: Callable[[float], None] | Non
 def with_visual(source: Path, path: Path, on_progress: Callable[[float], None] | None = None) -> int:
     """Write a copy of a recording with what Foxglove, Lichtblick and Rerun draw; returns how many messages that adds.
 
-    Channels of that kind which the source has are made anew.
+    Channels of that kind which the source has are made again.
 
     Args:
         source: an MCAP file.

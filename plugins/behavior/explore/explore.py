@@ -38,7 +38,7 @@ HERE_M = 0.3
 EVERYWHERE_M = 1e6
 """Robots within this distance are considered: all of the team."""
 DECIDE_PERIOD_S = 1.0
-"""Period in which a robot that explores by its own choice decides anew, as a coordinator does by `revise_s`."""
+"""Period in which a robot that explores by its own choice decides again, as a coordinator does by `revise_s`."""
 WHY = {
     Progress.ARRIVED: (TaskState.DONE, "arrived"),
     Progress.BLOCKED: (TaskState.FAILED, "the way is blocked"),

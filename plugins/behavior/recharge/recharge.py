@@ -40,7 +40,7 @@ class RechargeBehavior(Errand[Recharge]):
     """Docks at a charger and charges the robot."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
-        """When the robot goes to charge of its own accord, and how long it stays; chosen."""
+        """When the robot goes to charge by itself, and how long it stays; chosen."""
 
         reserve_s: float = 60.0
         """Energy kept beyond the way home, as time of standing."""
@@ -61,7 +61,7 @@ class RechargeBehavior(Errand[Recharge]):
     def init(self) -> None:
         super().init()
         self._wanted = ""
-        """Why the robot is to go home of its own accord; empty if it need not."""
+        """Why the robot is to go home by itself; empty if it need not."""
         self._charged_j = 0.0
         self._not_before_ns = 0
         self._home_m = 0.0

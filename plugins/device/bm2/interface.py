@@ -22,7 +22,7 @@ class BatteryMeasurement(msgspec.Struct, frozen=True):
     energy_j: float = 0.0
     """The same for energy at the terminals."""
     counted_from_ns: int = 0
-    """Stamp of the first frame; another one means that the count began anew."""
+    """Stamp of the first frame; another one means that the count started again."""
     report: BatteryReport | msgspec.UnsetType = msgspec.UNSET
     """What the battery says of its charge, and whether its current is measured; unset if it is, and it says nothing."""
 

@@ -1,6 +1,6 @@
 """A battery that is asked: what all of these have in common, whatever is read and over which bus.
 
-A reading that fails is tried again at the next step, with the bus opened anew; `battery` goes on by its estimate
+A reading that fails is tried again at the next step, with the bus opened again; `battery` goes on by its estimate
 meanwhile. After `silent_s` without a reading the device faults, and the manifest's restart policy tries for as long as
 it takes.
 """

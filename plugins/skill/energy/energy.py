@@ -70,7 +70,7 @@ class Energy(Skill):
         return self._current_model()
 
     def outcome(self, work: Work, cost_j: float) -> None:
-        """Tell what a work has cost that went as planned; later estimates of ways heed it."""
+        """Report what work that went as planned has cost; it adjusts later estimates of ways."""
         self._consumption.compare(work, cost_j)
         self._model = None
 

@@ -17,7 +17,7 @@ class EnergyInterface(Protocol):
         """Lower 95 % bound of the energy before the cut-off; 0 while the battery is unknown."""
 
     def outcome(self, work: Work, cost_j: float) -> None:
-        """Tell what a work has cost that went as planned; later estimates of ways heed it."""
+        """Report what work that went as planned has cost; it adjusts later estimates of ways."""
 
     def power_w(self) -> float:
         """Power drawn, averaged over some seconds; the manifest's standing power before the first measurement."""

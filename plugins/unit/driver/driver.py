@@ -1,6 +1,6 @@
 """Driver: moves an omnidirectional base smoothly, and stops in front of what lidar and range sensors see.
 
-`follow` is for plugins that plan anew all the time. `drive_path`, `drive`, `turn` and `go_to` are long actions: they
+`follow` is for plugins that replan all the time. `drive_path`, `drive`, `turn` and `go_to` are long actions: they
 return an id, and end as done, as cancelled by whatever moves the robot next, or as failed when the way stays blocked.
 
 The robot stands whenever it does not know what is ahead or where it goes: without a fresh scan, with a frozen lidar,
@@ -41,7 +41,7 @@ HAND_PERIOD_S = PERIOD_S / 3
 DELAY_S = PERIOD_S + 0.02
 """From the pose that a command is decided on until the wheels obey, at the most."""
 ARRIVED_M = 0.08
-"""Of paths; who plans anew all the time needs no more."""
+"""Of paths; who replans all the time needs no more."""
 PLACED_M, STEERED_M, PARKED_M = 0.01, 0.03, 0.2
 """Of actions that go to a place; of a base that cannot drive sideways; of one that cannot turn on the spot."""
 TURNED_RAD, PARKED_RAD = 0.008, 0.05

@@ -127,7 +127,7 @@ class Path:
     def take_progress(self, before: "Path", pose: Pose2D) -> None:
         """Go on with the `is_stuck` of the path before if both lead on the same way from `pose`.
 
-        A behavior that plans anew every two seconds would never learn that the robot is stuck otherwise.
+        A behavior that replans every two seconds would never learn that the robot is stuck otherwise.
         """
         self.pass_points(pose)
         turned_rad = wrap_angle_rad(self._bearing_rad(pose) - before._bearing_rad(pose))

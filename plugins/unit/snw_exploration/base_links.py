@@ -65,7 +65,7 @@ class BaseLinks:
         link = self._links.get(beacon.robot)
         if link is None:
             link = self._links[self._new(beacon.robot)] = _Link()
-        elif 0 < (gap := sequences_after(beacon.sequence, link.sequence)) < SEQUENCES // 4:  # else it began anew
+        elif 0 < (gap := sequences_after(beacon.sequence, link.sequence)) < SEQUENCES // 4:  # else it started again
             link.missed += gap - 1
         link.sequence, link.stamp_ns, link.rssi_dbm = beacon.sequence, stamp_ns, float(beacon.rssi_dbm)
         link.packets += 1

@@ -16,7 +16,7 @@ from robrain.protocol.tinyos.payloads import (
 from robrain.protocol.wire.publisher import Publisher
 
 RESTART_BACK = 16
-"""A mote whose live readings fall back by more than this has started anew; less is an old packet that comes late."""
+"""A mote whose live readings fall back by more than this has restarted; less is an old packet that comes late."""
 
 
 class SequenceWindow:

@@ -121,7 +121,7 @@ class Bidder:
         self.scorer.keep_first(0)
 
     def build(self) -> bool:
-        """Build the bundle anew if an opinion has changed; whether the own bids are others then.
+        """Build the bundle again if an opinion has changed; whether the own bids are others then.
 
         The paper only adds to the bundle. Then a task that became free again, because its winner was outbid for an
         earlier one, would be bid for as an addition to all that was taken in its place, and the result would depend on

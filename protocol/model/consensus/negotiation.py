@@ -273,7 +273,7 @@ class Negotiation:
         return sorted(self._team)[int(self._drawn("who") * len(self._team))]
 
     def _released(self) -> set[str]:
-        """The tasks that this round allocates anew: some around one place, and those that no robot has."""
+        """The tasks that this round allocates again: some around one place, and those that no robot has."""
         tasks, apart, winners = self._tasks, self._apart, self._base.winners
         if not tasks:
             return set()

@@ -90,7 +90,7 @@ class RouteScorer:
         self._spent: tuple[tuple[str, ...], float, list[int]] = ((), 0.0, [drive.start])
         """A path, its energy, and the places from the start on."""
         self._insertions: dict[tuple[str, ...], dict[str, Insertion | None]] = {}
-        """Those found by this variant: bundles are built anew again and again, mostly alike."""
+        """Those found by this variant: bundles are rebuilt again and again, mostly alike."""
         self._not_counted_j = 0.0
         """Energy of a route with one task that this variant does not count."""
 

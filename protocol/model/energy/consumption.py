@@ -140,7 +140,7 @@ class Consumption:
             self.power_w += min(1.0, elapsed_s / POWER_OVER_S) * (power_w - self.power_w)
             self.usual_power_w += min(1.0, elapsed_s / USUAL_OVER_S) * (power_w - self.usual_power_w)
         begun = self._begun
-        if begun is None or drawn.energy_j < begun.energy_j:  # less than before: the count began anew
+        if begun is None or drawn.energy_j < begun.energy_j:  # less than before: the count started again
             self._begun = drawn
             return False
         if (drawn.stamp_ns - begun.stamp_ns) * NS < LESSON_S:

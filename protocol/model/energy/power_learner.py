@@ -1,7 +1,7 @@
 """Learning what a robot draws: recursive least squares over the terms of its power.
 
 Forgetting is directional (Cao & Schwartz: A directional forgetting algorithm based on the decomposition of the
-information matrix, Automatica 36, 2000): only what a measurement tells anew is forgotten of the old, so that a robot
+information matrix, Automatica 36, 2000): a measurement makes it forget only the old of what it tells, so that a robot
 that stands for an hour still knows what driving costs.
 
 What the terms leave unexplained is measured by batch means (Law: Simulation Modeling and Analysis, 5th ed., 9.5.3):

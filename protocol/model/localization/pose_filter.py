@@ -185,7 +185,7 @@ class PoseFilter:
             slot,
             sample.place.x_m,
             sample.place.y_m,
-            float(sample.rssi_dbm),  # a whole number would be compiled for anew
+            float(sample.rssi_dbm),  # numba would compile once more for a whole number
             self.path_loss.rssi_at_1_m_dbm,
             self.path_loss.db_per_e_fold,
             self.path_loss.fading_db**2 + map_db2,
@@ -227,7 +227,7 @@ class PoseFilter:
         self._forget_motes()
 
     def place(self, pose: Pose2D, covariance: Floats) -> None:
-        """Begin anew at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
+        """Begin again at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
         self._mean[:3] = pose.x_m, pose.y_m, pose.yaw_rad
         self._covariance[:3, :] = 0.0
         self._covariance[:, :3] = 0.0

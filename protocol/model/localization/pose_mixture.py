@@ -168,7 +168,7 @@ class PoseMixture:
             part.shift(T_new_old)
 
     def place(self, pose: Pose2D, covariance: Floats) -> None:
-        """Begin anew at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
+        """Begin again at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
         self._merge_all()
         self._parts[0].place(pose, covariance)
 

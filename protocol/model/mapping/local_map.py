@@ -36,7 +36,7 @@ class LocalMap(NamedTuple):
     oldest: int
     """Number of the submap to which the oldest cells of the grid belong."""
     trajectory: int
-    """Number of times that the robot's own map was begun anew."""
+    """Number of times that the robot's own map was started again."""
     frame: MapFrame = ARENA
     """The map frame of `T_arena_local`."""
     why: str = ""

@@ -1,6 +1,6 @@
 """The certificate that a process shows: its files, who it says that the process is, and until when.
 
-A folder made by `robrain pki issue` has `ca.pem`, `certificate.pem` and `key.pem`. Zenoh reads them anew with each
+A folder made by `robrain pki issue` has `ca.pem`, `certificate.pem` and `key.pem`. Zenoh reads them again with each
 connection, so files that are renewed in place need no restart.
 """
 

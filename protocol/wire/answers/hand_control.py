@@ -66,7 +66,7 @@ class HandControl:
         try:
             self._call("move", velocity | {"lease": lease})
         except RobrainError as error:
-            self._lease = None  # a driver that was started anew counts its leases anew
+            self._lease = None  # a driver that was restarted counts its leases from the start
             if not (isinstance(error, CallError) and error.code is ErrorCode.REFUSED):
                 raise
             self._take()

@@ -51,7 +51,7 @@ class Border:
         self._clock = clock
         self._refusals = refusals
         self._allowed_ns = 0
-        """Latest stamp that is allowed by the clock as it was last read: it is read anew for later stamps alone."""
+        """Latest stamp that is allowed by the clock as it was last read: it is read again for later stamps alone."""
         self._names: dict[str, dict[str, str]] = {}
 
     def admits(self, topic: Heard, key: str, payload: bytes) -> bool:

@@ -2,7 +2,7 @@
 
 Two robots that hear one packet in the same moment may both put its reading on the wire, and a reading that was fetched
 from a mote's log twice comes twice. Mote and sequence number name a reading, for as long as the numbers have not come
-round and the mote has not started anew; the time when it was taken tells those cases apart.
+round and the mote has not restarted; the time when it was taken tells those cases apart.
 """
 
 from collections import OrderedDict

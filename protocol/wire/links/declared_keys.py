@@ -9,7 +9,7 @@ DECLARED_KEYS = 16384
 class DeclaredKeys:
     """The keys that one endpoint has declared.
 
-    A session that follows tokens compares each key anew with all tokens, if it was not declared: with a thousand robots
+    A session that follows tokens compares each undeclared key with all tokens, each time: with a thousand robots
     that takes 60 µs for a sample and 430 µs for a query, instead of 8 and 50 µs.
 
     Args:

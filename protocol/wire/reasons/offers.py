@@ -58,7 +58,7 @@ class NotAtTask(Reason, frozen=True, tag="not_at_task"):
 
 
 class Occupied(Reason, frozen=True, tag="occupied"):
-    """A behavior does something of its own accord that must not be interrupted."""
+    """A behavior does something by itself that must not be interrupted."""
 
     plugin: Name
     why: Text

@@ -25,7 +25,7 @@ Unavailable = Gone | LostContact | NotHeard
 
 
 class Charging(Reason, frozen=True, tag="charging"):
-    """It charges, of its own accord."""
+    """It charges, by itself."""
 
 
 class Halted(Reason, frozen=True, tag="halted"):
@@ -33,7 +33,7 @@ class Halted(Reason, frozen=True, tag="halted"):
 
 
 class HeadsHome(Reason, frozen=True, tag="heads_home"):
-    """It goes to a charger, of its own accord."""
+    """It goes to a charger, by itself."""
 
 
 class PositionUnknown(Reason, frozen=True, tag="position_unknown"):

@@ -146,7 +146,7 @@ def words(reason: AnyReason) -> str:
         case robots.MoteSilent(silent_s=silent_s):
             return f"was last heard {silent_s:.0f} s ago"
         case tasks.MoteUnknown():
-            return "the coordinator began anew, and no mote is at it"
+            return "the coordinator started again, and no mote is at it"
         case plans.NearestOut(robot=robot, because=why_not):
             return f"{robot}, which comes nearest: {words(why_not)}"
         case tasks.NeededFor(robot=robot, task=task):
@@ -212,7 +212,7 @@ def words(reason: AnyReason) -> str:
         case robots.PartUndone(why=why):
             return f"does not do its part: {why}"
         case tasks.PartsUntold():
-            return "the coordinator began anew before all had been told"
+            return "the coordinator started again before all had been told"
         case idle.PlaceUnknown():
             return "idle because its position is unknown"
         case tasks.PlanLeavesOut(because=left_out):
@@ -277,7 +277,7 @@ def words(reason: AnyReason) -> str:
         case wire.TopicStale(topic=topic, sender=sender, age_s=age_s, deadline_s=deadline_s):
             return f"{topic} of {sender} is {age_s:.1f} s old, more than {deadline_s:.1f} s"
         case idle.TriedInVain(frontiers=count):
-            return f"idle because it has just tried in vain to get to {_borders(count)}"
+            return f"idle because it has just tried without success to get to {_borders(count)}"
         case offers.Unexplored():
             return "no way there, as its place is not explored yet"
         case robots.Unreachable(why=why):

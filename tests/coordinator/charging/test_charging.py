@@ -292,7 +292,7 @@ def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_i
 
 @pytest.fixture
 def turns(team):
-    """Of two robots the second has little left and waits, as the first charges of its own accord."""
+    """Of two robots the second has little left and waits, as the first charges by itself."""
     team.begin(None, PlanningPolicy(charging=Charging.TURNS))
     own, low = staff(team, (0.6, 0.2))
     own.robot.behavior = "recharge"

@@ -73,7 +73,7 @@ class Disk:
         self._path = folder / "0" / "team.journal"
 
     def start(self) -> Journal:
-        """What a coordinator opens that begins anew; the one before has been killed."""
+        """What a coordinator opens that starts again; the one before has been killed."""
         self._starts += 1
         folder = self._folder / str(self._starts)
         folder.mkdir()
@@ -125,7 +125,7 @@ class World:
         assert self.told.setdefault(event.change, event) == event
 
     def is_killed_in(self, do: Callable[[], None]) -> bool:
-        """Do something; if the fuse burns down in it, begin anew."""
+        """Do something; if the fuse burns down in it, start again."""
         try:
             do()
         except Killed:
@@ -316,7 +316,7 @@ def test_a_kill_between_any_two_statements_loses_nothing_and_does_nothing_twice(
         for step in SCRIPT:
             if world.is_killed_in(lambda step=step, world=world: step(world)):
                 kills += 1
-                for settle in FINISH:  # the coordinator begins anew, hears the robots, and goes on where it was
+                for settle in FINISH:  # the coordinator starts again, hears the robots, and goes on where it was
                     settle(world)
                 world.check()
                 step(world)  # whoever asked and got no answer asks again
@@ -437,7 +437,7 @@ class CrashMachine(RuleBasedStateMachine):
 
     @rule(robot=robots)
     def forget(self, robot: str) -> None:
-        """The agent is killed and starts anew."""
+        """The agent is killed and restarts."""
         self.world.said.pop(robot, None)
         self.world.held.pop(robot, None)
         self.world.before.pop(robot, None)

@@ -202,7 +202,7 @@ def test_a_robot_that_was_killed_has_lost_both(team, robot):
     assert sorted(robot.done) == ["a", "b"]
 
 
-# -- the coordinator begins anew ------------------------------------------------------------------------------------
+# -- the coordinator starts again ------------------------------------------------------------------------------------
 
 
 def test_a_coordinator_that_begins_anew_knows_both_by_its_journal(team):

@@ -31,7 +31,7 @@ def test_the_team_is_told_at_once_who_halted_it_and_who_has_not_stopped(team, sa
     halt = team.summary.halt
     assert (halt.halted, halt.by, halt.reason, halt.since_ns) == (True, ["ann"], "smoke", halt.stamp_ns)
     team.run(0.1)
-    halt = team.summary.halt  # said anew because it has changed
+    halt = team.summary.halt  # said again because it has changed
     assert (halt.stopped, halt.not_stopped) == (["r1"], ["r2"])
 
 

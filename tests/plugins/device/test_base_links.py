@@ -153,9 +153,9 @@ def hearing(*sequences, robot="r2"):
         ((7, 9, 12), 3),
         ((SEQUENCES - 2, SEQUENCES + 1), 2),  # across the wrap
         ((7, 7), 0),  # the same again
-        ((7, 3, 5), 1),  # it has begun anew
+        ((7, 3, 5), 1),  # it has started again
         ((0, SEQUENCES // 4 - 1), SEQUENCES // 4 - 2),
-        ((0, SEQUENCES // 4), 0),  # so many were never missed: it has begun anew
+        ((0, SEQUENCES // 4), 0),  # so many were never missed: it has started again
         ((0, 20_000), 0),
     ],
 )

@@ -46,7 +46,7 @@ def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robo
     assert desk.contradicted == 6
     assert whys[:5] == [""] * 5
     assert whys[5] == "3 submaps of 2 robots contradict what the lidar sees"
-    assert desk.why_wrong() == "", "it is said once, and the count begins anew"
+    assert desk.why_wrong() == "", "it is said once, and the count starts again"
     look(desk, 6)
     assert desk.why_wrong() == ""
 

@@ -1,4 +1,4 @@
-"""Agents that are started anew while their robots are somewhere else."""
+"""Agents that are restarted while their robots are somewhere else."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def stroll(one, host, *places, robot="r1"):
 
 @pytest.fixture
 def restarted(stage, room):
-    """A stage, its plan, the host of r1 that was begun anew 5 m from its start, and that of r2, which saw all of it."""
+    """A stage, its plan, the host of r1 that restarted 5 m from its start, and that of r2, which saw all of it."""
     plan = room(10.0, 5.0, *BLOCKS)
     one = stage(plan, r1=START, r2=Pose2D(1.0, 2.5, 0.0))
     first, mate = (one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2"))

@@ -212,5 +212,5 @@ def test_a_robot_that_sees_something_else_than_two_mates_have_mapped_leaves_the_
     assert not mapper._graph.own, "with all that it has mapped"
     left_out = one.call("mapper", "counters")["scans_left_out"]
     one.run(1.0, lambda: one.stand_and_scan(square_from(0.0).tolist()))
-    assert one.call("mapper", "counters")["scans_left_out"] > left_out, "until localisation begins anew"
+    assert one.call("mapper", "counters")["scans_left_out"] > left_out, "until localisation starts again"
     assert not mapper._graph.own

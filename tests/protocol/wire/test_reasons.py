@@ -46,7 +46,7 @@ EXAMPLES = [
     ),
     (
         idle.TriedInVain(frontiers=2),
-        "idle because it has just tried in vain to get to the 2 borders of the known floor",
+        "idle because it has just tried without success to get to the 2 borders of the known floor",
     ),
     (
         idle.OthersExplore(frontiers=2),

@@ -1,7 +1,7 @@
 """Referee and planner agree on what fits: floor plans with one gap, of all widths, angles and offsets from the grid.
 
 The referee judges the floor plan, robots plan on the team's map. Floor that the referee counts must never lie behind a
-gap that no robot would try; and what a robot tries in vain must look on the map like a gap that is wide enough.
+gap that no robot would try; and what a robot tries without success must look on the map like a gap that is wide enough.
 """
 
 import math

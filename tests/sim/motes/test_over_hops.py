@@ -139,7 +139,7 @@ def test_readings_that_a_mote_lost_after_it_had_taken_them_come_when_they_are_as
         ends.run(TICK_S)
         queue = ends.field.mesh._stations[2].queue
         lost += sum(packet.reading.mote == 5 for packet in queue)
-        queue.clear()  # m3 starts anew, and has forgotten what it was to pass on
+        queue.clear()  # m3 restarts, and has forgotten what it was to pass on
     assert lost > 0
     ends.run(60.0)
     came = ends.came["m5"]

@@ -193,7 +193,7 @@ def test_recording_says_what_is_missing_and_that_no_task_was_lost(hosts: TwoHost
     for found in verdict["findings"]:
         if found["kind"] == "gap":
             missing[found["key"]] += int(found["text"].split()[0])
-    # A restart is a note, not a problem: on a busy machine a robot's parts fall silent and are started anew.
+    # A restart is a note, not a problem: on a busy machine a robot's parts fall silent and are restarted.
     assert [found for found in verdict["findings"] if found["kind"] not in ("gap", "restart")] == []
     for robot in ROBOTS:
         assert missing[f"robrain/default/robot/{robot}/state"] >= STATES_MIN

@@ -28,7 +28,7 @@ class UnloadRequest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReloadRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """Load a plugin anew in place of the one that runs."""
+    """Load a plugin again in place of the one that runs."""
 
     plugin: Name
 

@@ -86,7 +86,7 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     state: Name
     why: Text = ""
     needs: Name = ""
-    """The extra for want of which it is left out, such as `robrain[navigation]`; empty if that is not why."""
+    """The extra for lack of which it is left out, such as `robrain[navigation]`; empty if that is not why."""
     where: Text = ""
     """The line of plugin code that raised the fault, such as `lamp/lamp.py:12 in step`; empty if none did."""
     detail: Text = ""

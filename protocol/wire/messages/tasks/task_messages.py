@@ -49,7 +49,7 @@ class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
             if not 0 <= in_s < 1e9:
                 raise ValueError(f"expected {name.replace('_ns', '_in_s')} from 0 to 1e9, got {in_s}")
             times[name] = now_ns + to_ns(in_s)
-        # Built anew, because a task checks itself when it is built, not when it is replaced.
+        # Rebuilt, because a task checks itself when it is built, not when it is replaced.
         return msgspec.convert({**msgspec.to_builtins(self.task), **times}, Task) if times else self.task
 
     def differs_from(self, before: bytes) -> str:

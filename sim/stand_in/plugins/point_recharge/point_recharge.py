@@ -1,4 +1,4 @@
-"""Point recharge: a stand-in robot goes to a charger, when told and of its own accord when it must."""
+"""Point recharge: a stand-in robot goes to a charger, when told and by itself when it must."""
 
 from typing import ClassVar
 
@@ -47,7 +47,7 @@ class PointRecharge(PointErrand):
         super().step()
 
     def may_drive(self, task: Task) -> bool:
-        """Also when it charges of its own accord."""
+        """Also when it charges by itself."""
         return self._is_own or super().may_drive(task)
 
     def is_done(self, task: Task, served_s: float) -> bool:
