@@ -45,6 +45,9 @@ class Board:
         """Of a base that adds up its own odometry: the pose that it reported last, and that message's number."""
         self.yaw_rates: deque[YawRate] = deque(maxlen=256)
         """Measurements of a gyroscope, which the device of an IMU leaves here for the odometry of mocdevice."""
+        self.gyro_contradiction: float | None = None
+        """The gyroscope's turning as a multiple of the wheels', if they contradict each other; mocdevice writes it, and
+        the device of the IMU empties it when it starts."""
         self.has_scanned = False
         """Whether the lidar has ever spoken; scan writes it."""
         self.doubted_scan: list[int] | None = None

@@ -1,6 +1,7 @@
 """Where bring-up's motions are executed: a host with the robot's devices alone, in live or in lockstep."""
 
 import abc
+from collections import deque
 from importlib import resources
 from pathlib import Path
 from typing import Any, cast
@@ -17,7 +18,7 @@ from robrain.plugins.device.mocdevice.interface import Counters
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.protocol.wire.errors import CallError, RobrainError
 
-BASE, LIDAR, BATTERY, DRIVER = "mocdevice", "scan", "bm2", "driver"
+BASE, LIDAR, BATTERY, IMU, DRIVER = "mocdevice", "scan", "bm2", "imu", "driver"
 HALTED_BY = "bringup"
 HALTED_S = 1.0
 """A halted host's plugins do nothing; what the encoders say meanwhile is read afterwards."""
@@ -41,12 +42,13 @@ class Bench(abc.ABC):
     host: AgentHost
 
     @abc.abstractmethod
-    def start(self, robot_file: RobotFile, *, with_lidar: bool) -> None:
+    def start(self, robot_file: RobotFile, *, with_lidar: bool, with_imu: bool = False) -> None:
         """Start the devices again with the parameters of this file.
 
         Args:
             robot_file: the robot's.
             with_lidar: have motions watch the lidar; without it the lidar need not run.
+            with_imu: watch the inertial measurement unit as well.
 
         Raises:
             RobrainError: the host cannot start.
@@ -137,6 +139,10 @@ class Bench(abc.ABC):
             return str(error)
         return "" if managed.state is PluginState.ACTIVE else managed.why or str(managed.state)
 
+    def keep_gyro_out(self) -> None:
+        """Leave the odometry to the wheels, which a unit that is mounted wrongly would turn."""
+        self.host.board.yaw_rates = deque(maxlen=0)
+
     def wait_for_counts(self) -> None:
         """Wait until the wheels' encoders speak; those that do not are left to the steps."""
         for _ in range(round(START_S / LOOK_S)):
@@ -151,6 +157,17 @@ class Bench(abc.ABC):
                 return
             self.pass_time(LOOK_S)
 
+    def wait_for_imu(self) -> str:
+        """Wait for the first measurement of the inertial unit; why there is none, empty if there is one."""
+        why = "it is silent"
+        for _ in range(round(START_S / LOOK_S)):
+            if absent := self.why_not(IMU):
+                why = absent
+            elif cast(Any, self.host.manager.get(IMU).live_plugin()).latest() is not None:
+                return ""
+            self.pass_time(LOOK_S)
+        return why
+
     def _runner(self) -> MotionRunner:
         self._check_runs()
         return cast(MotionRunner, self.host.manager.get(DRIVER).live_plugin())
@@ -161,17 +178,24 @@ class Bench(abc.ABC):
             raise DeviceAbsent(self.why_not(BASE) or why)
 
 
-def bench_file(robot_file: RobotFile, base: Path, *, with_lidar: bool) -> RobotFile:
+def has_imu(robot_file: RobotFile) -> bool:
+    """Whether the robot has an inertial measurement unit."""
+    table = robot_file.robot
+    return IMU in table.roles or IMU in (table.load or ())
+
+
+def bench_file(robot_file: RobotFile, base: Path, *, with_lidar: bool, with_imu: bool = False) -> RobotFile:
     """The file of a host with the devices and bring-up's own driver alone.
 
     Args:
         robot_file: the robot's.
         base: the folder of that file.
         with_lidar: as for `Bench.start`.
+        with_imu: as well.
 
     """
     table = robot_file.robot
-    runner = "floor" if with_lidar else "wheels"
+    runner = "imu" if with_imu else "floor" if with_lidar else "wheels"
     own = Path(str(resources.files("robrain.deploy.bringup"))) / "runners" / runner
     roles = {role: name for role, name in table.roles.items() if role != DRIVER}
     places = [str(folder_of(base, place)) for place in table.places]
@@ -179,7 +203,7 @@ def bench_file(robot_file: RobotFile, base: Path, *, with_lidar: bool) -> RobotF
         robot_file,
         robot=msgspec.structs.replace(
             table,
-            load=[BASE, LIDAR, BATTERY, DRIVER],
+            load=[BASE, LIDAR, BATTERY, *([IMU] if with_imu else []), DRIVER],
             roles=roles,
             places=[*places, str(own)],
             loadable=[],

@@ -6,9 +6,10 @@ from pathlib import Path
 import msgspec
 
 from robrain.agent.host.robot_file import RobotFile, read_robot_file
-from robrain.deploy.bringup.bench import Bench, DeviceAbsent, MotionFailed
+from robrain.deploy.bringup.bench import Bench, DeviceAbsent, MotionFailed, has_imu
 from robrain.deploy.bringup.findings import Finding, Found, Report, Step
 from robrain.deploy.bringup.floor_checks import View, check_distance, check_orientation, check_scan, check_turn, look
+from robrain.deploy.bringup.imu_check import check_imu
 from robrain.deploy.bringup.operator import Operator
 from robrain.deploy.bringup.robot_edit import patched, write_patch
 from robrain.deploy.bringup.square import check_square
@@ -134,6 +135,13 @@ class BringUp:
         self._step = Step.TURN
         found, view = check_turn(bench, view, bench.base())
         view = self._look_again(Step.TURN, found, view)
+        if has_imu(self._file):
+            self._step = Step.IMU
+            self._start(with_lidar=True, with_imu=True)
+            bench.keep_gyro_out()
+            if not self._do(Step.IMU, check_imu(bench)):
+                self._start(with_lidar=True)  # the squares are the wheels' alone
+            view, _ = look(bench)
         self._step = Step.SQUARE
         for _ in range(2 if self._wanted.rounds else 0):  # again with what the first ones have corrected
             found, view = check_square(
@@ -148,9 +156,9 @@ class BringUp:
         assert base is not None
         return base
 
-    def _start(self, *, with_lidar: bool) -> None:
+    def _start(self, *, with_lidar: bool, with_imu: bool = False) -> None:
         self._with_lidar = with_lidar
-        self._bench.start(self._file, with_lidar=with_lidar)
+        self._bench.start(self._file, with_lidar=with_lidar, with_imu=with_imu)
         self._bench.wait_for_counts()
         if with_lidar:
             self._bench.wait_for_scan()

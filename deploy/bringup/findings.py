@@ -22,6 +22,7 @@ class Step(StrEnum):
     ORIENTATION = "orientation"
     DISTANCE = "distance"
     TURN = "turn"
+    IMU = "imu"
     SQUARE = "square"
 
 
@@ -53,6 +54,9 @@ class Found(StrEnum):
     LIDAR_OFF_CENTRE = "lidar_off_centre"
     WRONG_WHEEL_RADIUS = "wrong_wheel_radius"
     WRONG_TRACK = "wrong_track"
+    NO_IMU = "no_imu"
+    IMU_INVERTED = "imu_inverted"
+    WRONG_IMU_SCALE = "wrong_imu_scale"
     UNEQUAL_WHEELS = "unequal_wheels"
 
 

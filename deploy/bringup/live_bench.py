@@ -33,12 +33,12 @@ class LiveBench(Bench):
         self._stop = threading.Event()
         self._failed: RobrainError | None = None
 
-    def start(self, robot_file: RobotFile, *, with_lidar: bool) -> None:
+    def start(self, robot_file: RobotFile, *, with_lidar: bool, with_imu: bool = False) -> None:
         """As Bench."""
         self.close()
         self._stop = threading.Event()
         self._failed = None
-        own = bench_file(robot_file, self._base, with_lidar=with_lidar)
+        own = bench_file(robot_file, self._base, with_lidar=with_lidar, with_imu=with_imu)
         self.host = AgentHost(own, self._base, self._session, WallClock(), Drive.LIVE)
         ready = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(self.host, self._stop, ready), name="bringup-host")

@@ -23,6 +23,7 @@ from robrain.deploy.bringup.motions import (
     TurnOnSpot,
     TurnWheels,
 )
+from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.mocdevice.interface import Counters, MocDeviceInterface, WheelCounts, WheelsInterface
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.unit.driver.driver import Driver
@@ -64,6 +65,7 @@ class MotionRunner(Unit):
         self._asked_ns = 0
         self._ended_ns: int | None = None
         self._scan: ScanInterface | None = None
+        self._imu: ImuInterface | None = None
 
     def activate(self) -> None:
         self._moc: MocDeviceInterface = self.env.use("mocdevice", MocDeviceInterface)
@@ -98,7 +100,7 @@ class MotionRunner(Unit):
 
     def record(self) -> Record:
         """What was seen during the last motion."""
-        return Record(tuple(self._samples), tuple(self._scans))
+        return Record(tuple(self._samples), tuple(self._scans), tuple(self._imu_samples))
 
     def look(self) -> None:
         """Add what the encoders say now to the record of a motion that has ended."""
@@ -150,6 +152,7 @@ class MotionRunner(Unit):
         self._ended_ns = None
         self._samples: list[Sample] = []
         self._scans: list[LaserScan] = []
+        self._imu_samples: list[ImuSample] = []
         self._counts = self._read_counts()
         self._turns_rad = [0.0] * (len(self._counts.counts) if self._counts is not None else 0)
         self._from = self._pose = self._moc.pose()
@@ -189,6 +192,13 @@ class MotionRunner(Unit):
         is_new = scan is not None and (not self._scans or scan.stamp_ns > self._scans[-1].stamp_ns)
         if scan is not None and is_new and len(self._scans) < SAMPLES_MAX:
             self._scans.append(scan)
+        self._look_at_imu()
+
+    def _look_at_imu(self) -> None:
+        sample = self._imu.latest() if self._imu is not None else None
+        known = self._imu_samples
+        if sample is not None and (not known or sample.stamp_ns > known[-1].stamp_ns) and len(known) < SAMPLES_MAX:
+            known.append(sample)
 
     def _latest_scan(self) -> LaserScan | None:
         return self._scan.latest() if self._scan is not None else None
@@ -264,6 +274,14 @@ class FloorRunner(MotionRunner):
     def activate(self) -> None:
         super().activate()
         self._scan = self.env.use("scan", ScanInterface)
+
+
+class ImuRunner(FloorRunner):
+    """With the lidar and the inertial measurement unit."""
+
+    def activate(self) -> None:
+        super().activate()
+        self._imu = self.env.use("imu", ImuInterface)
 
 
 def _towards(left: float, ramp: float, fastest: float, braking: float, creep: float) -> float:

@@ -4,6 +4,7 @@ from enum import StrEnum
 
 import msgspec
 
+from robrain.plugins.device.imu.interface import ImuSample
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.protocol.model.geometry import Pose2D
 
@@ -79,3 +80,5 @@ class Record(msgspec.Struct, frozen=True):
     samples: tuple[Sample, ...]
     scans: tuple[LaserScan, ...]
     """Different ones, in their order."""
+    imu: tuple[ImuSample, ...] = ()
+    """Different ones, in their order; none without a unit, or where it is not watched."""

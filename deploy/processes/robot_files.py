@@ -16,15 +16,16 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import is_loopback
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
 from robrain.sim.firmware.line_controller import BASE_LINE
+from robrain.sim.firmware.wit_imu import IMU_LINE
 from robrain.sim.motes.serial_forwarder import SerialForwarder
 from robrain.sim.peripherals.line_plug import LinePlug
 from robrain.sim.robot.robot_hardware import ArenaRobot, Controller
-from robrain.sim.world.robot_specs import BASE_PLUGIN, LIDAR_PLUGIN
+from robrain.sim.world.robot_specs import BASE_PLUGIN, IMU_PLUGIN, LIDAR_PLUGIN
 from robrain.sim.world.world import World
 
 MOVED_ON = {"start_known": True, "start_sigma_m": 0.2, "start_sigma_rad": 0.1}
 """Uncertainty of the last pose that a robot reported: it drives on for 0.2 s, until its base stops by itself."""
-PLUGINS = MappingProxyType({LINE: LIDAR_PLUGIN, BASE_LINE: BASE_PLUGIN})
+PLUGINS = MappingProxyType({LINE: LIDAR_PLUGIN, BASE_LINE: BASE_PLUGIN, IMU_LINE: IMU_PLUGIN})
 """Of the serial lines: whose parameter `port` names each."""
 NO_FORWARDERS: Mapping[str, str] = MappingProxyType({})
 
@@ -123,6 +124,7 @@ def open_lines(endpoint: Endpoint, world: World, folder: Path, closing: ExitStac
     for robot in world.robots:
         lines = [LINE] if robot.lidar.protocol is not LidarProtocol.WIRE else []
         lines += [BASE_LINE] if robot.controller is Controller.LINES else []
+        lines += [IMU_LINE] if robot.imu is not None else []
         for line in lines:
             plug = LinePlug(endpoint, robot.name, line, folder / f"{robot.name}-{line}")
             closing.callback(plug.close)

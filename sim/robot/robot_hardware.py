@@ -12,6 +12,7 @@ from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.firmware.described_controller import Chassis, frames_of
 from robrain.sim.firmware.power_model import PowerModel
 from robrain.sim.firmware.range_sensors import RangeSensorSpec
+from robrain.sim.firmware.wit_imu import ImuSpec
 from robrain.sim.robot.camera import CameraSpec
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.robot.wheels import WheelSpec
@@ -47,6 +48,8 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     range_sensors: RangeSensorSpec = RangeSensorSpec()
     wheels: WheelSpec = WheelSpec()
     camera: CameraSpec = CameraSpec()
+    imu: ImuSpec | None = None
+    """An inertial measurement unit, whose turn rate the odometry takes; none if absent."""
     consensus: bool = False
     """Whether robots go on without a coordinator, and allocate open tasks among themselves."""
 

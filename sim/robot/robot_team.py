@@ -53,6 +53,7 @@ class RobotTeam:
         self._ranging = [[robot for robot in robots if robot.ranges.measures_at(tick)] for tick in range(turns)]
         """Whose range sensors measure in a tick, by its remainder."""
         self._sweeping = [robot for robot in robots if robot.line is not None]
+        self._with_imu = [robot for robot in robots if robot.has_imu]
         self._described = [robot for robot in robots if robot.described is not None]
         self._three_wheels = [(row, robot.bus) for row, robot in enumerate(robots) if robot.described is None]
         """Rows and buses of the robots whose encoder frames are made together."""
@@ -81,6 +82,8 @@ class RobotTeam:
                 bus.send_data(ENCODER_IDENTIFIER, frames[row])
         for robot in self._described:
             self._follow(robot, before)
+        for robot in self._with_imu:
+            robot.measure_turning()
         for row, robot in enumerate(robots):
             controller, ranges = robot.controller, robot.ranges
             if robot.bus.transmit_errors:

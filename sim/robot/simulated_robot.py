@@ -23,6 +23,7 @@ from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
 from robrain.sim.firmware.line_controller import BASE_LINE, LineController, SerialPort
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
+from robrain.sim.firmware.wit_imu import IMU_LINE, WitImu
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.robot.lidar import Lidar
 from robrain.sim.robot.robot_body import MASS_KG, RobotBody
@@ -108,6 +109,13 @@ class SimulatedRobot:
         if spec.lidar.protocol is not LidarProtocol.WIRE:
             line = endpoint.publisher(ARENA_SERIAL, robot=spec.name, line=LINE)
             self.line = LidarLine(spec.lidar.protocol, spec.lidar.rate_hz, tick_s, self._measure, line.put_bytes)
+        self._imu: WitImu | None = None
+        if spec.imu is not None:
+            self._imu = WitImu(spec.imu, rng.spawn(1)[0])
+            self._put_imu = endpoint.publisher(ARENA_SERIAL, robot=spec.name, line=IMU_LINE).put_bytes
+        self.has_imu = self._imu is not None
+        """Whether `measure_turning` is to be called in each tick."""
+        self._tick_s = tick_s
         self.scan_period_ticks = max(1, round(1.0 / (spec.lidar.rate_hz * tick_s)))
         self.scan_phase = index % self.scan_period_ticks if spec.has_lidar else -1
         """A turn of the lidar is complete with each tick that leaves this when it is divided by the period."""
@@ -151,6 +159,11 @@ class SimulatedRobot:
         if self.line is not None:
             self._hulls = hulls
             self.line.turn()
+
+    def measure_turning(self) -> None:
+        """Send what the inertial measurement unit has measured in this tick."""
+        if self._imu is not None and (data := self._imu.run(self.body.turned_rad / self._tick_s, self._tick_s)):
+            self._put_imu(data)
 
     def _measure(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.lidar.measure(self.body.pose, self._hulls, angles_rad)

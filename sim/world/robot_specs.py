@@ -21,7 +21,7 @@ from robrain.sim.maps.placement import Starts, scatter_poses, spawn_poses
 from robrain.sim.robot.robot_hardware import RobotHardware
 
 ROBOT_SPACING_M = 0.7
-LIDAR_PLUGIN, BASE_PLUGIN = "scan", "mocdevice"
+LIDAR_PLUGIN, BASE_PLUGIN, IMU_PLUGIN = "scan", "mocdevice", "imu"
 """Their names also where other plugins take their places."""
 
 
@@ -125,7 +125,7 @@ class RobotSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         if self.yaw_rad is not None and (self.place_m is None or not math.isfinite(self.yaw_rad)):
             raise ValueError("expected a finite yaw_rad, and only with place_m")
         self.built(RobotHardware())
-        known = _requirements()
+        known = {*_requirements(), IMU_PLUGIN}
         for name in (*self.without, *self.plugins):
             if name not in known:
                 raise ValueError(f"no plugin {name}; there are {', '.join(sorted(known))}")

@@ -25,6 +25,7 @@ from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.described_controller import frames_of
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
 from robrain.sim.firmware.line_controller import BASE_LINE, CYCLES_PER_S
+from robrain.sim.firmware.wit_imu import IMU_LINE
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -37,7 +38,15 @@ from robrain.sim.traffic.traffic import TrafficPlan
 from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.referee import team_geometry
-from robrain.sim.world.robot_specs import BASE_PLUGIN, LIDAR_PLUGIN, RobotSpec, check_places, merged, start_poses
+from robrain.sim.world.robot_specs import (
+    BASE_PLUGIN,
+    IMU_PLUGIN,
+    LIDAR_PLUGIN,
+    RobotSpec,
+    check_places,
+    merged,
+    start_poses,
+)
 from robrain.sim.world.scenario_tasks import TaskSpec
 
 MOTE_CLEARANCE_M = 0.1
@@ -125,12 +134,13 @@ class World:
             "mocdevice": {"radius_m": robot.radius_m, **_base(robot, self.disturbance)},
             **_lidar(robot),
             **_range_sensors(robot),
+            **_imu(robot),
             **_home(self.chargers),
             "obstacle_distance": {"radius_m": robot.radius_m},
             **_gateway(self.network, robot.name),
             **(self.links.idle_parameters(start) if self.links is not None and is_known and not connect else {}),
         }
-        load = None if robot.load is None else list(robot.load)
+        load = None if robot.load is None else [*robot.load, *([IMU_PLUGIN] if robot.imu is not None else [])]
         return RobotFile(
             robot=RobotTable(robot.name, team, load=load, roles=_roles(robot), consensus=robot.consensus),
             zenoh=ZenohTable(connect=list(connect)),
@@ -248,6 +258,15 @@ def _gateway(network: SensorNetwork, robot: str) -> dict[str, dict[str, object]]
     return {"snw_exploration": {"store_readings": motes.gateway_readings}} if robot in motes.gateways else {}
 
 
+def _imu(robot: ArenaRobot) -> dict[str, dict[str, object]]:
+    """Parameters of the inertial measurement unit; nothing of one that is not there."""
+    imu = robot.imu
+    if imu is None:
+        return {}
+    mounting = {"upside_down": True} if imu.upside_down else {}
+    return {IMU_PLUGIN: {"port": f"{SIMULATED}{IMU_LINE}", "rate_hz": imu.rate_hz, **mounting}}
+
+
 def _range_sensors(robot: ArenaRobot) -> dict[str, dict[str, object]]:
     """What the agent has to know of the ring; nothing of one that is not there."""
     ring = robot.range_sensors
@@ -277,6 +296,8 @@ def _base(robot: ArenaRobot, disturbance: DisturbanceSpec) -> dict[str, Any]:
 def _roles(robot: ArenaRobot) -> dict[str, str]:
     protocol = robot.lidar.protocol
     roles = {} if protocol is LidarProtocol.WIRE else {LIDAR_PLUGIN: protocol.value}
+    if robot.imu is not None:
+        roles[IMU_PLUGIN] = "serial_imu"
     return roles if robot.controller is Controller.CAN else {**roles, BASE_PLUGIN: "serial_base"}
 
 

@@ -50,21 +50,22 @@ def test_a_written_robot_file_opens_the_folders_that_it_was_given(tmp_path):
 
 
 def test_serial_lines_are_pseudo_terminals_that_the_robots_files_name(tmp_path):
-    lidar = {"lidar": {"protocol": "ld19"}}
+    lidar = {"lidar": {"protocol": "ld19"}, "imu": {"upside_down": True}}
     specs = (RobotSpec(), RobotSpec(type=RobotType.SERIAL), RobotSpec(type=RobotType.SERIAL, hardware=lidar))
     world = Scenario.builtin("arena_small").replace(robots=3, roster=specs).world()
     with open_lockstep_session() as session, ExitStack() as closing:
         wire = Endpoint(session, "t", VirtualClock(), Drive.LOCKSTEP)
         closing.callback(wire.close)
         lines = open_lines(wire, world, tmp_path, closing)
-        assert [plug.path.name for plug in lines] == ["r2-base", "r3-lidar", "r3-base"]
+        assert [plug.path.name for plug in lines] == ["r2-base", "r3-lidar", "r3-base", "r3-imu"]
         assert all(plug.path.is_char_device() for plug in lines)
         paths = write_robot_files(world, tmp_path, team="t", connect="tcp/127.0.0.1:1", lines=lines)
     first, second, third = map(read_robot_file, paths)
     assert "port" not in first.parameters["mocdevice"]
     assert second.robot.roles == {"mocdevice": "serial_base"}
     assert second.parameters["mocdevice"]["port"] == str(tmp_path / "r2-base")
-    assert third.robot.roles == {"scan": "ld19", "mocdevice": "serial_base"}
+    assert third.robot.roles == {"scan": "ld19", "mocdevice": "serial_base", "imu": "serial_imu"}
+    assert third.parameters["imu"] == {"port": str(tmp_path / "r3-imu"), "rate_hz": 100.0, "upside_down": True}
     assert third.parameters["mocdevice"]["port"] == str(tmp_path / "r3-base")
     assert third.parameters["scan"]["port"] == str(tmp_path / "r3-lidar")
     assert not any(plug.path.exists() for plug in lines)

@@ -13,6 +13,7 @@ from msgspec import Meta
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
+from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.lines import LineCodec, LineFormat
@@ -93,12 +94,14 @@ class SerialImu(Device):
         except HardwareAbsent as error:
             raise ImuAbsent(f"no IMU at {wanted.port}: {error}") from error
         self._codec = self._new_codec()
+        self.env.board.gyro_contradiction = None
         self._silence = Silence(to_ns(wanted.silent_s))
         self._heard_ns = self.env.clock.now_ns()
 
     def step(self) -> None:
         if self._line is None:
             return
+        check_agreement(self.env.board)
         try:
             data = self._line.read()
         except OSError as error:

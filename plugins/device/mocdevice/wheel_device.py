@@ -83,7 +83,7 @@ class WheelDevice(Device):
         self._pending: Sized = ()
         """Empty if there is nothing to catch up with."""
         self._believed = self._rejected = 0
-        self._gyro, self._has_gyro = GyroYaw(), False
+        self._gyro, self._has_gyro, self._comparisons = GyroYaw(), False, 0
 
     def open_link(self) -> "OpenLink":
         """Open the connection to the controller (HardwareAbsent, or ValueError naming a wrong parameter)."""
@@ -106,7 +106,7 @@ class WheelDevice(Device):
             counting=opened.counting,
             period_s=opened.period_s,
         )
-        self._gyro, self._has_gyro = GyroYaw(), False
+        self._gyro, self._has_gyro, self._comparisons = GyroYaw(), False, 0
         self._frame_clock = FrameClock(opened.stamped_at, self._period_ns)
         self._acknowledged_ns: int | None = None
         self._statuses = self._measured_ns = 0
@@ -309,4 +309,8 @@ class WheelDevice(Device):
         is_moving = before is None or any(abs(now - then) > 1 for now, then in zip(counts, before, strict=True))
         beyond_rad = gyro.follow(self.env.board.yaw_rates, odometry.turned_rad, stamp_ns, is_moving=is_moving)
         odometry.turn(beyond_rad, gyro.rate_rad_s)
+        if gyro.comparisons != self._comparisons:
+            self._comparisons = gyro.comparisons
+            contradicts = not gyro.is_trusted and not gyro.agrees
+            self.env.board.gyro_contradiction = gyro.ratio if contradicts else None
         self._has_gyro = gyro.is_used

@@ -8,6 +8,7 @@ from sensor_msgs.msg import Imu
 
 from robrain.agent.plugin import external, unlocked
 from robrain.agent.silence import FirstWord
+from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import Mounting
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
@@ -51,10 +52,12 @@ class Ros2Imu(TopicDevice):
         wanted = self.parameters
         self._link = open_link(self.env, wanted)
         self._first = FirstWord(self.env.clock.now_ns())
+        self.env.board.gyro_contradiction = None
         topic = wanted.topic(wanted.imu)
         self._topic = CheckedTopic(self._link, Imu, topic, qos_profile_sensor_data, read_imu, self.env.hurry)
 
     def step(self) -> None:
+        check_agreement(self.env.board)
         rates, now_ns = self.env.board.yaw_rates, self.env.clock.now_ns()
         if self._latest is None and self._topic is not None and not self._topic and self._first.is_missing(now_ns):
             where = self.parameters.topic(self.parameters.imu)

@@ -4,6 +4,9 @@ The gyroscope's turning takes the place of the wheels' for as long as it is hear
 measures while the wheels stand, a zero-velocity update (Skog, Händel, Nilsson, Rantakokko: Zero-Velocity Detection—An
 Algorithm Evaluation, IEEE Transactions on Biomedical Engineering 57(11), 2010). Before the bias is known, and over a
 gap, the wheels' turning counts.
+
+Wheels that slip turn further than the robot, but not the other way round. A gyroscope that turns against the wheels, or
+many times as far, is mounted or read wrongly: the wheels' turning counts until the two agree again.
 """
 
 from collections import deque
@@ -26,6 +29,14 @@ ELSEWHERE_WINDOWS = 10
 """So many windows in a row with another steady value are another bias, not a turn."""
 WINDOWS_MAX = 60
 """The bias is the mean of at least this many recent windows, once there have been as many."""
+COMPARED_RAD = 0.4
+"""The two are compared each time that the wheels have turned the robot by this angle in `COMPARED_NS`."""
+COMPARED_NS = 10_000_000_000
+"""A longer time is left out: wheels of unequal sizes seem to turn the robot slowly while it drives ahead."""
+RATIO_MIN, RATIO_MAX = -0.3, 4.0
+"""Of the gyroscope's turning to the wheels'. Blocked wheels give 0, a track taken for 3 times its size gives 3."""
+REFUSED_AFTER, TRUSTED_AFTER = 2, 3
+"""So many comparisons in a row decide: one may be a person who pushes the robot."""
 
 
 class YawRate(NamedTuple):
@@ -43,6 +54,14 @@ class _Wheels(NamedTuple):
     """Sum of the wheels' turning until then."""
 
 
+class _Compared:
+    """Turning since the last comparison."""
+
+    def __init__(self) -> None:
+        self.turned_rad = self.by_wheels_rad = 0.0
+        self.elapsed_ns = 0
+
+
 class GyroYaw:
     """Finds how far the robot has turned beyond what its wheels say."""
 
@@ -53,6 +72,15 @@ class GyroYaw:
         """Whether `follow` has had a measurement."""
         self.rate_rad_s: float | None = None
         """Rate without the bias by the last measurement; None while there is none, or the bias is not known."""
+        self.is_trusted = True
+        """Whether its turning counts; False while it contradicts the wheels."""
+        self.ratio = 1.0
+        """Its turning as a multiple of the wheels', by the last comparison."""
+        self.comparisons = 0
+        """So far."""
+        self._compared = _Compared()
+        self._in_a_row = 0
+        """Comparisons in a row that speak against `is_trusted`."""
         self._wheels: deque[_Wheels] = deque(maxlen=FRAMES_KEPT)
         self._turned_rad = 0.0
         self._moved_ns = 0
@@ -88,11 +116,16 @@ class GyroYaw:
             self.rate_rad_s = None
         return beyond_rad
 
+    @property
+    def agrees(self) -> bool:
+        """Whether the last comparison was one that wheels may have."""
+        return RATIO_MIN <= self.ratio <= RATIO_MAX
+
     def _take(self, rate: YawRate) -> float:
         last, self._last = self._last, rate
         wheels_rad, self._last_wheels_rad = self._last_wheels_rad, self._wheels_at(rate.stamp_ns)
         bias_rad_s = self.bias_rad_s
-        self.rate_rad_s = None if bias_rad_s is None else rate.rad_s - bias_rad_s
+        self.rate_rad_s = rate.rad_s - bias_rad_s if bias_rad_s is not None and self.is_trusted else None
         elapsed_ns = 0 if last is None else rate.stamp_ns - last.stamp_ns
         if last is None or not 0 < elapsed_ns <= GAP_NS:
             self._forget_window()
@@ -105,10 +138,34 @@ class GyroYaw:
         if bias_rad_s is None or wheels_rad is None or self._last_wheels_rad is None:
             return 0.0
         if stands and abs(rate.rad_s - bias_rad_s) <= STILL_RAD_S:
-            self.rate_rad_s = 0.0
+            self.rate_rad_s = 0.0 if self.is_trusted else None
             return 0.0
         turned_rad = ((last.rad_s + rate.rad_s) / 2 - bias_rad_s) * elapsed_ns * 1e-9
-        return turned_rad - (self._last_wheels_rad - wheels_rad)
+        by_wheels_rad = self._last_wheels_rad - wheels_rad
+        self._compare(turned_rad, by_wheels_rad, elapsed_ns)
+        return turned_rad - by_wheels_rad if self.is_trusted else 0.0
+
+    def _compare(self, turned_rad: float, by_wheels_rad: float, elapsed_ns: int) -> None:
+        """Hold the gyroscope against the wheels.
+
+        What it has added to the yaw while it was wrong stays: dead reckoning has no jumps (REP 105), and localisation
+        has corrected it meanwhile.
+        """
+        compared = self._compared
+        compared.turned_rad += turned_rad
+        compared.by_wheels_rad += by_wheels_rad
+        compared.elapsed_ns += elapsed_ns
+        if abs(compared.by_wheels_rad) < COMPARED_RAD:
+            if compared.elapsed_ns > COMPARED_NS:
+                self._compared = _Compared()
+            return
+        self._compared = _Compared()
+        self.comparisons += 1
+        self.ratio = compared.turned_rad / compared.by_wheels_rad
+        agrees = self.agrees
+        self._in_a_row = self._in_a_row + 1 if agrees is not self.is_trusted else 0
+        if self._in_a_row >= (REFUSED_AFTER if self.is_trusted else TRUSTED_AFTER):
+            self.is_trusted, self._in_a_row = agrees, 0
 
     def _wheels_at(self, stamp_ns: int) -> float | None:
         """Sum of the wheels' turning at a time; None before the frames that are kept."""

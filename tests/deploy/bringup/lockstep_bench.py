@@ -25,9 +25,9 @@ class LockstepBench(Bench):
         self.arena: Arena = world.arena(self._wire)
         self._host: AgentHost | None = None
 
-    def start(self, robot_file: RobotFile, *, with_lidar: bool) -> None:
+    def start(self, robot_file: RobotFile, *, with_lidar: bool, with_imu: bool = False) -> None:
         self._end_host()
-        own = bench_file(robot_file, Path(), with_lidar=with_lidar)
+        own = bench_file(robot_file, Path(), with_lidar=with_lidar, with_imu=with_imu)
         self.host = self._host = AgentHost(own, Path(), self._session, self.clock, Drive.LOCKSTEP)
         self._host.start()
         self.pass_time(0.5)

@@ -12,12 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.agent.authoring.testing import PluginBench
+from robrain.plugins.device.imu.agreement import ImuContradicted
 from robrain.plugins.device.imu.imu_codec import Motion
 from robrain.plugins.device.imu.lines import LINE_BYTES_MAX, LineChecksum, LineCodec, LineFormat, RateUnit
 from robrain.plugins.device.imu.serial_imu import ImuAbsent, ImuProtocol, SerialImu
 from robrain.plugins.device.imu.witmotion import ANGULAR_VELOCITY_RAD_S, FRAME_BYTES, WitMotionCodec
+from robrain.sim.firmware.wit_imu import ImuSpec, WitImu, wit_frame
 from robrain.sim.peripherals.serial_plug import SerialPlug
-from robrain.sim.peripherals.wit_imu import WitImu, wit_frame
 from tests.plugins.device.serial_device import SerialDevice
 from tests.waiting import PATIENCE_S
 
@@ -200,8 +201,24 @@ def test_a_unit_that_is_pulled_out_is_a_fault_and_goes_on_when_it_is_in_again(un
     assert one.say(TURN[5:] + TURN).yaw_rate_rad_s == pytest.approx(RATE_RAD_S)
 
 
+@pytest.mark.parametrize(
+    ("ratio", "says"), [(-0.98, "-0.98 times as far .* upside down"), (57.3, "57 times .* check the unit of its turn")]
+)
+def test_a_unit_that_contradicts_the_wheels_is_a_fault_until_it_starts_again(
+    unit: Any, ratio: float, says: str
+) -> None:
+    one = unit()
+    one.say(TURN)
+    one.device.board.gyro_contradiction = ratio
+    with pytest.raises(ImuContradicted, match=says):
+        one.say(TURN)
+    one.device.it.deactivate()
+    one.device.it.activate()
+    assert one.say(TURN[5:] + TURN).yaw_rate_rad_s == pytest.approx(RATE_RAD_S)
+
+
 def test_a_robot_whose_unit_is_pulled_out_has_it_back_within_two_seconds(tmp_path: Path) -> None:
-    plug, imu = SerialPlug(tmp_path / "ttyUSB0"), WitImu(np.random.default_rng(1))
+    plug, imu = SerialPlug(tmp_path / "ttyUSB0"), WitImu(ImuSpec(), np.random.default_rng(1))
     parameters = {"imu": {"port": str(plug.path)}}
     with PluginBench(load=["imu"], roles={"imu": "serial_imu"}, parameters=parameters) as bench:
         before = None

@@ -19,7 +19,9 @@ FRAME_NS, SAMPLE_NS = 20_000_000, 10_000_000
 class Base:
     """Wheels and a gyroscope that is heard some time after it has measured."""
 
-    def __init__(self, bias_rad_s: float = 0.05, late_ns: int = 0) -> None:
+    def __init__(self, bias_rad_s: float = 0.05, late_ns: int = 0, scale: float = 1.0) -> None:
+        self.scale = scale
+        """What the gyroscope tells of a turn rate."""
         self.gyro, self.rates = GyroYaw(), deque[YawRate](maxlen=256)
         self.bias_rad_s, self.late_ns = bias_rad_s, late_ns
         self.now_ns, self.turned_rad = 10**18, 0.0
@@ -32,7 +34,7 @@ class Base:
             for _ in range(FRAME_NS // SAMPLE_NS):
                 self.now_ns += SAMPLE_NS
                 if heard:
-                    self._waiting.append(YawRate(self.now_ns, rad_s + self.bias_rad_s))
+                    self._waiting.append(YawRate(self.now_ns, self.scale * rad_s + self.bias_rad_s))
             while self._waiting and self._waiting[0].stamp_ns <= self.now_ns - self.late_ns:
                 self.rates.append(self._waiting.popleft())
             step_rad = by_wheels * rad_s * FRAME_NS * 1e-9
@@ -128,3 +130,37 @@ def test_rates_older_than_the_frames_that_are_kept_are_passed_over() -> None:
     assert base.yaw_rad == 0.0
     assert GAP_NS < 10**9
     assert math.isfinite(base.gyro.bias_rad_s or math.nan)
+
+
+@pytest.mark.parametrize("scale", [-1.0, -0.5, 5.0, 57.3, -57.3])
+def test_a_gyroscope_that_contradicts_the_wheels_is_not_used_until_it_agrees(scale: float) -> None:
+    base = Base(scale=scale).stand(1.0).run(2.0, 0.5).stand(0.5)
+    assert not base.gyro.is_trusted
+    assert base.gyro.ratio == pytest.approx(scale, rel=0.05)
+    wrong_rad = base.yaw_rad - base.turned_rad
+    base.run(5.0, 0.5).run(5.0, -1.0).stand(2.0)
+    assert base.yaw_rad - base.turned_rad == pytest.approx(wrong_rad), "the wheels' turning counts"
+    assert base.gyro.rate_rad_s is None
+    base.scale = 1.0
+    base.run(6.0, 0.5, 0.8)
+    assert base.gyro.is_trusted
+    before_rad, turned_rad = base.yaw_rad, base.turned_rad
+    base.run(2.0, 0.5, 0.8)
+    assert base.yaw_rad - before_rad == pytest.approx(base.turned_rad - turned_rad, abs=0.02)
+
+
+def test_a_push_against_the_wheels_is_no_contradiction() -> None:
+    base = Base().stand(1.0)
+    for _ in range(5):
+        base.run(1.0, -0.4, -1.0).run(2.0, 0.5)
+    assert base.gyro.is_trusted
+    assert base.yaw_rad == pytest.approx(base.turned_rad, abs=0.02)
+
+
+def test_a_slow_turn_by_unequal_wheels_is_no_contradiction() -> None:
+    """They seem to turn the robot to the left, by 1.7 degrees a second, while it turns slowly to the right."""
+    base = Base().stand(1.0)
+    for _ in range(10):
+        base.run(9.0, -0.03, -1.0)
+    assert base.gyro.is_trusted
+    assert base.yaw_rad == pytest.approx(base.turned_rad, abs=0.02)

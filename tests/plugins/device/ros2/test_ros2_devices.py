@@ -343,6 +343,17 @@ def test_turn_rates_go_to_the_odometry_in_the_robots_frame_and_in_order(build):
     assert "expected a rate up to 40 rad/s" in robot.one.call("imu", "why_rejected")
 
 
+def test_an_imu_that_contradicts_the_wheels_is_a_fault_that_says_why(robot):
+    robot.run(0.5)
+    robot.host.board.gyro_contradiction = -1.0
+    robot.run(0.05)
+    state, why = robot.state("imu")
+    assert state == "faulted"
+    assert "ImuContradicted: it turns -1 times as far" in why
+    robot.until(lambda: robot.state("imu")[0] == "active", 3.0)
+    assert robot.host.board.gyro_contradiction is None
+
+
 def test_an_imu_that_is_never_heard_is_named_in_the_log_with_the_topic(robot, caplog):
     robot.run(25.0)
     assert sum("no measurement yet: the publisher of /r1/imu/data is silent" in said for said in caplog.messages) == 1

@@ -1,0 +1,87 @@
+"""Bring-up of a robot with an inertial measurement unit: mounted upside down, absent, or in another unit."""
+
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from robrain.deploy.bringup.bring_up import Wanted
+from robrain.deploy.bringup.findings import Found, Step
+from robrain.deploy.bringup.imu_check import SCALE_TOLERANCE, _findings
+from robrain.plugins.device.imu.lines import LineFormat, RateUnit
+from robrain.plugins.device.imu.serial_imu import ImuProtocol, SerialImu
+from tests.deploy.bringup.brought_up import NO_SQUARES, BroughtUp, value, wrong
+
+IMU = {"bias_rad_s": 0.05, "noise_rad_s": 0.005}
+
+
+def test_a_unit_that_is_as_the_file_says_is_right_and_its_bias_is_told(tmp_path: Path) -> None:
+    report = BroughtUp(tmp_path, {}, {"imu": IMU}).run(Wanted(air=False))
+    assert wrong(report) == set()
+    steps = [finding.step for finding in report.findings]
+    assert steps.index(Step.TURN) < steps.index(Step.IMU) < steps.index(Step.SQUARE)
+    (imu,) = [finding for finding in report.findings if finding.step is Step.IMU]
+    assert imu.values["by_imu_rad"] == pytest.approx(imu.values["by_scan_rad"], rel=0.02)
+    assert imu.values["bias_rad_s"] == pytest.approx(0.05, abs=0.002)
+
+
+def test_a_unit_upside_down_is_named_and_corrected_and_does_not_spoil_the_wheels(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {"imu": {"upside_down": False}}, {"imu": {**IMU, "upside_down": True}})
+    first = robot.run(NO_SQUARES)
+    assert wrong(first) == {Found.IMU_INVERTED}
+    assert value(first, Found.IMU_INVERTED, "by_imu_rad") < -1.4
+    assert tomllib.loads(robot.path.read_text())["parameters"]["imu"]["upside_down"] is True
+    assert wrong(robot.run(NO_SQUARES)) == set()
+
+
+def test_a_unit_that_is_not_there_is_named_and_the_rest_is_done(tmp_path: Path) -> None:
+    robot = BroughtUp(tmp_path, {"imu": {"port": "zenoh:nothing"}}, {"imu": IMU})
+    report = robot.run(Wanted(air=False))
+    assert wrong(report) == {Found.NO_IMU}
+    assert report.findings[-1].step is Step.SQUARE
+    (imu,) = [finding for finding in report.findings if finding.step is Step.IMU]
+    assert "no measurement for 0.5" in imu.sentence
+
+
+def bench_with(parameters: Any) -> Any:
+    return SimpleNamespace(parameters=lambda plugin: parameters)
+
+
+def of_lines(unit: RateUnit) -> SerialImu.Parameters:
+    return SerialImu.Parameters(protocol=ImuProtocol.LINES, lines=LineFormat(yaw_rate_unit=unit))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "ratio", "patches"),
+    [
+        (SerialImu.Parameters(), 1.0 + 0.9 * SCALE_TOLERANCE, [{}]),
+        (SerialImu.Parameters(), 1.0 + 1.1 * SCALE_TOLERANCE, [{}]),
+        (of_lines(RateUnit.RAD_S), 57.3, [{"imu": {"lines": {"yaw_rate_unit": "deg/s"}}}]),
+        (of_lines(RateUnit.DEG_S), 1 / 57.3, [{"imu": {"lines": {"yaw_rate_unit": "rad/s"}}}]),
+        (of_lines(RateUnit.DEG_S), 57.3, [{}]),
+        (of_lines(RateUnit.RAD_S), 2.0, [{}]),
+        (
+            of_lines(RateUnit.RAD_S),
+            -57.3,
+            [{"imu": {"upside_down": True}}, {"imu": {"lines": {"yaw_rate_unit": "deg/s"}}}],
+        ),
+        (SerialImu.Parameters(upside_down=True), -1.0, [{"imu": {"upside_down": False}}]),
+        (SimpleNamespace(), -1.0, [{}]),
+    ],
+)
+def test_what_the_file_should_say_follows_from_how_far_the_unit_turns(
+    parameters: Any, ratio: float, patches: list[dict[str, Any]]
+) -> None:
+    found = _findings(bench_with(parameters), 0.7 * ratio, 0.7, 0.0)
+    assert [finding.patch for finding in found] == patches
+    assert [bool(finding.remedy) for finding in found] == [
+        finding.ok is False and not finding.patch for finding in found
+    ]
+    assert (found[0].ok is True) == (abs(ratio - 1.0) <= SCALE_TOLERANCE)
+
+
+def test_a_unit_that_does_not_turn_at_all_is_not_called_inverted() -> None:
+    (finding,) = _findings(bench_with(SerialImu.Parameters()), -0.001, 0.7, 0.0)
+    assert finding.found is Found.WRONG_IMU_SCALE
