@@ -212,7 +212,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
         stderr=subprocess.STDOUT,
         text=True,
         check=False,
-        timeout=100,
+        timeout=400,
     )
     assert built.returncode == 0, built.stdout
     with ZipFile(next(folder.glob("*.whl"))) as archive:

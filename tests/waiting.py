@@ -13,7 +13,7 @@ import pytest
 
 T = TypeVar("T")
 
-PATIENCE_S = 180.0
+PATIENCE_S = 300.0
 """Longest wait; below pytest's time limit for one test."""
 
 

@@ -157,7 +157,9 @@ def _become(what: dict[str, Any], files: list[int]) -> None:
     os.environ.clear()
     os.environ.update(what["variables"])
     sys.argv = [str(ROOT / "robrain" / "cli.py"), *what["words"]]
-    sys.modules["__main__"].__package__ = "robrain"  # so that help names `python -m robrain.cli`
+    main = sys.modules["__main__"]
+    main.__package__ = "robrain"  # so that help names `python -m robrain.cli`
+    main.__spec__ = main.__file__ = None  # so that processes which multiprocessing spawns do not import this server
 
 
 def _import_everything() -> None:

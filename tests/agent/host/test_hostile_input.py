@@ -66,7 +66,7 @@ WORDS = [
 ]
 
 
-def hostile(seed):
+def hostile(seed, count=COUNT):
     """Random bytes: plain noise, words that the parsers know in any order, and sound input with bytes changed."""
     draw = random.Random(seed)
     sound = [
@@ -76,7 +76,7 @@ def hostile(seed):
         b'{"plugin": "lamp", "cascade": false, "text": "call lamp hello(x)"}',
         b"call lamp dim(0.5)",
     ]
-    for number in range(COUNT):
+    for number in range(count):
         kind = number % 3
         if kind == 0:
             yield draw.randbytes(draw.randrange(200))
@@ -103,10 +103,10 @@ def rss_bytes():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
 
-def try_all(lab, attempt, seed):
+def try_all(lab, attempt, seed, count=COUNT):
     """Every one of them, then see that the robot is well and no bigger."""
     rss = 0
-    for number, data in enumerate(hostile(seed)):
+    for number, data in enumerate(hostile(seed, count)):
         if number == WARM_UP:
             rss = rss_bytes()
         attempt(data)
@@ -189,7 +189,7 @@ def test_manifests(lab):
             loaded += 1
             manager.unload("odd")
 
-    try_all(lab, attempt, seed=4)
+    try_all(lab, attempt, 4, 1000)  # each is written to a file, and loaded
     assert refused > loaded > 0
 
 

@@ -21,7 +21,7 @@ from robrain.protocol.wire.session import open_session
 from tests.system.browser import browser_process, keep, open_page
 from tests.system.fake_team import FakeTeam
 from tests.system.stepped_dashboard import Stepped
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
@@ -179,7 +179,7 @@ def test_a_browser_that_has_logged_in_sees_the_team_and_can_halt_it(site: Site) 
         )
         with closing(context):
             page, errors = open_page(context, f"https://{site.name}/")
-            expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up", timeout=60_000)
+            expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up", timeout=1000 * PATIENCE_S)
             keep(page, "page-behind-nginx")
             assert errors == []
 

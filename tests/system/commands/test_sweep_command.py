@@ -13,8 +13,6 @@ from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
-OWN = {"PYTHONUNBUFFERED": "1"}
-"""Environment with which a command starts in a fresh interpreter, as the workers that it spawns require."""
 WORDS = ("sweep", "arena_small", "--vary", "robots=1,2", "--time-limit", "6", "--output", "out", "--workers", "2")
 SEEDS = ("--seeds", "1..4")
 
@@ -40,19 +38,19 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def test_it_says_how_many_runs_there_are_and_prints_means_and_differences(commands) -> None:
-    done = commands.run(*WORDS, "--seeds", "1,2", **OWN)
+    done = commands.run(*WORDS, "--seeds", "1,2")
     assert done.returncode == 0, done.stderr
     assert "arena_small: 4 runs (2 settings × 2 seeds), 2 processes" in done.stderr
     assert "arena_small: mean ± 95 % interval" in done.stdout
     assert "difference from robots=1, by seed" in done.stdout
     assert "written to out: table.parquet, summary.json, summary.csv, figures" in done.stdout
-    again = commands.run(*WORDS, "--seeds", "1,2", "--json", **OWN)
+    again = commands.run(*WORDS, "--seeds", "1,2", "--json")
     assert (again.returncode, again.stderr) == (0, "")
     assert json.loads(again.stdout)["summary"]["settings"][0]["runs"] == {"done": 2}
 
 
 def test_a_run_that_fails_is_told_and_gives_the_exit_status(commands) -> None:
-    done = commands.run("sweep", "arena_small", "--vary", "robots=1,900", "--seeds", "1", "--time-limit", "2", **OWN)
+    done = commands.run("sweep", "arena_small", "--vary", "robots=1,900", "--seeds", "1", "--time-limit", "2")
     assert done.returncode == 1
     assert "left out: of 2 runs, 1 failed" in done.stdout
     assert "2-robots=900-seed1: " in done.stdout
@@ -60,7 +58,7 @@ def test_a_run_that_fails_is_told_and_gives_the_exit_status(commands) -> None:
 
 
 def test_killed_and_called_again_it_loses_nothing_and_does_nothing_twice(commands, whole: bytes) -> None:
-    process = commands.start(*WORDS, *SEEDS, **OWN)
+    process = commands.start(*WORDS, *SEEDS)
     until(lambda: len(finished(commands.folder)) >= 2, "two runs", pause_s=0.02)
     workers = psutil.Process(process.pid).children(recursive=True)
     process.kill()
@@ -69,7 +67,7 @@ def test_killed_and_called_again_it_loses_nothing_and_does_nothing_twice(command
     assert 2 <= len(before) < 8
     assert not (commands.folder / "out" / "table.parquet").exists()
     until(lambda: not any(worker.is_running() and worker.status() != "zombie" for worker in workers), "orphans ended")
-    done = commands.run(*WORDS, *SEEDS, **OWN)
+    done = commands.run(*WORDS, *SEEDS)
     assert done.returncode == 0, done.stderr
     assert f"8 runs (2 settings × 4 seeds), {len(before)} of them done already" in done.stderr
     after = finished(commands.folder)
@@ -80,7 +78,7 @@ def test_killed_and_called_again_it_loses_nothing_and_does_nothing_twice(command
 
 @pytest.mark.parametrize("everyone", [True, False], ids=["at a terminal", "the command alone"])
 def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes, everyone: bool) -> None:
-    process = commands.start(*WORDS, *SEEDS, **OWN)
+    process = commands.start(*WORDS, *SEEDS)
     until(lambda: len(finished(commands.folder)) >= 1, "a run", pause_s=0.02)
     if everyone:
         os.killpg(process.pid, signal.SIGINT)
@@ -95,7 +93,7 @@ def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes, 
     states = [run["state"] for run in json.loads((commands.folder / "out" / "sweep.json").read_text())["runs"]]
     assert (states.count("done"), set(states) <= {"done", "interrupted", "not_run"}) == (len(ended), True)
     assert (commands.folder / "out" / "table.parquet").exists()
-    again = commands.run(*WORDS, *SEEDS, **OWN)
+    again = commands.run(*WORDS, *SEEDS)
     assert again.returncode == 0, again.stderr
     assert (commands.folder / "out" / "table.parquet").read_bytes() == whole
 
