@@ -17,7 +17,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from robrain.protocol.wire.session import open_session
 from tests.own_hub import OwnHub
-from tests.system.prefork import OWN_INTERPRETER, ForkedCommand, PreforkServer
+from tests.system.prefork import OWN_INTERPRETER, ForkedCommand, PreforkServer, end_with_parent
 from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
@@ -92,6 +92,7 @@ class Commands:
                 stderr=stderr,
                 text=True,
                 start_new_session=True,  # own process group, so that its leftovers can be ended with it
+                preexec_fn=end_with_parent,
             )
         else:
             process = self._fork(words, stdin=stdin, stderr=stderr, variables=variables)

@@ -8,6 +8,7 @@ Run as `python -m tests.system.prefork`, this is the server: it reads a request 
 socket, forks, answers with the process id, and later with the exit status.
 """
 
+import ctypes
 import gc
 import importlib
 import json
@@ -25,6 +26,7 @@ from typing import Any, NoReturn
 
 ROOT = Path(__file__).parents[2]
 MAX_REQUEST_BYTES = 1 << 20
+PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 OWN_INTERPRETER = ("PYTHON", "OPENBLAS", "NUMBA", "OMP")
 """A command with a variable of these names gets a new interpreter."""
 
@@ -51,7 +53,7 @@ class PreforkServer:
         return told
 
     def close(self) -> None:
-        """End it; commands that still run go on."""
+        """End it, and with it the commands that still run."""
         if self._socket is not None and self._process is not None:
             self._socket.close()
             self._process.wait()
@@ -143,8 +145,14 @@ def _serve() -> None:
                     tells.sendall(status.to_bytes(4, "little"))
 
 
+def end_with_parent() -> None:
+    """Have this process end with the one that started it, such as tests that are interrupted."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
 def _become(what: dict[str, Any], files: list[int]) -> None:
     """Take the place of the command: session, files, folder, variables and arguments."""
+    end_with_parent()
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if what["session"]:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.conftest import Commands
-from tests.waiting import PATIENCE_S
+from tests.system.conftest import ROOT, Commands
+from tests.waiting import PATIENCE_S, has_ended, until
 
 pytestmark = pytest.mark.system
 
@@ -44,3 +44,15 @@ def test_signals_reach_a_forked_command(commands: Commands, number: signal.Signa
     waiting.send_signal(number)
     assert waiting.wait(PATIENCE_S) == status
     assert not Path(f"/proc/{waiting.pid}").exists()
+
+
+def test_a_command_ends_with_the_tests_that_started_it() -> None:
+    script = """
+import os, subprocess
+from tests.system.prefork import end_with_parent
+print(subprocess.Popen(["sleep", "1000"], preexec_fn=end_with_parent).pid, flush=True)
+os.kill(os.getpid(), 9)
+"""
+    said = subprocess.run([sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    assert said.returncode == -signal.SIGKILL
+    until(lambda: has_ended(int(said.stdout)), "it ends too")
