@@ -5,12 +5,12 @@ import math
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan as LaserScanMessage
 
-from robrain.agent.plugin import external
 from robrain.plugins.device.lidar_mount import Mount
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
-from robrain.plugins.device.ros2.link import Ros2Link, open_link
+from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
-from robrain.plugins.device.ros2_scan.scan_message import ScanReader, ToldScan
+from robrain.plugins.device.ros2.topic_device import TopicDevice
+from robrain.plugins.device.ros2_scan.scan_message import ScanReader
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, LidarFault
 from robrain.protocol.model.ranges import check_positive
@@ -18,7 +18,7 @@ from robrain.protocol.model.ranges import check_positive
 MM_PER_M = 1000.0
 
 
-class Ros2Scan(LidarDevice):
+class Ros2Scan(TopicDevice, LidarDevice):
     """Passes on each turn of a ROS 2 robot's lidar, as seen from the robot's centre."""
 
     class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -48,11 +48,6 @@ class Ros2Scan(LidarDevice):
     period_s = 0.2  # and as soon as a turn arrives
     parameters: Parameters
 
-    def init(self) -> None:
-        super().init()
-        self._link: Ros2Link | None = None
-        self._topic: CheckedTopic[ToldScan] | None = None
-
     def begin(self) -> None:
         wanted = self.parameters
         reader = ScanReader(wanted.mount, wanted.beams, wanted.range_max_m)
@@ -73,13 +68,6 @@ class Ros2Scan(LidarDevice):
             scan = LaserScan(measured_ns, turn.angles_rad, turn.ranges_m, turn.range_max_m)
             self.note(scan, [round(MM_PER_M * range_m) for range_m in turn.ranges_m], now_ns)
 
-    def deactivate(self) -> None:
-        link, self._link = self._link, None
-        if self._topic is not None:
-            self._topic.close()
-        if link is not None:
-            link.release()
-
     def where(self) -> str:
         topic, link = self.parameters.topic(self.parameters.scan), self._link
         if link is None:
@@ -87,13 +75,3 @@ class Ros2Scan(LidarDevice):
         if not link.publishers(topic):
             return f": {topic} has no publisher in ROS domain {link.domain_id}"
         return f": the publisher of {topic} is silent, or what it says is rejected"
-
-    @external
-    def rejected(self) -> int:
-        """Turns that were rejected: angles, ranges or limits that cannot be."""
-        return self._topic.rejected if self._topic is not None else 0
-
-    @external
-    def why_rejected(self) -> str:
-        """Why the last of them was; empty if none was."""
-        return self._topic.why_rejected if self._topic is not None else ""
