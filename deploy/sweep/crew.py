@@ -8,6 +8,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
+from multiprocessing.context import BaseContext
 from typing import Generic, Protocol, TypeVar
 
 from robrain.coordinator.recording.writer.provenance import software_versions
@@ -55,7 +56,7 @@ class _Lane(Generic[T, R]):
 
     def __init__(self, work: Callable[[T], R]) -> None:
         self._work = work
-        context = multiprocessing.get_context("spawn")  # forked processes would share the locks of Zenoh's threads
+        context = _context()
         ours, theirs = context.Pipe()
         self._commands: Connection = ours
         self._pool = ProcessPoolExecutor(1, mp_context=context, initializer=start_worker, initargs=(theirs,))
@@ -165,6 +166,18 @@ class DaskCrew:
     def close(self) -> None:
         """End the connection."""
         self._client.close()
+
+
+def _context() -> BaseContext:
+    """Workers are forked from a process that has loaded everything, which saves each of them some seconds.
+
+    They are not forked from this one, as they would share the locks of Zenoh's threads.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():  # Windows
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["robrain.deploy.sweep.forked_from"])
+    return context
 
 
 @contextmanager
