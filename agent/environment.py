@@ -216,8 +216,13 @@ class Environment:
         self.abandon()
         self.wire.close()
 
-    def open_serial(self, port: str, baud: int) -> "SerialLine":
+    def open_serial(self, port: str, baud: int, *, has_dtr: bool = True) -> "SerialLine":
         """Open a serial line; `zenoh:NAME` is one of the simulator's, whose bytes wake the plugin.
+
+        Args:
+            port: such as `/dev/ttyUSB0`.
+            baud: bits a second.
+            has_dtr: set DTR while it is open; some sensors stop their motor by it.
 
         Raises:
             HardwareAbsent: it cannot be opened.
@@ -228,7 +233,7 @@ class Environment:
         if port.startswith(SIMULATED):
             return SimulatedLine(self.wire, self.robot, port.removeprefix(SIMULATED), self.hurry)
         try:
-            return PortLine(port, baud)
+            return PortLine(port, baud, has_dtr=has_dtr)
         except (OSError, ValueError) as error:
             raise HardwareAbsent(self.plugin, f"no serial line at {port}: {error}") from error
 

@@ -1,6 +1,7 @@
 """What a plugin in a process of its own is given: the same environment, most of which lies with its parent."""
 
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -17,6 +18,7 @@ from robrain.agent.isolation.parent_desk import BOARD_TYPES
 from robrain.agent.isolation.peer import Peer
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
+from robrain.protocol.model.localization.gyro_yaw import YawRate
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
@@ -96,10 +98,11 @@ class RemoteHandle:
 
 
 class RemoteBoard(Board):
-    """The robot's board, read and written where it is."""
+    """The robot's board, read and written where it is; queues on it do not reach a process of its own."""
 
     def __init__(self, parent: Parent) -> None:
         self.__dict__["_parent"] = parent
+        self.__dict__["yaw_rates"] = deque[YawRate](maxlen=256)
 
     def __getattr__(self, name: str) -> Any:
         return decoder(BOARD_TYPES.get(name, Any)).decode(self.__dict__["_parent"].ask(ReadBoard(name)))

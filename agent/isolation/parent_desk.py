@@ -27,6 +27,10 @@ BOARD_TYPES: dict[str, Any] = {field.name: field.type for field in msgspec.struc
     "T_arena_odom": Pose2D | None,
     "T_odom_robot": Pose2D | None,
     "wheel_ticks": tuple[int, ...] | None,
+    "odometry": tuple[tuple[int, Pose2D], ...],
+    "told_odometry": tuple[Pose2D, int] | None,
+    "wants_odometry": bool,
+    "gyro_contradiction": float | None,
     "has_scanned": bool,
     "doubted_scan": list[int] | None,
 }

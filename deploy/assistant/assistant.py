@@ -55,7 +55,7 @@ class Call(NamedTuple):
     """A call as it came."""
 
     client: str
-    """Name and version that the MCP client gives of itself, and its session."""
+    """Name and version that the MCP client gives of itself."""
     tool: str
     arguments: object
 

@@ -160,7 +160,7 @@ class Bench(abc.ABC):
     def wait_for_imu(self) -> str:
         """Wait for the first measurement of the inertial unit; why there is none, empty if there is one."""
         why = "it is silent"
-        for _ in range(round(START_S / LOOK_S)):
+        for _ in range(round((START_S + 1.0) / LOOK_S)):
             if absent := self.why_not(IMU):
                 why = absent
             elif cast(Any, self.host.manager.get(IMU).live_plugin()).latest() is not None:

@@ -315,6 +315,7 @@ def _mount_patch(mount: Mount) -> Patch:
         "y_m": round(mount.y_m, 3) + 0.0,
         "yaw_rad": round(mount.yaw_rad, 4) + 0.0,
         "upside_down": mount.upside_down,
+        "hidden_within_m": mount.hidden_within_m,
     }
     return {LIDAR: {"mount": values}}
 

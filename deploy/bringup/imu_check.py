@@ -3,6 +3,8 @@
 import math
 from itertools import pairwise
 
+import msgspec
+
 from robrain.deploy.bringup.bench import IMU, Bench
 from robrain.deploy.bringup.findings import Finding, Found, Patch, Step
 from robrain.deploy.bringup.floor_checks import MORE_WALLS, NO_SIGHT, STILL_S, look, points_of
@@ -89,5 +91,8 @@ def _unit_patch(parameters: object, ratio: float) -> Patch:
         return {}
     for unit, other, factor in (("rad/s", "deg/s", DEGREES), ("deg/s", "rad/s", 1.0 / DEGREES)):
         if lines.yaw_rate_unit == unit and abs(ratio / factor - 1.0) <= SCALE_TOLERANCE:
-            return {IMU: {"lines": {"yaw_rate_unit": other}}}
+            whole = {key: value for key, value in msgspec.to_builtins(lines).items() if value is not None}
+            return {
+                IMU: {"lines": {**whole, "yaw_rate_unit": other}}
+            }  # the file's table takes the place of the manifest's
     return {}

@@ -52,6 +52,8 @@ class SerialLidar(LidarDevice):
 
     period_s = POLL_S
     parameters: Parameters
+    has_dtr = True
+    """Whether DTR is set while the line is open."""
 
     def decoder(self) -> LidarDecoder:
         """A decoder for the bytes of this kind of lidar."""
@@ -77,7 +79,7 @@ class SerialLidar(LidarDevice):
         self._points = 0
         self._is_whole = False
         """Whether the turn began at the sensor's front."""
-        self._line = self.env.open_serial(wanted.port, wanted.baud)
+        self._line = self.env.open_serial(wanted.port, wanted.baud, has_dtr=self.has_dtr)
         self._asked_ns = self.env.clock.now_ns()
 
     def deactivate(self) -> None:

@@ -23,6 +23,9 @@ from robrain.protocol.lidar.points import LineCounts, Piece, Point
 BAUD = 115_200
 """Of the A1 and A2M8; the A2M12 and A3 have 256,000."""
 STOP, SCAN = b"\xa5\x25", b"\xa5\x20"
+MOTOR = bytes.fromhex("a5f0029402c1")
+"""Turn the motor with a duty of 660 of 1023, as Slamtec's SDK does for A2 and A3. That of an A1 turns while DTR is not
+set, and it knows no such request."""
 DESCRIPTOR = bytes.fromhex("a55a0500004081")
 NODE = struct.Struct("<BHH")
 FULL_Q6 = 360 << 6
@@ -39,7 +42,7 @@ class RplidarDecoder:
         self.counts = LineCounts()
         self._left = b""
         self._is_scanning = False
-        self._asks = STOP + SCAN
+        self._asks = STOP + MOTOR + SCAN
 
     def to_write(self) -> bytes:
         """As LidarDecoder: the request of a scan, once and after each loss of the stream."""
@@ -48,7 +51,7 @@ class RplidarDecoder:
 
     def ask_again(self) -> None:
         """The sensor is silent: ask once more."""
-        self._asks, self._is_scanning, self._left = STOP + SCAN, False, b""
+        self._asks, self._is_scanning, self._left = STOP + MOTOR + SCAN, False, b""
 
     def feed(self, data: bytes) -> list[Piece]:
         """As LidarDecoder."""

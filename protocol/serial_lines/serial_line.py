@@ -1,9 +1,11 @@
 """A line that bytes come over and go out on, without waiting."""
 
+import os
 from collections.abc import Callable
 from typing import Protocol
 
 import serial
+from serial import Serial
 
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
@@ -20,11 +22,28 @@ class SerialLine(Protocol):
     def read(self) -> bytes:
         """What has arrived, at most `CHUNK_BYTES`; empty if nothing has."""
 
-    def write(self, data: bytes) -> None:
-        """Send these bytes; what the line does not take at once is dropped."""
+    def write(self, data: bytes) -> bool:
+        """Send these bytes; what the line does not take at once is dropped. Whether it took all."""
 
     def close(self) -> None:
         """Leave it."""
+
+
+def write_at_once(port: serial.SerialBase, data: bytes) -> int:
+    """Send what a port takes without waiting; how many bytes that is.
+
+    pyserial waits until the port has taken all, for ever if it is to wait for 0 s.
+
+    Raises:
+        OSError: the line is lost.
+
+    """
+    if os.name != "posix" or not isinstance(port, Serial):
+        return port.write(data) or 0
+    try:
+        return os.write(port.fileno(), data)
+    except BlockingIOError:
+        return 0
 
 
 class PortLine:
@@ -33,6 +52,7 @@ class PortLine:
     Args:
         port: such as `/dev/ttyUSB0`, or a URL of pyserial's.
         baud: bits a second.
+        has_dtr: set DTR while the port is open, as most adapters expect.
 
     Raises:
         OSError: it cannot be opened (pyserial's errors are such).
@@ -40,17 +60,20 @@ class PortLine:
 
     """
 
-    def __init__(self, port: str, baud: int) -> None:
-        self._port = serial.serial_for_url(port, baud, timeout=0, write_timeout=0)
+    def __init__(self, port: str, baud: int, *, has_dtr: bool = True) -> None:
+        self._port = serial.serial_for_url(port, baud, timeout=0, write_timeout=0, do_not_open=True)
+        if not has_dtr:
+            self._port.dtr = False
+        self._port.open()
 
     def read(self) -> bytes:
         """As SerialLine."""
         data: bytes = self._port.read(CHUNK_BYTES)
         return data
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> bool:
         """As SerialLine."""
-        self._port.write(data)
+        return write_at_once(self._port, data) == len(data)
 
     def close(self) -> None:
         """As SerialLine."""
@@ -78,9 +101,10 @@ class SimulatedLine:
         """As SerialLine."""
         return b"".join(data for _, _, data in self._inbox.drain_raw()) if self._inbox.has_some else b""
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> bool:
         """As SerialLine."""
         self._sent.put_bytes(data)
+        return True
 
     def close(self) -> None:
         """The endpoint's owner closes it."""

@@ -55,7 +55,7 @@ class TaskSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     robots: int = 1
     """Number of robots that must work on it at the same time."""
     parameters: dict[str, Any] = {}
-    """What its kind needs besides, as for `robrain task submit`."""
+    """What its kind needs besides, as for `robrain task add`."""
 
     def __post_init__(self) -> None:
         check_not_negative(self, "at_s", finite=True)

@@ -191,7 +191,7 @@ class BatteryFrames:
 
     def _recent(self, field: str, stamp_ns: int) -> float | None:
         value, told_ns = self._told.get(field, (None, 0))
-        return value if stamp_ns - told_ns <= RECENT_NS else None
+        return value if abs(stamp_ns - told_ns) <= RECENT_NS else None
 
     def _report(self, stamp_ns: int) -> BatteryReport:
         soc = self._recent("soc", stamp_ns)

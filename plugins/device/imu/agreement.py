@@ -1,10 +1,7 @@
 """An inertial measurement unit and the wheels say different things about how the robot turns."""
 
 from robrain.agent.board import Board
-
-
-class ImuContradicted(Exception):
-    """The unit is mounted or read wrongly. A fault like others; until it agrees the wheels' turning counts."""
+from robrain.plugins.device.imu.errors import ImuContradicted
 
 
 def check_agreement(board: Board) -> None:

@@ -14,6 +14,7 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
 from robrain.plugins.device.imu.agreement import check_agreement
+from robrain.plugins.device.imu.errors import ImuAbsent
 from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.lines import LineCodec, LineFormat
@@ -23,10 +24,6 @@ from robrain.protocol.model.localization.gyro_yaw import YawRate
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
-
-
-class ImuAbsent(OSError):
-    """The unit is not there, or says nothing. A fault like others: the plugin is started again later."""
 
 
 class ImuProtocol(StrEnum):
@@ -66,9 +63,11 @@ class SerialImu(Device):
         """-1 for a unit whose rate is positive to the right."""
         silent_s: float = 0.5
         """Time without a measurement after which the unit counts as gone."""
+        start_s: float = 3.0
+        """How long it may be silent after its line was opened; many boards start again then."""
 
         def __post_init__(self) -> None:
-            check_positive(self, "baud", "rate_hz", "silent_s", below=10_000_000.0)
+            check_positive(self, "baud", "rate_hz", "silent_s", "start_s", below=10_000_000.0)
             if not math.isfinite(self.mounted_yaw_rad):
                 raise ValueError(f"expected a finite mounted_yaw_rad, got {self.mounted_yaw_rad}")
 
@@ -96,7 +95,7 @@ class SerialImu(Device):
         self._codec = self._new_codec()
         self.env.board.gyro_contradiction = None
         self._silence = Silence(to_ns(wanted.silent_s))
-        self._heard_ns = self.env.clock.now_ns()
+        self._opened_ns = self._heard_ns = self.env.clock.now_ns()
 
     def step(self) -> None:
         if self._line is None:
@@ -111,6 +110,8 @@ class SerialImu(Device):
         if motions:
             self._heard_ns = now_ns
             self._take(motions, now_ns)
+            return
+        if self._heard_ns == self._opened_ns and 0 <= now_ns - self._opened_ns < to_ns(self.parameters.start_s):
             return
         silent_ns = self._silence.since(self._heard_ns, now_ns)
         if silent_ns > self._silence.limit_ns:

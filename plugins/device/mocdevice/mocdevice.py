@@ -15,6 +15,7 @@ from robrain.plugins.device.mocdevice.odometry import Counting
 from robrain.plugins.device.mocdevice.wheel_device import OpenLink, WheelDevice
 from robrain.plugins.device.mocdevice.wheel_frames import SPEED_TICKS_PER_RAD, WheelFrames
 from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.model.navigation.wheel_bases import Ackermann
 
 logger = logging.getLogger(__name__)
 
@@ -43,6 +44,8 @@ class MocDevice(WheelDevice):
         wanted, base = self.parameters, self.parameters.base
         commands = len(base.commands(Twist2D(), wanted.wheel_speed_max_rad_s))
         frames = WheelFrames(wanted.frames, commands, base.wheels, base.wheel_radius_m)
+        fastest = wanted.wheel_speed_max_rad_s
+        frames.check_limits((fastest, base.steering_max_rad) if isinstance(base, Ackermann) else (fastest,) * commands)
         robot = self.env.robot
         bus = self.env.open_can(wanted.interface, wanted.channel, **wanted.options)
         link = CanLink(bus, frames, self.env.plugin, lambda what: logger.warning("%s: %s", robot, what))
@@ -56,4 +59,5 @@ class MocDevice(WheelDevice):
             Counting(frames.modulus, rad_per_tick),
             frames.period_s,
             stamped_at,
+            counts_from_opening=frames.is_speed,
         )

@@ -86,7 +86,8 @@ class WheelOdometry(PoseTrack):
                 turns.append(step * share)
             # After a silence nobody knows how many frames are missing; the watchdog stops the wheels within a second.
             frames = missing + 1 if since_ns is not None else 1.0 / self._period_s
-            if max(map(abs, steps)) > frames * self._ticks_per_frame:
+            most = max(map(abs, steps))
+            if most > frames * self._ticks_per_frame or (since_ns is None and self._begins_at_0(ticks, most)):
                 self.jumps += 1
                 has_jumped = True
             else:
@@ -104,6 +105,10 @@ class WheelOdometry(PoseTrack):
             self._history.pop()
         self._history.append((stamp_ns, self.pose))
         return not has_jumped
+
+    def _begins_at_0(self, ticks: Ticks, most: int) -> bool:
+        """Whether counts are nearer to 0 than to those before this start: the controller has started again as well."""
+        return max(min(count, self._modulus - count) for count in ticks) < most
 
     def recent(self, offset_ns: int) -> tuple[tuple[int, Pose2D], ...]:
         """The last `RECENT_FRAMES` times, plus the offset, and poses; the oldest first."""

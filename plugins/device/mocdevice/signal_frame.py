@@ -1,5 +1,6 @@
 """Any frame of a DBC file: named signals, with a counter and a checksum if the sender has them."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,13 @@ class SignalFrame:
         except (cantools.database.errors.Error, ValueError) as error:
             raise BadFrame(f"{self.name}: {error}") from error
         names = (*self._signals, self._counter) if self._counter else self._signals
-        return tuple([float(found[name]) for name in names])
+        try:
+            values = tuple([float(found[name]) for name in names])
+        except KeyError as error:
+            raise BadFrame(f"{self.name}: no signal {error} in this frame") from error
+        if not all(map(math.isfinite, values)):
+            raise BadFrame(f"{self.name}: expected finite values, got {values}")
+        return values
 
     def _sum(self, data: bytes) -> int:
         if self._checksum is Checksum.XOR8:

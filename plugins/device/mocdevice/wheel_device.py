@@ -6,8 +6,8 @@ and the manifest's restart policy opens the bus again until it answers. The odom
 """
 
 import logging
-import math
 from collections.abc import Sequence, Sized
+from math import isfinite
 from typing import NamedTuple
 
 import msgspec
@@ -53,6 +53,10 @@ class OpenLink(NamedTuple):
     period_s: float
     """Of the reports."""
     stamped_at: StampedAt
+    counts_from_opening: bool = False
+    """Whether its counts begin at 0 when it is opened."""
+    start_s: float = 0.0
+    """A controller that starts when its line is opened may be silent for so long."""
 
 
 class WheelDevice(Device):
@@ -97,7 +101,9 @@ class WheelDevice(Device):
         opened = self.open_link()
         self._counting = opened.counting
         self._where, self._period_ns = opened.where, to_ns(opened.period_s)
-        ticks = board.wheel_ticks if board.wheel_ticks is None or len(board.wheel_ticks) == wanted.base.wheels else None
+        ticks = None if opened.counts_from_opening else board.wheel_ticks
+        if ticks is not None and len(ticks) != wanted.base.wheels:
+            ticks = None
         self._odometry = WheelOdometry(
             wanted.base,
             wanted.wheel_speed_max_rad_s,
@@ -111,7 +117,7 @@ class WheelDevice(Device):
         self._acknowledged_ns: int | None = None
         self._statuses = self._measured_ns = 0
         self._heard_ns: int | None = None
-        self._since_ns = self.env.clock.now_ns()
+        self._since_ns, self._start_ns = self.env.clock.now_ns(), to_ns(opened.start_s)
         self._silence = Silence(self._silent_ns)
         self._first = FirstWord(self._since_ns)
         self._link = opened.link
@@ -131,11 +137,13 @@ class WheelDevice(Device):
             raise
 
     def deactivate(self) -> None:
-        if self._link is not None:
-            self._link.stop()
-            self._link.close()
-            self._link = None
-            self._pending = ()
+        link, self._link, self._pending = self._link, None, ()
+        if link is None:
+            return
+        try:
+            link.stop()
+        finally:
+            link.close()
 
     def emergency_halt(self) -> None:
         self.stop()
@@ -144,12 +152,11 @@ class WheelDevice(Device):
         """Command a velocity, body frame. It holds for 200 ms; beyond the wheels' limit its direction is kept."""
         if self._is_again and self._heard_ns is None:
             return  # it may hear and not be heard: no motion before it has spoken
-        wanted = self.parameters
-        values = wanted.base.commands(twist, wanted.wheel_speed_max_rad_s)
-        if not all(map(math.isfinite, values)):
+        if not (isfinite(twist.forward_m_s) and isfinite(twist.left_m_s) and isfinite(twist.yaw_rad_s)):
             raise ValueError(f"expected a finite velocity, got {twist}")
+        wanted = self.parameters
         if self._link is not None:
-            self._link.command(values)
+            self._link.command(wanted.base.commands(twist, wanted.wheel_speed_max_rad_s))
 
     def drive_wheels(self, values: Sequence[float]) -> None:
         """Give the base's commands themselves: wheel speeds in rad/s, of Ackermann a speed and a steering angle."""
@@ -267,6 +274,8 @@ class WheelDevice(Device):
             if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
                 if self._first.is_missing(now_ns):
                     logger.warning("%s: no encoder frame yet: %s", self.env.robot, self._where)
+                return
+            if 0 <= now_ns - self._since_ns < self._start_ns:
                 return
             since_ns = self._since_ns
         if now_ns - since_ns <= self._silence.begins_ns:

@@ -73,6 +73,7 @@ class WheelFrames:
         if wanted.stop.frame:
             names = tuple(wanted.stop.values)
             self.stop, self.stop_values = codec("stop", wanted.stop.frame, names), tuple(wanted.stop.values.values())
+            _check_holds("stop.values", self.stop, self.stop_values)
         self.status, self.status_fields, self.failed = None, (), frozenset(())
         if wanted.status.frame:
             names = _status_signals(dbc, wanted.status.frame, wanted.status.state)
@@ -91,6 +92,23 @@ class WheelFrames:
     status_fields: tuple[str, ...]
     """Fields of ControllerStatus, in the order of the codec's values."""
     failed: frozenset[int]
+
+    def check_limits(self, limits: Sequence[float]) -> None:
+        """Raise ValueError, naming the keys, if the frames cannot hold commands of these sizes (SI units)."""
+        begin = 0
+        for wheels in self.commands:
+            end = begin + len(wheels.factors)
+            most = [factor * limit for factor, limit in zip(wheels.factors, limits[begin:end], strict=True)]
+            for sign in (1.0, -1.0):
+                _check_holds("commands, at wheel_speed_max_rad_s", wheels.codec, [sign * value for value in most])
+            begin = end
+
+
+def _check_holds(what: str, codec: Codec, values: Sequence[float]) -> None:
+    try:
+        codec.encode(0, *values)
+    except (OverflowError, ValueError) as error:
+        raise ValueError(f"frames.{what}: {error}") from error
 
 
 def _each(values: tuple[Any, ...], frame: FrameSignals) -> tuple[Any, ...]:

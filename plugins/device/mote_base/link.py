@@ -44,11 +44,11 @@ class Backoff:
 
     def wait_s(self, now_ns: int) -> float:
         """Until the next try; 0 if it is due."""
-        return max(0, self._due_ns - now_ns) / NS_PER_S
+        return 0.0 if self.is_due(now_ns) else (self._due_ns - now_ns) / NS_PER_S
 
     def is_due(self, now_ns: int) -> bool:
         """Whether to try now."""
-        return now_ns >= self._due_ns
+        return not 0 < self._due_ns - now_ns <= self._longest_ns  # longer if the clock was set back
 
     def failed(self, now_ns: int) -> None:
         """It failed again."""

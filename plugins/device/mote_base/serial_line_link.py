@@ -3,6 +3,7 @@
 import serial
 
 from robrain.plugins.device.mote_base.link import Backoff
+from robrain.protocol.serial_lines.serial_line import write_at_once
 from robrain.protocol.tinyos.serial_line import SerialLink
 
 CHUNK_BYTES = 16_384
@@ -99,7 +100,7 @@ class SerialLineLink:
         assert self._port is not None
         self._left += self._link.to_write(now_ns)
         if self._left:
-            self._left = self._left[self._port.write(self._left) or 0 :]
+            self._left = self._left[write_at_once(self._port, self._left) :]
 
     def _lose(self, error: OSError, now_ns: int) -> None:
         self.close()

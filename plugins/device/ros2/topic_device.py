@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
 from robrain.plugins.device.ros2.link import Ros2Link
@@ -12,6 +13,11 @@ class TopicDevice(Device):
 
     _link: Ros2Link | None = None
     _topic: CheckedTopic[Any] | None = None
+
+    def check_node(self) -> None:
+        """Raise PluginError if the ROS 2 node has failed: a restart opens another."""
+        if self._link is not None and self._link.failure:
+            raise PluginError(self.env.plugin, self._link.failure)
 
     def deactivate(self) -> None:
         link, self._link = self._link, None

@@ -54,6 +54,7 @@ class Ros2Battery(TopicDevice):
         self._topic = CheckedTopic(self._link, BatteryState, topic, qos, self._read, self.env.hurry)
 
     def step(self) -> None:
+        self.check_node()
         wanted = self.parameters
         for state, stamp_ns, _ in self._topic.take() if self._topic is not None else ():
             volts, amps, celsius = state.voltage_v, state.current_a, state.temperature_c

@@ -7,8 +7,9 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu
 
 from robrain.agent.plugin import external, unlocked
-from robrain.agent.silence import FirstWord
+from robrain.agent.silence import FirstWord, Silence
 from robrain.plugins.device.imu.agreement import check_agreement
+from robrain.plugins.device.imu.errors import ImuAbsent
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import Mounting
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
@@ -17,6 +18,8 @@ from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.ros2_imu.imu_message import read_imu
 from robrain.protocol.model.localization.gyro_yaw import YawRate
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.wire.clock import to_ns
 
 logger = logging.getLogger(__name__)
 
@@ -32,10 +35,13 @@ class Ros2Imu(TopicDevice):
         upside_down: bool = False
         mounted_yaw_rad: float = 0.0
         """Direction of the unit's x axis, robot's frame; for the accelerations alone."""
+        silent_s: float = 1.0
+        """Time without a measurement, after the first, after which the unit counts as gone."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
             check_topics(self, "imu")
+            check_positive(self, "silent_s")
             if not math.isfinite(self.mounted_yaw_rad):
                 raise ValueError(f"expected a finite mounted_yaw_rad, got {self.mounted_yaw_rad}")
 
@@ -51,25 +57,29 @@ class Ros2Imu(TopicDevice):
     def activate(self) -> None:
         wanted = self.parameters
         self._link = open_link(self.env, wanted)
-        self._first = FirstWord(self.env.clock.now_ns())
+        self._first, self._silence = FirstWord(self.env.clock.now_ns()), Silence(to_ns(wanted.silent_s))
+        self._heard_ns: int | None = None
         self.env.board.gyro_contradiction = None
-        topic = wanted.topic(wanted.imu)
-        self._topic = CheckedTopic(self._link, Imu, topic, qos_profile_sensor_data, read_imu, self.env.hurry)
+        self._where = wanted.topic(wanted.imu)
+        self._topic = CheckedTopic(self._link, Imu, self._where, qos_profile_sensor_data, read_imu, self.env.hurry)
 
     def step(self) -> None:
+        self.check_node()
         check_agreement(self.env.board)
         rates, now_ns = self.env.board.yaw_rates, self.env.clock.now_ns()
         if self._latest is None and self._topic is not None and not self._topic and self._first.is_missing(now_ns):
-            where = self.parameters.topic(self.parameters.imu)
-            logger.warning("%s: no measurement yet: the publisher of %s is silent", self.env.robot, where)
+            logger.warning("%s: no measurement yet: the publisher of %s is silent", self.env.robot, self._where)
         for told, measured_ns, _ in self._topic.take() if self._topic is not None else ():
             latest = self._latest
             before_ns = (
                 latest.stamp_ns if latest is not None and latest.stamp_ns <= now_ns else 0
             )  # the clock was set back
             sample = self._mounting.sample(told.motion, max(before_ns + 1, min(measured_ns, now_ns)))
-            self._latest = sample
+            self._latest, self._heard_ns = sample, now_ns
             rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
+        heard_ns, silence = self._heard_ns, self._silence
+        if heard_ns is not None and silence.since(heard_ns, now_ns) > silence.limit_ns:
+            raise ImuAbsent(f"no measurement: the publisher of {self._where} is silent")
 
     @external
     @unlocked

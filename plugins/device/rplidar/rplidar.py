@@ -8,5 +8,7 @@ from robrain.protocol.lidar.rplidar import RplidarDecoder
 class Rplidar(SerialLidar):
     """Hands on each turn of Slamtec's RPLIDAR A-series."""
 
+    has_dtr = False  # it stops the motor of an A1
+
     def decoder(self) -> LidarDecoder:
         return RplidarDecoder()

@@ -56,7 +56,7 @@ class ScanDevice(LidarDevice):
             first_rad, step_rad = scan.angle_min_rad, scan.angle_increment_rad
             self._angles_rad = tuple(first_rad + step_rad * beam for beam in range(len(scan.ranges_mm)))
         far_m, mount = scan.range_max_m, self.parameters.mount
-        if mount != CENTRAL:
+        if mount != CENTRAL and scan.ranges_mm:
             ranges_mm = zip(self._angles_rad, scan.ranges_mm, strict=True)
             points = [Point(angle_rad, mm / MM_PER_M) for angle_rad, mm in ranges_mm]
             return ScanMaker(len(points), far_m, mount).scan([(ORIGIN, points)], (), scan.stamp_ns)

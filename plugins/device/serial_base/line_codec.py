@@ -57,7 +57,9 @@ class LineWords(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     scale: float = 1.0
     """A value in the command for one in that unit: counts per turn / 30 for ROSArduinoBridge with `turns/s`."""
     signs: Annotated[tuple[Sign, ...], Meta(min_length=1, max_length=SIGNALS_MAX)] = (1,)
-    """-1 for a wheel that is mounted the other way round, for commands and counts."""
+    """-1 for a wheel that is mounted the other way round, for commands and counts; of a car for counts alone."""
+    command_signs: Annotated[tuple[Sign, ...], Meta(max_length=SIGNALS_MAX)] = ()
+    """Of the commands, one for all or one for each; those of `signs` if empty, of a car 1."""
     count_bits: Annotated[int, Meta(ge=8, le=64)] = 32
     """Counts wrap at this length."""
 
@@ -82,23 +84,31 @@ class LineCodec:
         commands: number of values of a command.
         wheels: number of counts in a report.
         wheel_radius_m: for speeds along the tread.
+        are_wheels: whether the commands are for the wheels that count, in their order.
 
     Raises:
         ValueError: the words are for another number of wheels.
 
     """
 
-    def __init__(self, words: LineWords, commands: int, wheels: int, wheel_radius_m: float) -> None:
+    def __init__(
+        self, words: LineWords, commands: int, wheels: int, wheel_radius_m: float, *, are_wheels: bool = True
+    ) -> None:
         self.rejected = 0
         self._words, self._report = words, re.compile(words.report.encode())
         if self._report.groups != wheels:
             raise ValueError(f"lines.report: expected {wheels} groups for this base, got {self._report.groups}")
-        for what, given, number in (("units", words.units, commands), ("signs", words.signs, wheels)):
+        given_signs = words.command_signs or (words.signs if are_wheels else (1,))
+        for what, given, number in (
+            ("units", words.units, commands),
+            ("signs", words.signs, wheels),
+            ("command_signs", given_signs, commands),
+        ):
             if len(given) not in (1, number):
                 raise ValueError(f"lines.{what}: expected 1 or {number}, got {len(given)}")
         units = words.units * commands if len(words.units) == 1 else words.units
         self._signs = words.signs * wheels if len(words.signs) == 1 else words.signs
-        signs = self._signs if len(self._signs) == commands else (1,) * commands
+        signs = given_signs * commands if len(given_signs) == 1 else given_signs
         self._factors = [
             sign * words.scale * unit.per_si(wheel_radius_m) for unit, sign in zip(units, signs, strict=True)
         ]
@@ -107,8 +117,9 @@ class LineCodec:
         except (IndexError, ValueError) as error:
             raise ValueError(f"lines.command: {error}, for {commands} values") from error
         self._left = b""
-        self._is_too_long = False
-        """Whether what comes until the next ending is the rest of a line that was given up."""
+        self._skips = not words.poll
+        """Whether what comes until the next ending is the rest of a line: one that was given up, or the first one of a
+        controller that sends by itself, which may have begun before it was heard."""
         self._modulus = 1 << words.count_bits
 
     def command(self, values: Sequence[float]) -> bytes:
@@ -128,13 +139,13 @@ class LineCodec:
         """As WheelCodec. Lines that are no report, such as `OK`, are passed over; those too long are rejected."""
         reports = []
         *lines, self._left = (self._left + data).replace(b"\r", b"\n").split(b"\n")
-        if lines and self._is_too_long:
+        if lines and self._skips:
             del lines[0]
-            self._is_too_long = False
-        if self._is_too_long:
+            self._skips = False
+        if self._skips:
             self._left = b""
         elif len(self._left) > LINE_BYTES_MAX:
-            self._left, self._is_too_long = b"", True
+            self._left, self._skips = b"", True
             self.rejected += 1
         for line in lines:
             if len(line) > LINE_BYTES_MAX:

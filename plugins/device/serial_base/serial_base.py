@@ -15,7 +15,7 @@ from robrain.plugins.device.mocdevice.wheel_device import OpenLink, WheelDevice
 from robrain.plugins.device.mocdevice.wheel_link import WheelReport
 from robrain.plugins.device.serial_base.line_codec import LineCodec, LineWords, WheelCodec
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.wheel_bases import Differential, WheelBase
+from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential, WheelBase
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import to_ns
@@ -32,6 +32,8 @@ class SerialBase(WheelDevice):
         baud: int = 57_600
         period_s: float = 0.05
         """Period of the counts: how often they are asked for, or come."""
+        start_s: float = 3.0
+        """How long the controller may be silent after its line was opened; many boards start again then."""
         lines: LineWords = LineWords()
         """What is said and heard."""
         codec: Annotated[str, Meta(max_length=200)] = ""
@@ -43,6 +45,7 @@ class SerialBase(WheelDevice):
             super().__post_init__()
             check_positive(self, "baud", below=10_000_000)
             check_positive(self, "period_s", below=1.0)
+            check_positive(self, "start_s", below=60.0)
 
     parameters: Parameters
 
@@ -58,11 +61,13 @@ class SerialBase(WheelDevice):
             bits = wanted.count_bits
         else:
             commands = len(base.commands(Twist2D(), wanted.wheel_speed_max_rad_s))
-            made = LineCodec(wanted.lines, commands, base.wheels, base.wheel_radius_m)
+            are_wheels = not isinstance(base, Ackermann)
+            made = LineCodec(wanted.lines, commands, base.wheels, base.wheel_radius_m, are_wheels=are_wheels)
         line = self.env.open_serial(wanted.port, wanted.baud)
         link = SerialLink(line, made, self.env.plugin, wanted.port, self.env.clock.now_ns, to_ns(wanted.period_s))
         where = f"the controller at {wanted.port} is silent, or what it says is not understood"
-        return OpenLink(link, where, Counting(1 << bits, base.rad_per_tick), wanted.period_s, StampedAt.ARRIVAL)
+        counting = Counting(1 << bits, base.rad_per_tick)
+        return OpenLink(link, where, counting, wanted.period_s, StampedAt.ARRIVAL, start_s=wanted.start_s)
 
 
 def _codec_class(path: str) -> Callable[[WheelBase], WheelCodec]:
@@ -98,14 +103,17 @@ class SerialLink:
         self._line, self._codec, self._plugin, self._port = line, codec, plugin, port
         self._now_ns, self._period_ns = now_ns, period_ns
         self._asked_ns: int | None = None
+        self._is_cut = False
+        """Whether the line has taken only a part of what was written last."""
 
     def command(self, values: Sequence[float]) -> None:
         """As WheelLink."""
         self._write(self._codec.command(values))
 
     def stop(self) -> None:
-        """As WheelLink."""
-        self._write(self._codec.stop())
+        """As WheelLink; behind a command that was cut off the first one may be lost."""
+        was_cut, stop = self._is_cut, self._codec.stop()
+        self._write(stop * 2 if was_cut else stop)
 
     def take(self) -> list[WheelReport]:
         """As WheelLink; the counts are asked for when it is time."""
@@ -133,7 +141,7 @@ class SerialLink:
 
     def _write(self, data: bytes) -> None:
         try:
-            self._line.write(data)
+            self._is_cut = not self._line.write(data)
         except OSError as error:
             self._lose(error)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 
 from robrain.deploy.bringup.bring_up import Wanted
@@ -49,8 +50,16 @@ def bench_with(parameters: Any) -> Any:
     return SimpleNamespace(parameters=lambda plugin: parameters)
 
 
+def lines(unit: str) -> dict[str, Any]:
+    """A file with these lines; `columns` stays."""
+    whole = msgspec.to_builtins(LineFormat(columns=3))
+    return {
+        "imu": {"lines": {key: value for key, value in whole.items() if value is not None} | {"yaw_rate_unit": unit}}
+    }
+
+
 def of_lines(unit: RateUnit) -> SerialImu.Parameters:
-    return SerialImu.Parameters(protocol=ImuProtocol.LINES, lines=LineFormat(yaw_rate_unit=unit))
+    return SerialImu.Parameters(protocol=ImuProtocol.LINES, lines=LineFormat(columns=3, yaw_rate_unit=unit))
 
 
 @pytest.mark.parametrize(
@@ -58,14 +67,14 @@ def of_lines(unit: RateUnit) -> SerialImu.Parameters:
     [
         (SerialImu.Parameters(), 1.0 + 0.9 * SCALE_TOLERANCE, [{}]),
         (SerialImu.Parameters(), 1.0 + 1.1 * SCALE_TOLERANCE, [{}]),
-        (of_lines(RateUnit.RAD_S), 57.3, [{"imu": {"lines": {"yaw_rate_unit": "deg/s"}}}]),
-        (of_lines(RateUnit.DEG_S), 1 / 57.3, [{"imu": {"lines": {"yaw_rate_unit": "rad/s"}}}]),
+        (of_lines(RateUnit.RAD_S), 57.3, [lines("deg/s")]),
+        (of_lines(RateUnit.DEG_S), 1 / 57.3, [lines("rad/s")]),
         (of_lines(RateUnit.DEG_S), 57.3, [{}]),
         (of_lines(RateUnit.RAD_S), 2.0, [{}]),
         (
             of_lines(RateUnit.RAD_S),
             -57.3,
-            [{"imu": {"upside_down": True}}, {"imu": {"lines": {"yaw_rate_unit": "deg/s"}}}],
+            [{"imu": {"upside_down": True}}, lines("deg/s")],
         ),
         (SerialImu.Parameters(upside_down=True), -1.0, [{"imu": {"upside_down": False}}]),
         (SimpleNamespace(), -1.0, [{}]),

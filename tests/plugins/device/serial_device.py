@@ -8,8 +8,8 @@ from tests.plugins.device.bare_device import BareDevice
 class SerialDevice(BareDevice):
     """A device whose line is a pseudo terminal."""
 
-    def open_serial(self, port: str, baud: int) -> PortLine:
+    def open_serial(self, port: str, baud: int, *, has_dtr: bool = True) -> PortLine:
         try:
-            return PortLine(port, baud)
+            return PortLine(port, baud, has_dtr=has_dtr)
         except OSError as error:
             raise HardwareAbsent(self.plugin, str(error)) from error

@@ -71,3 +71,14 @@ def test_a_robot_hears_its_own_lidar_only(stage):
     one.scan([1.0], robot="r2")
     one.run(0.1)
     assert host.manager.get("scan").plugin.latest() is None
+
+
+def test_a_turn_without_beams_of_a_lidar_that_is_mounted_elsewhere_is_no_fault(stage):
+    one = stage()
+    host = one.host("scan", scan={"mount": {"x_m": 0.1}})
+    one.publisher(ARENA_SCAN, robot="r1").put_bytes(
+        b'{"robot":"r1","angle_min_rad":0,"angle_increment_rad":0.1,"range_max_m":6,"ranges_mm":[]}'
+    )
+    one.run(0.1)
+    assert host.manager.get("scan").state == "active"
+    assert host.manager.get("scan").plugin.latest().ranges_m.size == 0

@@ -5,7 +5,7 @@ import os
 import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 import pytest
@@ -16,7 +16,7 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.frame_map import Unit
 from robrain.plugins.device.serial_base.line_codec import LINE_BYTES_MAX, LineCodec, LineWords
-from robrain.plugins.device.serial_base.serial_base import SerialBase
+from robrain.plugins.device.serial_base.serial_base import SerialBase, SerialLink
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.navigation.wheel_bases import Differential, WheelBase
 from robrain.protocol.serial_lines.serial_line import PortLine
@@ -38,9 +38,9 @@ class Arduino(BareDevice):
         self.heard: list[bytes] = []
         super().__init__(SerialBase, port=str(self.plug.path), base=BASE, **({"lines": WORDS} | parameters))
 
-    def open_serial(self, port: str, baud: int) -> PortLine:
+    def open_serial(self, port: str, baud: int, *, has_dtr: bool = True) -> PortLine:
         try:
-            return PortLine(port, baud)
+            return PortLine(port, baud, has_dtr=has_dtr)
         except OSError as error:
             raise HardwareAbsent(self.plugin, str(error)) from error
 
@@ -149,6 +149,7 @@ def test_a_controller_that_says_nothing_any_more_is_a_fault(arduino: Arduino) ->
     arduino.it.env.board.T_odom_robot = arduino.it.pose()
     arduino.it.deactivate()
     arduino.it.activate()
+    arduino.wait_in_silence(2.9)  # many boards start again when their line is opened
     with pytest.raises(BusFault, match=r"no encoder frame for .*: the controller at .* is silent"):
         arduino.wait_in_silence(1.2)
 
@@ -192,6 +193,38 @@ def test_a_wheel_that_is_mounted_the_other_way_round_is_commanded_and_counted_ba
     codec = LineCodec(msgspec.structs.replace(WORDS, signs=(1, -1), count_bits=16), 2, 2, 0.05)
     assert codec.command([math.tau, math.tau]) == b"m 20 -20\r"
     assert codec.feed(b"100 -50\r\n-100 50\r\n") == [(100, 50), ((1 << 16) - 100, (1 << 16) - 50)]
+
+
+def test_of_a_controller_that_sends_by_itself_the_first_line_may_be_cut_and_is_left() -> None:
+    codec = LineCodec(msgspec.structs.replace(WORDS, poll=""), 2, 2, 0.05)
+    assert codec.feed(b"23 998\r\n1023 998\r\n") == [(1023, 998)]
+
+
+def test_signs_of_a_cars_wheels_are_not_those_of_its_speed_and_steering() -> None:
+    words = LineWords(command="d {0:.2f} {1:.3f}", signs=(1, -1))
+    codec = LineCodec(words, 2, 2, 0.05, are_wheels=False)
+    assert codec.command([4.0, 0.3]) == b"d 4.00 0.300\r"
+    assert codec.feed(b"10 -20\r\n") == [(10, 20)]
+    reversed_steering = LineCodec(msgspec.structs.replace(words, command_signs=(1, -1)), 2, 2, 0.05, are_wheels=False)
+    assert reversed_steering.command([4.0, 0.3]) == b"d 4.00 -0.300\r"
+
+
+def test_a_stop_behind_a_command_that_was_cut_off_is_sent_twice() -> None:
+    class Full:
+        takes = False
+        sent: ClassVar[list[bytes]] = []
+
+        def write(self, data: bytes) -> bool:
+            self.sent.append(data)
+            return self.takes
+
+    line: Any = Full()
+    link = SerialLink(line, LineCodec(WORDS, 2, 2, 0.05), "mocdevice", "/dev/base", lambda: 0, 1)
+    link.command([0.0, 0.0])
+    line.takes = True
+    link.stop()
+    link.stop()
+    assert line.sent[1:] == [b"m 0 0\rm 0 0\r", b"m 0 0\r"]
 
 
 def test_a_line_that_does_not_end_is_given_up_when_it_is_too_long() -> None:

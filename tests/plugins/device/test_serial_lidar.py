@@ -20,7 +20,7 @@ from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarFault
 from robrain.plugins.device.serial_lidar import POINTS_MAX, SerialLidar
 from robrain.protocol.lidar.ld19 import encode_ld19
-from robrain.protocol.lidar.rplidar import DESCRIPTOR, SCAN, STOP, encode_rplidar
+from robrain.protocol.lidar.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, encode_rplidar
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.serial_lines.serial_line import PortLine
 from tests.plugins.device.bare_device import BareDevice
@@ -46,9 +46,9 @@ class OnPty(BareDevice):
         os.close(self._slave)
         self.path.unlink()
 
-    def open_serial(self, port: str, baud: int) -> PortLine:
+    def open_serial(self, port: str, baud: int, *, has_dtr: bool = True) -> PortLine:
         try:
-            return PortLine(port, baud)
+            return PortLine(port, baud, has_dtr=has_dtr)
         except OSError as error:
             raise HardwareAbsent(self.plugin, str(error)) from error
 
@@ -172,7 +172,7 @@ def test_rplidar_is_asked_to_scan_and_its_nodes_are_the_same_scan(lidar: Any) ->
     one = lidar(Rplidar)
     for _ in range(500):
         one.step(0.02)
-        if one.heard() == STOP + SCAN:
+        if one.heard() == STOP + MOTOR + SCAN:
             break
     else:
         raise AssertionError("it was not asked")
@@ -190,7 +190,7 @@ def test_silent_rplidar_is_asked_again_before_it_counts_as_gone(lidar: Any) -> N
         heard += one.heard()
     for _ in range(200):
         heard += one.heard()
-    assert heard.count(STOP + SCAN) >= 3
+    assert heard.count(STOP + MOTOR + SCAN) >= 3
 
 
 def test_line_that_is_pulled_out_is_a_fault_and_is_used_again_when_it_is_back(lidar: Any) -> None:

@@ -41,7 +41,7 @@ class Lidar(BareDevice):
         self.scans: list[LaserScan] = self.told(self.it.scanned)
         self.it.activate()
 
-    def open_serial(self, port: str, baud: int) -> Line:
+    def open_serial(self, port: str, baud: int, *, has_dtr: bool = True) -> Line:
         return self.line
 
     def hear(self, data: bytes, after_s: float = 0.02) -> None:

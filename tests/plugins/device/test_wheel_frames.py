@@ -1,6 +1,7 @@
 """A base by description: other frames, units, signs, checksums and byte orders than the Robertino's."""
 
 import math
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,10 @@ from robrain.plugins.device.mocdevice.frame_map import (
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
 from robrain.protocol.can.frames import BadFrame, codec, crc8_j1850
-from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.wheel_bases import Differential
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential
 from robrain.sim.firmware.described_controller import TWO_WHEELS as FRAMES
+from robrain.sim.firmware.described_controller import frames_of
 from tests.plugins.device.bare_device import BareDevice
 
 BASE = Differential(wheel_radius_m=0.1, track_m=0.4, encoder_ticks_per_turn=1000)
@@ -308,3 +310,75 @@ def test_checksums_are_those_of_their_names() -> None:
         (Checksum.CRC8_J1850_ID, crc8_j1850(message.frame_id.to_bytes(2, "big") + body)),
     ):
         assert SignalFrame(message, ("latched",), "counter", kind).encode(5, 1)[-1] == expected
+
+
+@pytest.mark.parametrize("twist", [Twist2D(math.nan), Twist2D(math.inf), Twist2D(0.5, 0.0, math.nan)])
+def test_a_car_refuses_a_velocity_that_is_no_number(twist: Twist2D) -> None:
+    car = Ackermann(
+        wheel_radius_m=0.05, wheelbase_m=0.2, track_m=0.24, steering_max_rad=0.6, encoder_ticks_per_turn=4096
+    )
+    device = BareDevice(MocDevice, base=car, frames=frames_of(car))
+    device.it.activate()
+    with pytest.raises(ValueError, match="expected a finite velocity"):
+        device.it.drive(twist)
+    assert device.bus.sent == []
+
+
+MORE = """
+BO_ 1021 Real: 8 Motor
+ SG_ left : 0|32@1- (1,0) [0|0] "rad/s" Host
+ SG_ right : 32|32@1- (1,0) [0|0] "rad/s" Host
+BO_ 1022 Mixed: 4 Motor
+ SG_ kind M : 0|8@1+ (1,0) [0|255] "" Host
+ SG_ left m0 : 8|16@1- (1,0) [0|0] "" Host
+ SG_ other m1 : 8|16@1- (1,0) [0|0] "" Host
+SIG_VALTYPE_ 1021 left : 1;
+SIG_VALTYPE_ 1021 right : 1;
+"""
+
+
+def test_values_that_are_no_numbers_and_signals_that_a_frame_lacks_make_it_a_bad_frame(tmp_path: Path) -> None:
+    path = tmp_path / "more.dbc"
+    path.write_text(DBC + MORE)
+    dbc = read_dbc(str(path))
+    real = SignalFrame(dbc.get_message_by_name("Real"), ("left", "right"), "", Checksum.NONE)
+    assert real.decode(struct.pack("<2f", 1.5, -2.5)) == (1.5, -2.5)
+    for bad in (math.nan, math.inf):
+        with pytest.raises(BadFrame, match="Real: expected finite values"):
+            real.decode(struct.pack("<2f", 1.5, bad))
+    mixed = SignalFrame(dbc.get_message_by_name("Mixed"), ("left",), "", Checksum.NONE)
+    assert mixed.decode(b"\x00\x05\x00\x00") == (5.0,)
+    with pytest.raises(BadFrame, match="Mixed: no signal 'left' in this frame"):
+        mixed.decode(b"\x01\x05\x00\x00")
+
+
+def test_values_that_the_frames_cannot_hold_are_refused_at_the_start_by_key(own: FrameMap) -> None:
+    stop = StopFrame(frame="Halt", values={"brake": 256})
+    large = msgspec.structs.replace(BASE, wheel_radius_m=0.5)
+    with pytest.raises(ValueError, match=r"frames.stop.values: Halt"):
+        BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, stop=stop)).it.activate()
+    with pytest.raises(ValueError, match=r"frames.commands, at wheel_speed_max_rad_s: Speeds"):
+        BareDevice(MocDevice, base=large, frames=own, wheel_speed_max_rad_s=610.0).it.activate()
+    BareDevice(MocDevice, base=large, frames=own, wheel_speed_max_rad_s=590.0).it.activate()  # 295 of 300 m/s
+
+
+def test_speeds_are_added_up_from_where_the_robot_was_when_the_device_starts_again(own: FrameMap) -> None:
+    device = BareDevice(MocDevice, base=BASE, frames=own)
+    device.board.T_odom_robot, device.board.wheel_ticks = Pose2D(3.0, 0.0, 0.0), (1_500_000, 1_500_000)
+    device.it.activate()
+    for number in range(3):
+        device.wait(0.02)
+        data = bytes((0, 0, 0, 0, number))
+        frame = can.Message(arbitration_id=1001, data=data + bytes((sum(data) & 0xFF,)), is_extended_id=False)
+        frame.timestamp = device.clock.now_ns() / 1e9
+        device.bus.arrived.append(frame)
+        device.it.step()
+    assert device.it.pose() == Pose2D(3.0, 0.0, 0.0)
+
+
+def test_a_bus_is_left_also_if_the_stop_cannot_be_sent() -> None:
+    device = two_wheels()
+    device.it._link.stop = lambda: 1 / 0
+    with pytest.raises(ZeroDivisionError):
+        device.it.deactivate()
+    assert not device.bus.is_open

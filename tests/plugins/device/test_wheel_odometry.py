@@ -152,3 +152,17 @@ def test_angle_beyond_the_wheels_turns_the_newest_pose_alone():
     assert one.velocity.yaw_rad_s == 3.0
     assert one.take((100, 100, 100), to_ns(1.04), 0)
     assert one.turned_rad == 0.0
+
+
+def test_a_controller_that_has_started_again_as_well_counts_from_0_and_moves_nothing():
+    one = fresh((9000, 61536, 60536))  # 9000, -4000, -5000 of 65,536
+    assert not one.take((3, 0, 65_535), 0, 0)
+    assert (one.pose, one.jumps) == (START, 1)
+    assert one.take((4, 1, 0), 1, 0)
+    assert one.pose.yaw_rad == pytest.approx(yaw_rad(1))
+
+
+def test_counts_that_went_on_while_nobody_listened_are_motion_however_near_to_0():
+    one = fresh((100, 100, 100))
+    assert one.take((160, 160, 160), 0, 0)
+    assert one.pose.yaw_rad == pytest.approx(yaw_rad(60))

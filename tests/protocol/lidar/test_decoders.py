@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.lidar.ld19 import PACKET_BYTES, Ld19Decoder, crc8, encode_ld19
 from robrain.protocol.lidar.points import Piece
-from robrain.protocol.lidar.rplidar import DESCRIPTOR, SCAN, STOP, RplidarDecoder, encode_rplidar
+from robrain.protocol.lidar.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, RplidarDecoder, encode_rplidar
 
 # A packet of LDROBOT's LD19 development manual, section "Communication protocol".
 MANUAL = bytes.fromhex(
@@ -107,10 +107,10 @@ def test_angles_beyond_a_turn_or_a_wide_packet_are_no_points_although_the_checks
 
 def test_rplidar_is_asked_for_a_scan_once_and_again_when_it_is_silent() -> None:
     decoder = RplidarDecoder()
-    assert decoder.to_write() == STOP + SCAN
+    assert decoder.to_write() == STOP + MOTOR + SCAN
     assert decoder.to_write() == b""
     decoder.ask_again()
-    assert decoder.to_write() == STOP + SCAN
+    assert decoder.to_write() == STOP + MOTOR + SCAN
 
 
 def test_rplidar_nodes_are_clockwise_degrees_and_quarters_of_a_millimetre() -> None:

@@ -354,6 +354,35 @@ def test_an_imu_that_contradicts_the_wheels_is_a_fault_that_says_why(robot):
     assert robot.host.board.gyro_contradiction is None
 
 
+def test_an_imu_that_falls_silent_is_a_fault_and_goes_on_when_it_is_heard(build):
+    robot = build(imu={"silent_s": 0.5})
+    inbox = robot.link.inboxes["/r1/imu/data"]
+
+    def say(rate_rad_s):
+        inbox.put(imu(rate_rad_s, 1.0, 2.0, stamp_ns=robot.one.clock.now_ns()), robot.one.clock.now_ns())
+
+    robot.run(0.2)
+    say(0.5)
+    robot.run(0.4)
+    assert robot.state("imu")[0] == "active"
+    robot.run(0.4)
+    assert robot.state("imu") == ("faulted", "ImuAbsent: no measurement: the publisher of /r1/imu/data is silent")
+    robot.until(lambda: robot.state("imu")[0] == "active", 3.0)
+    inbox = robot.link.inboxes["/r1/imu/data"]
+    say(0.6)
+    robot.run(0.1)
+    assert robot.one.call("imu", "latest")["yaw_rate_rad_s"] == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("device", ["imu", "bm2"])
+def test_devices_whose_ros_node_has_failed_are_a_fault_and_get_another(robot, device):
+    robot.run(0.3)
+    robot.link.failure = "the ROS 2 node has failed: test"
+    robot.run(0.3)
+    state, why = robot.state(device)
+    assert (state, "the ROS 2 node has failed: test" in why) == ("faulted", True)
+
+
 def test_an_imu_that_is_never_heard_is_named_in_the_log_with_the_topic(robot, caplog):
     robot.run(25.0)
     assert sum("no measurement yet: the publisher of /r1/imu/data is silent" in said for said in caplog.messages) == 1
