@@ -92,7 +92,5 @@ def _unit_patch(parameters: object, ratio: float) -> Patch:
     for unit, other, factor in (("rad/s", "deg/s", DEGREES), ("deg/s", "rad/s", 1.0 / DEGREES)):
         if lines.yaw_rate_unit == unit and abs(ratio / factor - 1.0) <= SCALE_TOLERANCE:
             whole = {key: value for key, value in msgspec.to_builtins(lines).items() if value is not None}
-            return {
-                IMU: {"lines": {**whole, "yaw_rate_unit": other}}
-            }  # the file's table takes the place of the manifest's
+            return {IMU: {"lines": {**whole, "yaw_rate_unit": other}}}  # whole: it replaces the manifest's table
     return {}

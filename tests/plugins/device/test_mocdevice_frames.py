@@ -81,7 +81,9 @@ def test_command_at_the_wheels_limit_is_sent_as_it_is_and_one_beyond_keeps_its_d
     ]
 
 
-@pytest.mark.parametrize("twist", [Twist2D(math.nan), Twist2D(0.0, math.inf), Twist2D(0.0, 0.0, -math.inf)])
+@pytest.mark.parametrize(
+    "twist", [Twist2D(math.nan), Twist2D(0.0, math.inf), Twist2D(0.0, 0.0, -math.inf), Twist2D(1e300)]
+)
 def test_velocity_that_is_no_number_is_refused_and_nothing_is_sent(device, twist):
     with pytest.raises(ValueError, match="expected a finite velocity"):
         device.it.drive(twist)
