@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from statistics import median
 
+import msgspec
+
 from robrain.deploy.bringup.bench import BASE, BATTERY, Bench, DeviceAbsent
 from robrain.deploy.bringup.findings import Finding, Found, Patch, Step
 from robrain.deploy.bringup.motions import WHEEL_SPEED_RAD_S, Ending, Record, Rest, Sample, TurnWheels
@@ -19,6 +21,7 @@ from robrain.deploy.bringup.wheel_table import (
 )
 from robrain.plugins.device.mocdevice.frame_map import Measure
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
+from robrain.plugins.device.serial_base.line_codec import LineWords
 from robrain.protocol.wire.clock import to_ns, to_seconds
 
 LOOK_S = 2.0
@@ -259,7 +262,7 @@ def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ..
 def _wheels_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
     frames = frame_map(base)
     if frames is None:
-        return {}
+        return _signs_patch(seen, base)
     commands, encoders = slots_of(frames.commands), slots_of(frames.encoders)
     new_commands: list[Slot] = list(commands)
     new_encoders: list[Slot] = list(encoders)
@@ -274,6 +277,25 @@ def _wheels_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
                 return {}
             changed[key] = tables
     return {BASE: {"frames": changed}}
+
+
+def _signs_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
+    """Signs for a base that speaks lines of text; nothing if wheels are swapped, or it speaks something else."""
+    lines, codec = getattr(base, "lines", None), getattr(base, "codec", None)
+    if not isinstance(lines, LineWords) or codec:
+        return {}
+    if any(not one.command == one.wheel == one.encoder for one in seen):
+        return {}
+    signs, command_signs = list(_each(lines.signs, seen)), list(_each(lines.command_signs or lines.signs, seen))
+    for one in seen:
+        signs[one.wheel] *= one.sign
+        command_signs[one.wheel] *= one.way
+    # Whole, as a table of the file takes the place of the manifest's.
+    return {BASE: {"lines": {**msgspec.to_builtins(lines), "signs": signs, "command_signs": command_signs}}}
+
+
+def _each(signs: Sequence[int], seen: list[Seen]) -> Sequence[int]:
+    return signs if len(signs) == len(seen) else tuple(signs) * len(seen)
 
 
 def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[Finding]:

@@ -102,6 +102,27 @@ def test_motors_that_are_swapped_or_inverted_are_known_by_what_the_person_sees(
     assert wrong(robot.run(AIR)) == set()
 
 
+@pytest.mark.parametrize(
+    ("signs", "command_signs", "answers", "expected"),
+    [
+        ([1, -1], [1, 1], "yy", {Found.ENCODER_INVERTED}),
+        ([1, 1], [-1, 1], "by", {Found.MOTOR_INVERTED}),
+        ([-1, 1], [-1, 1], "by", {Found.MOTOR_INVERTED, Found.ENCODER_INVERTED}),
+    ],
+)
+def test_signs_of_a_base_that_speaks_lines_are_put_right(
+    tmp_path: Path, signs: list[int], command_signs: list[int], answers: str, expected: set[Found]
+) -> None:
+    lines = {"signs": signs, "command_signs": command_signs}
+    robot = BroughtUp(tmp_path, {"mocdevice": {"lines": lines}}, type=RobotType.SERIAL)
+    said = iter(answers)
+    assert wrong(robot.run(AIR, Watcher(lambda question, default: next(said)))) == expected
+    lines = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["lines"]
+    assert (lines["signs"], lines["command_signs"]) == ([1, 1], [1, 1])
+    assert lines["units"] == ["turns/s"]
+    assert wrong(robot.run(AIR)) == set()
+
+
 def test_with_three_wheels_a_rotated_order_and_a_wrong_number_of_counts_are_put_right(tmp_path: Path) -> None:
     table = {"frame": "WheelEncoders", "signals": ["wheel_2_ticks", "wheel_3_ticks", "wheel_1_ticks"]}
     wheels = {"frames": {"encoders": [table]}, "base": {"encoder_ticks_per_turn": 1024}}
