@@ -1,4 +1,4 @@
-"""Leaves the modules that import rclpy out of the doctests where ROS 2 is not installed; their tests say so."""
+"""Leaves modules out of the doctests: one that loads too much, and without ROS 2 those that need it."""
 
 from importlib.util import find_spec
 
@@ -7,4 +7,6 @@ WITH_RCLPY = (
     *("plugins/device/ros2*/*", "plugins/unit/ros2_navigator/*", "deploy/ros2/rclpy_port.py"),
     "tests/system/ros2/ros_robot.py",
 )
-collect_ignore_glob = list(WITH_RCLPY) if find_spec("rclpy") is None else []
+LOADS_KERNELS = ("robrain/deploy/sweep/forked_from.py", "deploy/sweep/forked_from.py")
+"""It loads all kernels when it is imported."""
+collect_ignore_glob = [*LOADS_KERNELS, *(WITH_RCLPY if find_spec("rclpy") is None else ())]
