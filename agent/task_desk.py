@@ -429,7 +429,10 @@ class TaskDesk:
         recalled, self._recalled = self._recalled, ""
         if self.coordinator_heard_ns is not None and self.coordinator_heard_ns > now_ns:  # the clock was set back
             self.coordinator_heard_ns = now_ns
-        held = self.held
+        if self.trusted_ns is not None:
+            self.trusted_ns = min(self.trusted_ns, now_ns)
+        if (held := self.held) is not None and held.since_ns > now_ns:
+            self.held = held = held._replace(since_ns=now_ns)
         heard_ns = self.coordinator_heard_ns if self.trusted_ns is None else self._vouched_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)

@@ -62,6 +62,10 @@ class KnownTasks:
         """Whether there is room for a task that a robot accepts."""
         return len(self.asked) < ASKED_MAX and len(self.open) < TASKS_MAX
 
+    def clock_set_back(self, now_ns: int) -> None:
+        """Nothing was heard later than now."""
+        self.open = {name: one._replace(heard_ns=min(one.heard_ns, now_ns)) for name, one in self.open.items()}
+
     def hear(self, event: TaskEvent, now_ns: int = 0) -> None:
         """Take in what the coordinator says of a task."""
         task = event.task

@@ -212,6 +212,8 @@ class AgentHost:
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:
             halting.hear()
+        if now_ns < self._stepped_ns:
+            self._clock_set_back(now_ns)
         if now_ns - self._stepped_ns > STOOD_STILL_NS:
             self._slept_ns, self._awake_ns = self._stepped_ns, now_ns + WAKING_NS
         if self._inbox.has_some:
@@ -247,6 +249,12 @@ class AgentHost:
             self._publish_state()
         elif self.desk.differs_from(self._told_facts):  # the next task must not wait for the period
             self._publish_state()
+
+    def _clock_set_back(self, now_ns: int) -> None:
+        self._slept_ns, self._awake_ns = min(self._slept_ns, now_ns), min(self._awake_ns, now_ns)
+        self.manager.faults.clock_set_back(now_ns)
+        if self._consensus is not None:
+            self._consensus.clock_set_back(now_ns)
 
     def task_and_trace(self) -> tuple[str, str]:
         """Id and trace of the task that the robot is at, else of the one that it begins next; empty if none."""

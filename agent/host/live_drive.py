@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from robrain.agent.errors import FOREIGN_ERRORS, PluginError
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 
@@ -52,6 +53,8 @@ class Member:
         if mailbox and not self.has_gone:
             plugin.deliver()
         period_s = plugin.period_s
+        if period_s is not None and not 0.0 < period_s < math.inf:
+            raise PluginError(plugin.name, f"expected period_s above 0, or None, got {period_s!r}")
         now_s = time.monotonic()
         if self._was_passive or mailbox.is_hurried:  # or was not there: no step was missed
             mailbox.is_hurried = False
@@ -140,9 +143,13 @@ class PluginThreads:
         own_name = thread.name
         while (member := self._take()) is not None:
             thread.name = f"plugin-{member.plugin.name}"
-            member.turn()
-            thread.name = own_name
-            member.is_busy = False
+            try:
+                member.turn()
+            except FOREIGN_ERRORS as error:  # what a plugin says of itself is foreign too
+                member.plugin.fault(error)
+            finally:
+                thread.name = own_name
+                member.is_busy = False
             if member.has_gone:
                 break  # it may have hung in there, and has been replaced
         self._threads.discard(thread)

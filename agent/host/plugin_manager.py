@@ -262,7 +262,7 @@ class PluginManager:
                 failed |= pool.run({name: call for name, call in calls.items() if name in own})
         if pool is not None:
             for plugin in busy:
-                pool.begin(partial(_halt_again, plugin))
+                pool.begin(partial(_halt_again, plugin, self.registry))
         for name, error in failed.items():
             logger.error("%s: plugin %s failed while it was halted: %s", self.robot, name, error, exc_info=error)
         return list(failed)
@@ -352,7 +352,7 @@ class PluginManager:
         self.registry.remove(plugin)
 
 
-def _halt_again(plugin: ManagedPlugin) -> None:
+def _halt_again(plugin: ManagedPlugin, registry: Registry) -> None:
     """Once more, when whoever was in the plugin has left: what they did last may have undone the halt."""
     turn, generation = plugin.turn, plugin.generation
     if not turn.acquire(plugin.manifest.tag.hang_s):
@@ -360,3 +360,5 @@ def _halt_again(plugin: ManagedPlugin) -> None:
     turn.release()
     if plugin.state is PluginState.HALTED and plugin.generation == generation:
         plugin.halt()
+        if not registry.halted:  # it was resumed at this very moment
+            plugin.apply(Trigger.RESUME)

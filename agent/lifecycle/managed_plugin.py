@@ -127,7 +127,8 @@ class ManagedPlugin:
     @property
     def period_s(self) -> float | None:
         """How often the plugin wants its step; None if it is passive or not there."""
-        return self.instance.plugin.period_s if self.instance is not None else None
+        instance = self.instance  # it may go meanwhile
+        return instance.plugin.period_s if instance is not None else None
 
     @property
     def halts_itself(self) -> bool:

@@ -3,6 +3,7 @@
 Usually that takes some milliseconds, but a disk that others write to may need half a second for a single page.
 """
 
+import errno
 import os
 import threading
 from collections.abc import Callable
@@ -66,6 +67,8 @@ class DiskSync:
                 tell(error)
 
     def _put_on_disk(self) -> OSError | None:
+        if self.has_failed:
+            return OSError(errno.EIO, "an earlier sync has failed, and a later one does not tell")
         try:
             if self._file is None:
                 self._file = os.open(self._path, os.O_RDONLY)

@@ -191,6 +191,11 @@ class Journal(JournalReading):
         return epoch
 
     @property
+    def epoch_ceiling(self) -> int:
+        """No epoch above this was given out, or noted."""
+        return self._epoch_ceiling
+
+    @property
     def copied_by(self) -> str:
         """The process that had a whole copy of this journal last; empty if none had."""
         return str(self._db.execute("SELECT copied_by FROM standing").fetchone()[0])
@@ -218,11 +223,17 @@ class Journal(JournalReading):
     def when_on_disk(self, tell: Callable[[JournalUnwritable | None], None]) -> None:
         """Call `tell` once all changes so far are on the disk, or with the reason why they may not be.
 
-        On a thread of the journal's own; at once if the journal is in memory.
+        On a thread of the journal's own; at once if the journal is in memory, or cannot be written after a failed sync.
         """
         if self._disk is None:
             tell(None)
             return
+        if self._disk.has_failed:
+            try:
+                self._put_all_on_disk(self._disk)
+            except JournalUnwritable as error:
+                tell(error)
+                return
 
         def told(error: OSError | None) -> None:
             tell(None if error is None else JournalUnwritable(self.path, f"cannot be put on the disk: {error}"))

@@ -20,6 +20,8 @@ MISSES_MAX = 5000
 """So many numbers in a row without a row that can be read: there is nothing more (chosen). Only where the highest
 number itself cannot be read."""
 TASK_COLUMNS = "id, state, robot, record, kind, own, asked"
+STANDING_COLUMNS = ("copied_by", "pairing", "on_their_own")
+NOTHING_STANDING = ("", "", "{}")
 
 
 class Salvaged(NamedTuple):
@@ -33,6 +35,11 @@ class Salvaged(NamedTuple):
     lost: tuple[str, ...]
     """Ids of tasks that are known by their changes only."""
     open: int
+    copy: str = ""
+    """Whether it is a copy of another coordinator's journal, as in the table; `partial` if that cannot be read."""
+    standing: tuple[str, ...] = NOTHING_STANDING
+    """STANDING_COLUMNS."""
+    alarms: Sequence[Sequence[object]] = ()
 
     def told(self) -> str:
         """In words."""
@@ -140,7 +147,36 @@ def _read(connection: sqlite3.Connection) -> Salvaged:
         (ceiling,) = connection.execute("SELECT ceiling FROM epoch").fetchone()
     except (sqlite3.DatabaseError, TypeError):
         ceiling = 0
-    return Salvaged(tasks, changes, max(int(ceiling), highest), tuple(lost), still_open)
+    copy = _one(connection, "SELECT state FROM copy")
+    if copy is None and tasks:
+        is_there = _one(connection, "SELECT count(*) FROM sqlite_master WHERE name = 'copy'")
+        copy = ("partial",) if is_there is None or is_there[0] else None
+    standing = tuple(
+        str(found[0]) if (found := _one(connection, f"SELECT {column} FROM standing")) is not None else nothing
+        for column, nothing in zip(STANDING_COLUMNS, NOTHING_STANDING, strict=True)
+    )
+    return Salvaged(
+        tasks,
+        changes,
+        max(int(ceiling), highest),
+        tuple(lost),
+        still_open,
+        "" if copy is None else str(copy[0]),
+        standing,
+        list(_readable(connection, "SELECT * FROM alarm")),
+    )
+
+
+def _one(connection: sqlite3.Connection, query: str) -> Sequence[object] | None:
+    return next(_readable(connection, query), None)
+
+
+def _readable(connection: sqlite3.Connection, query: str) -> Iterator[Sequence[object]]:
+    """The rows before the first that cannot be read."""
+    try:
+        yield from connection.execute(query)
+    except sqlite3.DatabaseError:
+        return
 
 
 def _rows(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[tuple[int, Sequence[object]]]:
@@ -173,6 +209,11 @@ def write_anew(salvaged: Salvaged, path: Path) -> None:
         migrate(connection, path)
         connection.execute("BEGIN IMMEDIATE")
         connection.execute("UPDATE epoch SET ceiling = ?", (salvaged.epoch_ceiling,))
+        connection.execute("UPDATE copy SET state = ?", (salvaged.copy,))
+        names = ", ".join(f"{column} = ?" for column in STANDING_COLUMNS)
+        connection.execute(f"UPDATE standing SET {names}", salvaged.standing)
+        for alarm in salvaged.alarms:
+            connection.execute("INSERT OR IGNORE INTO alarm VALUES (?, ?, ?, ?, ?)", alarm)
         columns = f"number, {TASK_COLUMNS}"
         for number, task in salvaged.tasks.items():
             connection.execute(f"INSERT INTO task ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (number, *task))

@@ -43,6 +43,10 @@ LEGAL: dict[TaskState | None, frozenset[TaskState]] = {
 }
 """States that may follow each state; `None` is before the first."""
 
+NS_PER_MS = 1_000_000
+OUTBID_MAX = 48 * 3600 * 1000
+"""In ms. Robots accept epochs up to a day ahead of their clocks; twice that allows for clock differences."""
+
 
 class TaskBook:
     """Keeps the records and publishes each change.
@@ -167,6 +171,15 @@ class TaskBook:
         epoch = self.journal.new_epoch(self._first_epoch + 1)
         self._change(self._open[task_id], TaskState.OFFERED, reason, epoch=epoch)
         return self._change(self._open[task_id], TaskState.RUNNING, reason)
+
+    def is_possible(self, epoch: int) -> bool:
+        """Whether a coordinator may have given an epoch out that a robot tells of."""
+        return epoch - self._clock.now_ns() // NS_PER_MS <= OUTBID_MAX
+
+    def know(self, epoch: int) -> None:
+        """Another coordinator has given this epoch out: from now on use greater ones (JournalUnwritable)."""
+        if epoch > self.journal.epoch_ceiling:
+            self.outbid(epoch)
 
     def outbid(self, epoch: int) -> None:
         """From now on use epochs greater than this one, which a robot accepted from another sender."""

@@ -17,7 +17,7 @@ from robrain.coordinator.tasks.backoff import Backoff
 from robrain.coordinator.tasks.held_elsewhere import HeldElsewhere
 from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
 from robrain.coordinator.tasks.reconcile import LEASE_S, reconcile, strays
-from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
@@ -41,9 +41,6 @@ logger = logging.getLogger(__name__)
 
 WITHDRAW_AGAIN_NS = to_ns(0.5)
 COMPLAIN_AGAIN_NS = to_ns(10.0)
-NS_PER_MS = 1_000_000
-OUTBID_MAX = 48 * 3600 * 1000
-"""In ms. Robots accept epochs up to a day ahead of their clocks; twice that allows for clock differences."""
 
 
 class TaskLifecycle:
@@ -82,6 +79,8 @@ class TaskLifecycle:
         self._since_ns = min(self._since_ns, now_ns)
         self._set_back_ns = now_ns
         self._withdrawn_ns.clear()
+        self.backoff.clock_set_back(now_ns)
+        self.held_elsewhere.clock_set_back(now_ns)
 
     def note_pause(self, now_ns: int) -> None:
         """The coordinator itself stood still, or its clock was set ahead: it listens to its robots anew."""

@@ -17,6 +17,8 @@ def take_in(
 ) -> bool:
     """Note a robot's tasks, and the ends that it tells of, that no coordinator decided on; whether anything is new.
 
+    What it tells of with an epoch that no coordinator gives out is passed over.
+
     Args:
         book: of the coordinator's tasks.
         said: by a robot.
@@ -36,12 +38,16 @@ def take_in(
         if record is not None and record.state.ended:
             book.tell(record)  # robots have not heard that, and forget it then
             continue
+        if record is None or not book.is_possible(done.epoch):
+            continue
+        book.know(done.epoch)
         book.note_done_by_team(
             done.id, done.robot, done.epoch, Said(f"{done.robot} did it while it heard no coordinator")
         )
     for held in said.held:
         record = book.find(held.id)
-        if record is not None and record.state is TaskState.QUEUED:
+        if record is not None and record.state is TaskState.QUEUED and book.is_possible(held.epoch):
+            book.know(held.epoch)
             book.adopt(held.id, said.robot, held.epoch, Said(f"{said.robot} began it while it heard no coordinator"))
     for dropped in said.dropped:
         record = book.find(dropped.id)

@@ -306,3 +306,13 @@ def test_clock_that_is_set_back_does_not_lengthen_the_lease(desk, explorer):
     assert desk.status.state is TaskState.RUNNING
     desk.check_lease(to_ns(45) + 1)
     assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, SILENT)
+
+
+def test_clock_that_is_set_back_lengthens_no_trust_of_mates(desk, explorer):
+    desk.offer(offer(lease_s=5.0), to_ns(1000))
+    desk.trusted_ns = to_ns(1000)
+    desk.check_lease(to_ns(40))
+    desk.check_lease(to_ns(45))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(45) + 1)
+    assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, SILENT)

@@ -28,6 +28,11 @@ PLUGINS = """
         def step(self):
             ENTERED.append(self.env.plugin)
             GO.wait(600)
+
+    class Odd(Device):
+        period_s = 0.02
+        def step(self): self.period_s = PERIODS[self.env.plugin]
+    PERIODS = {"odd0": "0.1", "odd1": 0.0, "odd2": float("nan")}
 """
 MANY, HUNG = 12, 4
 
@@ -37,10 +42,11 @@ def start(bench):
     opened = []
     bench.code("shop", PLUGINS)
 
-    def start(stepping, hanging):
+    def start(stepping, hanging, odd=0):
         names = {"door": "Door"}
         names |= {f"s{number}": "Stepping" for number in range(stepping)}
         names |= {f"h{number}": "Hanging" for number in range(hanging)}
+        names |= {f"odd{number}": "Odd" for number in range(odd)}
         for name, class_name in names.items():
             bench.manifest(name, f"shop:{class_name}", hang_s=PATIENCE_S)
         opened.append(LiveRobot(bench.place, list(names), space_of="door", threads="plugin-"))
@@ -76,6 +82,15 @@ def test_each_plugin_that_hangs_takes_one_thread_and_the_others_go_on(start):
     until(lambda: len(plugin_threads()) <= HUNG + SPARE + 1)
     robot.space["GO"].set()
     until(lambda: len(plugin_threads()) <= SPARE + 1)
+
+
+def test_a_plugin_whose_period_is_none_is_faulted_and_the_others_go_on(start):
+    robot = start(2, 0, odd=3)
+    odd = [robot.tag(f"odd{number}") for number in range(3)]
+    until(lambda: [plugin.state for plugin in odd] == ["faulted"] * 3)
+    assert "expected period_s above 0, or None, got 0.0" in odd[1].why
+    before = steps(robot, 2)
+    until(lambda: all(now > then + 20 for now, then in zip(steps(robot, 2), before, strict=True)))
 
 
 def test_calls_that_wait_behind_stuck_ones_get_threads_of_their_own():

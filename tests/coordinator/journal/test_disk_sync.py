@@ -151,6 +151,30 @@ def test_disk_that_fails_is_told_and_the_next_task_brings_all_to_the_main_file(
     assert ears.heard[1] is None
 
 
+def test_after_a_failed_sync_nothing_is_told_to_be_on_the_disk_before_it_is_in_the_main_file(
+    journal: Journal, disk: Disk, tmp_path: Path
+) -> None:
+    disk.error = OSError(errno.EIO, "Input/output error")
+    ears = Ears()
+    journal.accept(queued("t1"))
+    journal.when_on_disk(ears.tell)
+    assert disk.has_begun.wait(PATIENCE_S)
+    journal.accept(queued("t2"))
+    journal.when_on_disk(ears.tell)  # behind t1 in the file whose sync fails
+    disk.is_ready.set()
+    ears.wait(2)
+    assert all(isinstance(told, JournalUnwritable) for told in ears.heard)
+    assert disk.syncs == 1
+    disk.error = None
+    journal.when_on_disk(ears.tell)  # as for a submission that is repeated
+    ears.wait(3)
+    assert ears.heard[2] is None
+    shutil.copyfile(tmp_path / "team.journal", tmp_path / "main.journal")  # without the file whose sync failed
+    after = Journal(tmp_path / "main.journal")
+    assert [record.task.id for record in after.open_records()] == ["t1", "t2"]
+    after.close()
+
+
 def test_no_task_is_accepted_while_the_main_file_cannot_be_written_after_a_failed_sync(tmp_path: Path) -> None:
     class Full(sqlite3.Connection):
         def execute(self, statement: str, *values: str) -> sqlite3.Cursor:
@@ -168,6 +192,8 @@ def test_no_task_is_accepted_while_the_main_file_cannot_be_written_after_a_faile
     for _ in range(2):
         with pytest.raises(JournalUnwritable, match="disk full"):
             journal.accept(queued("t2"))
+    journal.when_on_disk(ears.tell)  # a submission that is repeated
+    assert "disk full" in str(ears.heard[-1])
     assert [record.task.id for record in journal.open_records()] == ["t1"]
     journal.close()
 

@@ -5,12 +5,14 @@ import logging
 import random
 import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
 import pytest
 
 from robrain.coordinator.journal import salvage
+from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
@@ -214,6 +216,39 @@ def test_a_lost_table_is_damage(path: Path) -> None:
     journal = Journal(path)
     assert len(journal.select(TaskFilter())) == TASKS
     assert journal.new_epoch() > TASKS // 3  # from the records themselves
+    journal.close()
+
+
+def damaged_copy(path: Path) -> None:
+    """A copy that is not whole, of which another process has a copy, with a robot on its own and an alarm."""
+    journal = Journal(path)
+    journal.note_copied_by("other-7")
+    journal.note_on_their_own({"r1": 5})
+    journal.note_alarm(Alarm("hot", "m1", 1, 2))
+    journal.close()
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE copy SET state = 'partial'")
+        connection.execute("DELETE FROM epoch")
+
+
+def test_copies_robots_on_their_own_and_alarms_are_salvaged(path: Path) -> None:
+    damaged_copy(path)
+    journal = Journal(path)
+    assert (journal.copied, journal.copied_by, journal.on_their_own) == ("partial", "other-7", {"r1": 5})
+    assert [(alarm.rule, alarm.source) for alarm in journal.alarms()] == [("hot", "m1")]
+    with pytest.raises(JournalError, match="not whole"):
+        journal.own()
+    journal.close()
+
+
+def test_a_journal_that_may_be_a_copy_is_taken_for_one_that_is_not_whole(path: Path) -> None:
+    damaged_copy(path)
+    with closing(sqlite3.connect(path)) as connection:
+        (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'copy'").fetchone()
+    overwrite(path, (page - 1) * PAGE, b"\xff" * PAGE)
+    journal = Journal(path)
+    assert journal.copied == "partial"
+    assert journal.copied_by == "other-7"
     journal.close()
 
 

@@ -8,7 +8,13 @@ from robrain.protocol.model.consensus.ballot import Ballot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
-from robrain.protocol.wire.messages.tasks.consensus_messages import TaskAsked, TaskDropped, TeamBallot
+from robrain.protocol.wire.messages.tasks.consensus_messages import (
+    TaskAsked,
+    TaskDone,
+    TaskDropped,
+    TaskHeld,
+    TeamBallot,
+)
 from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.wire.reasons.tasks import Cancelled
 
@@ -33,3 +39,20 @@ def test_a_robot_speaks_in_nobodys_name_where_names_are_vouched_for(is_secured, 
     record = book.find("t4")
     assert record.state is TaskState.CANCELLED
     assert record.reason == Cancelled(canceller, "not needed")
+
+
+def test_epochs_of_another_coordinator_are_outbid_and_those_that_none_gives_out_are_passed_over(tmp_path):
+    clock = VirtualClock()
+    book = TaskBook(clock, 0, lambda _: None)
+    for name in ("t1", "t2", "t3", "t4"):
+        book.add(Task(id=name, kind="visit", place=Point2D(1.0, 2.0)))
+    ahead = book.journal.epoch_ceiling + 60_000
+    said = ballot(
+        held=[TaskHeld(id="t1", epoch=ahead), TaskHeld(id="t2", epoch=2**53 - 1)],
+        done=[TaskDone(id="t3", robot="r2", epoch=ahead + 1), TaskDone(id="t4", robot="r2", epoch=2**53 - 1)],
+    )
+    take_in(book, said, lambda _: "")
+    states = [book.find(name).state for name in ("t1", "t2", "t3", "t4")]
+    assert states == [TaskState.RUNNING, TaskState.QUEUED, TaskState.DONE, TaskState.QUEUED]
+    assert book.journal.epoch_ceiling > ahead + 1
+    assert book.journal.new_epoch() > ahead + 1

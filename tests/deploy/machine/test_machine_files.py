@@ -32,6 +32,20 @@ def name_of(path: Path) -> str:
     return path.name
 
 
+def test_no_two_users_of_units_share_a_folder() -> None:
+    """Systemd gives a unit's folders, and all in them, to its user at each start."""
+    owners: dict[str, set[str]] = {}
+    for unit in UNITS:
+        lines = [line.partition("=") for line in unit.read_text().splitlines()]
+        users = [value for key, _, value in lines if key == "User"] or ["root"]
+        for key, _, value in lines:
+            if key in ("StateDirectory", "CacheDirectory", "LogsDirectory", "RuntimeDirectory"):
+                for folder in value.split():
+                    owners.setdefault(f"{key} {folder}", set()).update(users)
+    assert owners["CacheDirectory robrain"] == {"robrain"}
+    assert {folder: users for folder, users in owners.items() if len(users) > 1} == {}
+
+
 @pytest.fixture
 def units(tmp_path: Path) -> Path:
     """The units with programs that are there."""
