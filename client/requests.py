@@ -9,6 +9,7 @@ from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.codec import BAD_PAYLOAD
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.wire.hub import teams_there, wrong_team
@@ -177,7 +178,7 @@ class Requests:
             raise no_robot(self._wire, robot, "calls") from error
         try:
             return msgspec.json.decode(reply)
-        except msgspec.DecodeError as error:
+        except BAD_PAYLOAD as error:
             raise WireError(f"{robot} sent an invalid answer: {error}") from error
 
     def _no_coordinator(self) -> NobodyThere:

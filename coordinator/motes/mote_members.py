@@ -20,6 +20,7 @@ from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
 from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.reading_sieve import taken_at_ns
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
@@ -75,7 +76,7 @@ class Errand:
     def take(self, reading: MoteReading, now_ns: int) -> None:
         """The mote has told something."""
         quantity = self.wanted.quantity
-        if (reading.taken_ns or reading.stamp_ns) >= self.began_ns and reading.quantity == quantity:
+        if taken_at_ns(reading) >= self.began_ns and reading.quantity == quantity:
             self.values.append(reading.value)
             self.last_ns = now_ns
 

@@ -2,6 +2,7 @@
 
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.border.reading_sieve import taken_at_ns
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.reasons.robots import CarrierOut, MoteSilent, RobotReason
@@ -37,11 +38,11 @@ class Mote:
     @property
     def taken_ns(self) -> int:
         """When its last reading was sensed."""
-        return self.latest.taken_ns or self.latest.stamp_ns
+        return taken_at_ns(self.latest)
 
     def note(self, reading: MoteReading, now_ns: int) -> None:
         """It was heard; a stored reading tells nothing of how it is now."""
-        if (reading.taken_ns or reading.stamp_ns) >= self.taken_ns:
+        if taken_at_ns(reading) >= self.taken_ns:
             self.latest = reading
             self.heard_ns = now_ns
 

@@ -17,12 +17,13 @@ import zenoh
 from robrain.deploy.bridge.bridge_rules import ROBOT, BridgeRules, PassRule, Side, passable_query, passable_topic
 from robrain.deploy.bridge.waiting import Message, Waiting
 from robrain.protocol.wire.answers.asked import BY, ZenohQuery, answer_of
+from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT, call_error
 from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import Refusals
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.keys import ROOT
 from robrain.protocol.wire.links.qos import publisher_options, query_options
 from robrain.protocol.wire.topic import Query, Topic
@@ -272,8 +273,8 @@ class _Way:
         answer = answer_of(reply)
         try:
             if answer.is_error:
-                error = msgspec.json.decode(answer.payload, type=ErrorReply)
-                self._refuse(asked.query, CallError(error.code, error.message, error.detail), is_theirs=True)
+                is_theirs = answer.payload != ZENOH_TIMEOUT
+                self._refuse(asked.query, call_error(answer.payload), is_theirs=is_theirs)
             else:
                 asked.topic.payloads.read(answer.payload)
                 asked.query.reply(asked.query.key, answer.payload, asked.topic.encoding)
@@ -281,7 +282,7 @@ class _Way:
                 self.counts.answered += 1
         except zenoh.ZError:  # who asked has gone
             self.counts.unanswered += 1
-        except (BadPayload, msgspec.DecodeError) as error:
+        except BadPayload as error:
             self.counts.refused += 1
             self._refuse(asked.query, CallError(ErrorCode.FAILED, f"the answer does not decode: {error}"))
         return True

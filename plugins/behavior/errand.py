@@ -43,6 +43,8 @@ from robrain.protocol.wire.reasons.offers import NeedsTime, NoPath, OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
 
 STEP_S = 0.25
+MEASURED_S = 300.0
+"""No two measurements of a task's energy are farther apart, also if the process stood still; else the clock was set."""
 CHECK_NS = to_ns(2.0)
 """How often a running task's energy is judged anew."""
 SETTLE_S = 4.0
@@ -401,8 +403,11 @@ class Errand(Behavior, ABC, Generic[P]):
             run.gone_m += pose.distance_m(run.at)
         run.at = at
         battery = self.env.board.battery
+        elapsed_s = to_seconds(now_ns - run.measured_ns)
+        if not 0.0 <= elapsed_s <= MEASURED_S:  # the clock was set: what it has cost is a guess, and no lesson
+            run.is_as_planned, elapsed_s = False, STEP_S
         if battery is not None:
-            run.energy_j += battery.voltage_v * battery.current_a * to_seconds(now_ns - run.measured_ns)
+            run.energy_j += battery.voltage_v * battery.current_a * elapsed_s
         run.measured_ns = now_ns
 
     def _work_of(self, task: Task) -> Work:
@@ -421,7 +426,7 @@ class Errand(Behavior, ABC, Generic[P]):
         now_ns = self._now_ns()
         if run.task.deadline_ns is not None and now_ns > run.task.deadline_ns:
             return "the deadline has passed"
-        if now_ns < run.check_ns:
+        if 0 < run.check_ns - now_ns <= CHECK_NS:  # farther away if the clock was set back
             return ""
         run.check_ns = now_ns + CHECK_NS
         return self.why_go_home(run)

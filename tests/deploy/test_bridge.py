@@ -285,6 +285,20 @@ def test_robot_that_does_not_answer_is_told_as_such(site) -> None:
     assert total(bridge).unanswered >= 1
 
 
+def test_errors_that_make_no_sense_and_silence_are_told_and_the_bridge_goes_on(site) -> None:
+    north, south = site.member("north"), site.session()
+    key = ROBOT_PLUGINS.key("south", robot="r9")
+    token = site.member("south")
+    token.token(ROBOT_ALIVE, robot="r9")
+    bad = south.declare_queryable(key, lambda query: query.reply_err(b'{"code":"failed","message":"\xff"}'))
+    bridge = site.bridge(ASK)
+    error = until_answering(bridge, north)
+    assert (error.code, "an error that is none of ours" in str(error)) == (ErrorCode.FAILED, True)
+    bad.undeclare()
+    token.answer(ROBOT_PLUGINS, lambda _: [], robot="r9")
+    assert until(lambda: until_answering(bridge, north) == [] or None)
+
+
 def test_bridge_does_not_answer_for_a_robot_that_is_on_this_side_too(site) -> None:
     north, south = site.member("north"), site.member("south")
     for member in (north, south):

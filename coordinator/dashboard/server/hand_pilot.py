@@ -14,6 +14,7 @@ import msgspec
 import zenoh
 
 from robrain.protocol.wire.answers.hand_control import DRIVER, CallDriver, HandControl
+from robrain.protocol.wire.border.codec import BAD_PAYLOAD
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import RobrainError
 from robrain.protocol.wire.topics import ROBOT_CALL
@@ -40,7 +41,7 @@ def driver_of(endpoint: Endpoint, robot: str) -> CallDriver:
         names = {"robot": robot, "plugin": DRIVER, "function": function}
         try:
             return msgspec.json.decode(endpoint.ask(ROBOT_CALL, payload, timeout_s=CALL_TIMEOUT_S, **names))
-        except (msgspec.DecodeError, zenoh.ZError) as error:
+        except (*BAD_PAYLOAD, zenoh.ZError) as error:
             raise RobrainError(f"{robot}: driver {function}: {error}") from error
 
     return call

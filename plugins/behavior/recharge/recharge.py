@@ -159,8 +159,9 @@ class RechargeBehavior(Errand[Recharge]):
         return answer
 
     def step(self) -> None:
-        if self.run is None and self.env.clock.now_ns() >= self._not_before_ns:
-            self._not_before_ns = self.env.clock.now_ns() + to_ns(GUARD_S)
+        now_ns = self.env.clock.now_ns()
+        if self.run is None and not 0 < self._not_before_ns - now_ns <= RETRY_NS:  # or the clock was set back
+            self._not_before_ns = now_ns + to_ns(GUARD_S)
             self._guard()
         if self.run is None and self._wanted:
             self._set_out_home()

@@ -138,18 +138,20 @@ class LineProcess:
         self._group.kill()
 
     def _read_stdout(self, stream: IO[bytes]) -> None:
-        with stream:
-            for line in self._lines(stream):
-                self.lines += 1
-                if not self._on_line(line):
-                    self.left_out += 1
-                    continue
-                with self._change:
-                    self._said.append(line)
-                    self._change.notify_all()
-        with self._change:
-            self.is_silent = True
-            self._change.notify_all()
+        try:
+            with stream:
+                for line in self._lines(stream):
+                    self.lines += 1
+                    if not self._on_line(line):
+                        self.left_out += 1
+                        continue
+                    with self._change:
+                        self._said.append(line)
+                        self._change.notify_all()
+        finally:
+            with self._change:
+                self.is_silent = True
+                self._change.notify_all()
 
     def _read_stderr(self, stream: IO[bytes]) -> None:
         second, count = 0, 0

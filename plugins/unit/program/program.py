@@ -29,6 +29,7 @@ from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramE
 from robrain.plugins.unit.program.interface import ProgramInterface, ProgramState, Running
 from robrain.plugins.unit.program.line_process import LineProcess
 from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.wire.border.codec import BAD_PAYLOAD
 from robrain.protocol.wire.endpoint import Drive
 
 logger = logging.getLogger(__name__)
@@ -202,7 +203,7 @@ class Program(Unit):
         if self.parameters.input == "json":
             try:
                 return msgspec.json.format(text.encode(), indent=-1).decode()
-            except (msgspec.DecodeError, UnicodeEncodeError) as error:
+            except (*BAD_PAYLOAD, UnicodeEncodeError) as error:
                 raise BadLine(self.env.plugin, f"{self.env.plugin} takes JSON: {error}") from error
         if "\n" in text or "\r" in text:
             raise BadLine(self.env.plugin, f"{self.env.plugin} takes one line at a time")
@@ -235,7 +236,7 @@ class Program(Unit):
         if self.parameters.output == "json":
             try:
                 msgspec.json.decode(line.encode(errors="replace"), type=msgspec.Raw)
-            except msgspec.DecodeError:
+            except BAD_PAYLOAD:
                 logger.warning("%s: ignored a line that is not JSON: %.200s", self.env.plugin, line)
                 return False
         self.said.notify(line)

@@ -301,6 +301,19 @@ def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):
     assert table.refused == 1
 
 
+def test_a_mote_with_a_clock_far_ahead_is_heard_like_others():
+    table = MoteTable()
+    fields = {"mote": "m1", "place": PLACE, "quantity": "t", "voltage_v": 3.0, "rssi_dbm": 0, "via": "r1"}
+    for second in range(5):
+        ahead_ns = 10**18 if second == 0 else 0
+        table.note(
+            MoteReading(value=float(second), stamp_ns=to_ns(second), taken_ns=to_ns(second) + ahead_ns, **fields),
+            to_ns(second),
+        )
+    assert table.motes["m1"].latest.value == 4.0
+    assert table.motes["m1"].silent_s(to_ns(4.0)) == 0.0
+
+
 def test_coordinator_that_begins_anew_asks_again_for_what_a_mote_was_at(field, tmp_path):
     from robrain.coordinator.journal.journal import Journal
 

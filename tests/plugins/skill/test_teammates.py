@@ -279,3 +279,32 @@ def test_states_that_come_faster_than_they_are_needed_are_taken_in_seven_times_a
     one.run(3.0, each)
     assert 15 <= len(heard) <= 21
     assert max(heard) > 140
+
+
+class SetClock:
+    """A clock that a test sets."""
+
+    def __init__(self, now_s):
+        self.now_s = now_s
+
+    def now_ns(self):
+        return round(self.now_s * 1e9)
+
+
+def test_mates_are_heard_and_fall_silent_as_before_when_the_clock_was_set_back(stage):
+    one = stage()
+    plugin = one.host("teammates").manager.get("teammates").plugin
+    one.say_state("r2", POSE)
+    one.run(0.3)
+    clock = SetClock(3600.0)
+    plugin.env.clock = clock
+    one.say_state("r2", POSE)
+    assert [mate.pose for mate in plugin.others()] == [POSE]
+    clock.now_s = 10.0
+    moved = Pose2D(3.0, 0.0, 0.0)
+    one.say_state("r2", moved)
+    assert [mate.pose for mate in plugin.others()] == [moved]
+    clock.now_s = 5.0
+    assert plugin.count() == 1
+    clock.now_s = 7.5
+    assert plugin.count() == 0

@@ -108,6 +108,17 @@ def test_json_goes_in_and_comes_out_a_document_a_line(start):
         bench.plugin.send("{")
 
 
+def test_json_that_is_nested_too_deeply_is_left_out_and_the_program_goes_on(start):
+    deep = "[" * 30_000 + "]" * 30_000
+    code = f"print('[' * 30_000 + ']' * 30_000, flush=True); print(1, flush=True)\n{ECHO}"
+    bench = start(code, input="json", output="json", max_line_bytes=100_000)
+    bench.until(lambda: bench.told == ["1"])
+    assert bench.plugin.state().lines_left_out == 1
+    with pytest.raises(BadLine, match="tool takes JSON"):
+        bench.plugin.send(deep)
+    assert bench.plugin.state().running == "running"
+
+
 @pytest.mark.parametrize("text", ["two\nlines", "two\rlines", "x" * 65])
 def test_what_is_no_line_is_not_given_to_it(start, text):
     bench = start(max_line_bytes=64)
