@@ -15,10 +15,11 @@ PAGE = (ROOT / "docs" / "your-robot.md").read_text(encoding="utf-8")
 
 
 def test_its_file_is_a_robots_file_and_its_frames_are_those_of_a_dbc_file(tmp_path: Path) -> None:
-    (text,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+    text, added = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
     path = tmp_path / "r1.toml"
-    path.write_text(text.replace("/etc/robrain/base.dbc", str(ROOT / "protocol" / "can" / "two_wheels.dbc")))
+    path.write_text((text + added).replace("/etc/robrain/base.dbc", str(ROOT / "protocol" / "can" / "two_wheels.dbc")))
     parameters = read_robot_file(path).parameters
+    assert {"localisation", "mapper"} <= parameters.keys()
     base = msgspec.convert(parameters["mocdevice"], MocDevice.Parameters)
     frames = WheelFrames(base.frames, 2, base.base.wheels, base.base.wheel_radius_m)
     assert len(frames.encoders) == 2
