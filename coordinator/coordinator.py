@@ -233,6 +233,10 @@ class Coordinator:
         self.planning.clock_set_back()
         self.left.clock_set_back()
         self.fence.clock_set_back(now_ns)
+        self.motes.clock_set_back(now_ns)
+        self.mote_field.clock_set_back(now_ns)
+        if self.rules is not None:
+            self.rules.clock_set_back(now_ns)
         if self.feed is not None:
             self.feed.clock_set_back(now_ns)
 
