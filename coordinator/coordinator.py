@@ -291,7 +291,7 @@ class Coordinator:
                 received.message.robot, now_ns, hears_coordinator=received.message.hears_coordinator
             )
             if any(not self.tasks.is_possible(one.epoch) for one in (*received.message.held, *received.message.done)):
-                why = "it tells of an epoch that no coordinator gives out"
+                why = "it reports an epoch that no coordinator gives out"
                 self._wire.refusals.note(ROBOT_BALLOT.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
             self.lifecycle.held_elsewhere.hear(received.message, now_ns)
             is_secured, why_impossible = self._wire.member is not None, self._requests.why_impossible

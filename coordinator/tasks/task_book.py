@@ -173,7 +173,7 @@ class TaskBook:
         return self._change(self._open[task_id], TaskState.RUNNING, reason)
 
     def is_possible(self, epoch: int) -> bool:
-        """Whether a coordinator may have given an epoch out that a robot tells of."""
+        """Whether a coordinator may have given out an epoch that a robot reports."""
         return epoch - self._clock.now_ns() // NS_PER_MS <= OUTBID_MAX
 
     def know(self, epoch: int) -> None:

@@ -57,7 +57,7 @@ OpenFile = Callable[[Path, int, Mapping[str, str] | None], "RecordingFile"]
 
 
 class RecordingFiles:
-    """Writes a recording to its file or files. Each says what it is of; keys and schemas are told again in each.
+    """Writes a recording to its file or files. Each file has the metadata, keys and schemas of the whole recording.
 
     Args:
         path: of the file, or what the names of the files are made of.

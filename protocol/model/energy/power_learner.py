@@ -1,8 +1,8 @@
 """Learning what a robot draws: recursive least squares over the terms of its power.
 
 Forgetting is directional (Cao & Schwartz: A directional forgetting algorithm based on the decomposition of the
-information matrix, Automatica 36, 2000): a measurement makes it forget only the old of what it tells, so that a robot
-that stands for an hour still knows what driving costs.
+information matrix, Automatica 36, 2000): old information is discounted only where a measurement replaces it, so that a
+robot that stands for an hour still knows what driving costs.
 
 What the terms leave unexplained is measured by batch means (Law: Simulation Modeling and Analysis, 5th ed., 9.5.3):
 neighbouring residuals are not independent, and the mean of one over a long way varies more than their scatter suggests.

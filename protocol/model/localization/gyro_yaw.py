@@ -148,8 +148,8 @@ class GyroYaw:
     def _compare(self, turned_rad: float, by_wheels_rad: float, elapsed_ns: int) -> None:
         """Hold the gyroscope against the wheels.
 
-        What it has added to the yaw while it was wrong stays: dead reckoning has no jumps (REP 105), and localisation
-        has corrected it meanwhile.
+        A wrong yaw added before that is not taken back: dead reckoning must not jump (REP 105), and localisation
+        corrects the error.
         """
         compared = self._compared
         compared.turned_rad += turned_rad

@@ -1,4 +1,4 @@
-"""A serial line of this computer: it waits for nothing, also when nobody reads at its other end."""
+"""A serial port of this computer never blocks, even if its other end is not read."""
 
 import os
 import pty
