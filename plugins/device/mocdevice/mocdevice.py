@@ -59,5 +59,4 @@ class MocDevice(WheelDevice):
             Counting(frames.modulus, rad_per_tick),
             frames.period_s,
             stamped_at,
-            counts_from_opening=frames.is_speed,
         )

@@ -55,8 +55,6 @@ class OpenLink(NamedTuple):
     period_s: float
     """Of the reports."""
     stamped_at: StampedAt
-    counts_from_opening: bool = False
-    """Whether its counts begin at 0 when it is opened."""
     start_s: float = 0.0
     """A controller that starts when its line is opened may be silent for so long."""
 
@@ -103,7 +101,7 @@ class WheelDevice(Device):
         opened = self.open_link()
         self._counting = opened.counting
         self._where, self._period_ns = opened.where, to_ns(opened.period_s)
-        ticks = None if opened.counts_from_opening else board.wheel_ticks
+        ticks = board.wheel_ticks
         if ticks is not None and len(ticks) != wanted.base.wheels:
             ticks = None
         self._odometry = WheelOdometry(
