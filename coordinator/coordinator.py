@@ -19,7 +19,9 @@ from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.rule_desk import RuleDesk
+from robrain.coordinator.standing.candidate import Elected
 from robrain.coordinator.standing.journal_feed import JournalFeed
+from robrain.coordinator.standing.mandate import Mandate
 from robrain.coordinator.standing.offer_fence import OfferFence
 from robrain.coordinator.tasks.dry_run import DryRuns
 from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
@@ -51,6 +53,8 @@ from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest
 from robrain.protocol.wire.messages.team.team_messages import FrontierSummary, StandByStatus, TeamState
 from robrain.protocol.wire.reasons.idle import IdleReason, TeamHalted
+from robrain.protocol.wire.reasons.tasks import MinorityHeard, NotLeading, TakesOver
+from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
@@ -84,6 +88,7 @@ class Coordinator:
             memory.
         policy: what its plans are for, and how they are made.
         rules: by which it makes tasks from what is sensed.
+        elected: the election that it has won, if robots of the team are witnesses.
 
     """
 
@@ -93,8 +98,11 @@ class Coordinator:
         journal: Journal | None = None,
         policy: PlanningPolicy | None = None,
         rules: Sequence[Rule] = (),
+        elected: Elected | None = None,
     ) -> None:
         self.roster = Roster()
+        self.mandate = None if elected is None else Mandate(wire, self.roster, elected)
+        """Whether it may lead; None if the team has no witnesses."""
         self.stale = StaleWatch(self.roster)
         self.team_map = TeamMap()
         policy = policy or PlanningPolicy()
@@ -138,7 +146,7 @@ class Coordinator:
         self.feed: JournalFeed | None = None
         """Sends the journal's changes to a coordinator that stands by, since one was heard."""
         self.fence = OfferFence(self.roster, self.tasks.journal)
-        lifecycle.reasons.held_back = lambda: self.fence.reason
+        lifecycle.reasons.held_back = self._why_held_back
         wire.answer(COORDINATOR_LEAD, self._lead, serve=Serve.IN_STEP)
         self._term = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
         self.halts = HaltWatch(wire, self.roster)
@@ -158,8 +166,10 @@ class Coordinator:
             reasons.explain,
             DryRuns(self.tasks, self.roster, reasons),
         )
-        if self.tasks.journal.copied_by:
+        if self.tasks.journal.copied_by or self.mandate is not None:
             self._begin_feed()  # the process that has a copy may be leading: offers are held back as before
+        if self.mandate is not None:
+            self._requests.why_not_leading = self._why_not_leading
         self.rules: RuleDesk | None = None
         if rules:
             self.rules = RuleDesk(wire, rules, self.tasks, self.roster, self._requests, self._new_id)
@@ -192,6 +202,10 @@ class Coordinator:
             self._summary_due_ns = now_ns
         if self.rules is not None and self.rules.has_some:
             stage("rules", None, self.rules.step, now_ns)
+        if self.mandate is not None:
+            copy = "" if self.feed is None else self.feed.copy
+            if stage("mandate", True, self.mandate.step, copy, now_ns):
+                self._summary_due_ns = now_ns
         looks = has_heard or self._requests.has_changed or now_ns >= self._look_due_ns
         if looks:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
@@ -204,7 +218,7 @@ class Coordinator:
             self._decide_due_ns = now_ns
         if stage("planning", False, self.planning.step, now_ns):
             self._decide_due_ns = now_ns
-        if looks:
+        if looks and (self.mandate is None or self.mandate.leads(now_ns)):
             stage("withdrawals", None, self.lifecycle.withdraw_strays, now_ns)
         if now_ns >= self._decide_due_ns:
             self._decide_due_ns = now_ns + DECIDE_PERIOD_NS
@@ -219,10 +233,21 @@ class Coordinator:
 
     def _look_who_is_heard(self, now_ns: int) -> None:
         was_fenced = self.fence.reason is not None
-        self.fence.step(self.feed, now_ns)
+        # Witnesses know whether the one with a copy may lead.
+        self.fence.step(self.feed if self.mandate is None else None, now_ns)
         reason = self.fence.reason
         if reason is not None and not was_fenced and not reason.stand_by:
             self.lifecycle.take_back(self.fence.heard_by_most(now_ns), reason, now_ns)
+
+    def _why_held_back(self) -> MinorityHeard | NotLeading | TakesOver | None:
+        why = None if self.mandate is None else self.mandate.why_not(self._wire.clock.now_ns())
+        return why or self.fence.reason
+
+    def _why_not_leading(self) -> str:
+        now_ns = self._wire.clock.now_ns()
+        if self.mandate is None or self.mandate.leads(now_ns):
+            return ""
+        return told(NotLeading(self.mandate.heard(now_ns), len(self.mandate.witnesses)))
 
     def _clock_set_back(self, now_ns: int) -> None:
         """What was due by the old time is due now: a coordinator that is silent meanwhile loses its robots."""
@@ -239,6 +264,8 @@ class Coordinator:
             self.rules.clock_set_back(now_ns)
         if self.feed is not None:
             self.feed.clock_set_back(now_ns)
+        if self.mandate is not None:
+            self.mandate.clock_set_back(now_ns)
 
     def _lead(self, _request: Request[LeadRequest]) -> LeadReply:
         self._decide_due_ns = 0
@@ -318,7 +345,7 @@ class Coordinator:
         self.planning.ends_soon(before, state, now_ns)
 
     def _begin_feed(self) -> JournalFeed:
-        self.feed = self._requests.feed = JournalFeed(self._wire, self.tasks.journal, self._term)
+        self.feed = self._requests.feed = JournalFeed(self._wire, self.tasks.journal, self._term, self.mandate)
         return self.feed
 
     def _take_patch(self, received: Received) -> None:
@@ -368,6 +395,8 @@ class Coordinator:
             self._decide_due_ns = now_ns
 
     def _hand_out(self, now_ns: int) -> None:
+        if self.mandate is not None and self.mandate.why_not(now_ns) is not None:
+            return
         there = [] if self.halts.is_halted else self.roster.up(now_ns)
         up = [robot for robot in there if robot.state is not None and not robot.state.halted]
         stage = self._guard.stage
@@ -455,6 +484,7 @@ class Coordinator:
                 mote_field=self.mote_field.state or UNSET,
                 stand_by=self._stand_by_status(),
                 unwritable=self.tasks.journal.failing or UNSET,
+                lead=UNSET if self.mandate is None else self.mandate.lead(now_ns),
                 last_change=self.tasks.last_change,
             )
         )

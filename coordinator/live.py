@@ -9,6 +9,7 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
+from robrain.coordinator.standing.candidate import Elected
 from robrain.protocol.wire.answers.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -28,15 +29,17 @@ def run_coordinator(
     journal: Journal | None = None,
     policy: PlanningPolicy | None = None,
     rules: Sequence[Rule] = (),
-) -> None:
-    """Coordinate a team until `should_stop()`.
+    elected: Elected | None = None,
+) -> str:
+    """Coordinate a team until `should_stop()`, or until another coordinator was elected; returns who leads then.
 
     The team hears of its coordinator first: what makes plans starts after that, and what the map needs is loaded beside
     the loop. Until it is there, the robots' patches wait.
     """
     arrived = threading.Event()
     wire.on_heard = wire.on_waiting = arrived.set
-    coordinator = Coordinator(wire, journal, policy, rules)
+    coordinator = Coordinator(wire, journal, policy, rules, elected)
+    mandate = coordinator.mandate
     coordinator.team_map.hold()
     collector = None
     loading = threading.Thread(target=_load, name="loading", daemon=True)
@@ -48,7 +51,7 @@ def run_coordinator(
         collector = CalmCollector()
         loading.start()
         is_loading = True
-        while not should_stop():
+        while not should_stop() and (mandate is None or not mandate.superseded):
             arrived.clear()
             began_s = time.thread_time()  # of the CPU: to wait for the disk is no reason to rest
             if is_loading and not loading.is_alive():
@@ -64,6 +67,7 @@ def run_coordinator(
         coordinator.close()
         if is_loading:
             loading.join(JOIN_S)  # it may be amid code that does not bear the interpreter's end
+    return "" if mandate is None else mandate.superseded
 
 
 def _load() -> None:

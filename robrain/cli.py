@@ -18,7 +18,15 @@ from robrain.deploy.bringup.command_line import bringup
 from robrain.deploy.commands.extras import missing_extra
 from robrain.deploy.commands.journal_commands import journal_app
 from robrain.deploy.commands.plugin_commands import plugin_app
-from robrain.deploy.commands.process_options import JournalOption, ListenOption, PortOption, RecordOption, RulesOption
+from robrain.deploy.commands.process_options import (
+    JournalOption,
+    LeadAnywayOption,
+    ListenOption,
+    PortOption,
+    RecordOption,
+    RulesOption,
+    WitnessesOption,
+)
 from robrain.deploy.commands.scenario_options import (
     MapOption,
     MotesOption,
@@ -217,13 +225,18 @@ def coordinator(
     ] = None,
     rules: RulesOption = None,
     stand_by: Annotated[bool, typer.Option("--stand-by", help="Take over when another coordinator has gone.")] = False,
+    witnesses: WitnessesOption = None,
+    lead_anyway: LeadAnywayOption = False,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
     from robrain.deploy.processes.live_commands import coordinator_command
     from robrain.deploy.processes.live_process import place_of
+    from robrain.deploy.processes.standing import Standing
 
     where = place_of(connect, listen)
-    coordinator_command(where, check_name("team", team), journal, objective, planning, rules, stands_by=stand_by)
+    team = check_name("team", team)
+    standing = Standing.of(witnesses, stands_by=stand_by, leads_anyway=lead_anyway)
+    coordinator_command(where, team, journal, objective, planning, rules, standing)
 
 
 @app.command()

@@ -6,7 +6,7 @@ coordinator, if it lives, hears none of that group.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from robrain.agent.board import Board
@@ -94,15 +94,25 @@ class ConsensusDesk:
         board: what the robot knows of itself.
         desk: where tasks are begun.
         chargers: those that the robot knows, arena frame.
+        follows: whether a summary is of a coordinator that leads.
 
     """
 
-    def __init__(self, wire: Endpoint, robot: str, board: Board, desk: TaskDesk, chargers: list[Point2D]) -> None:
+    def __init__(
+        self,
+        wire: Endpoint,
+        robot: str,
+        board: Board,
+        desk: TaskDesk,
+        chargers: list[Point2D],
+        follows: Callable[[TeamState], bool] = lambda _said: True,
+    ) -> None:
         now_ns = wire.clock.now_ns()
         self.known = KnownTasks()
         self.is_leaderless = False
         """Whether this robot and more than half of the team allocate tasks by themselves."""
         self._robot, self._board, self._desk, self._chargers = robot, board, desk, chargers
+        self._follows = follows
         self._intake = TaskIntake(robot, self.known, desk)
         self._look = TaskLook(wire, self.known)
         self._inbox = Inbox(capacity=4096)
@@ -230,7 +240,7 @@ class ConsensusDesk:
         for received in self._inbox.drain() if self._inbox.has_some else ():
             message = received.message
             match message:
-                case TeamState():
+                case TeamState() if self._follows(message):
                     self._heard_ns = now_ns
                     self._note_team(message, now_ns)
                     self._look.hear_summary(message.last_change, now_ns)

@@ -35,6 +35,7 @@ from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
 from robrain.agent.task_desk import TaskDesk
+from robrain.agent.witness import Witness, WitnessInMemory, WitnessMemory
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.border.refusals import Refusals, most_refused
 from robrain.protocol.wire.clock import Clock, to_ns
@@ -49,7 +50,9 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import DropTaken, T
 from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.team.witness_messages import WitnessReply, WitnessRequest
 from robrain.protocol.wire.reasons.offers import RobotHalted, StoodStill
+from robrain.protocol.wire.standing_topics import ROBOT_WITNESS
 from robrain.protocol.wire.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -99,6 +102,7 @@ class AgentHost:
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
         distributions: `entry_point_places()`, where several robots share a process; None looks for them.
         manifests: files found by the robots of a run that were set up before, by folder; None looks anew.
+        memory: where the robot stores what coordinators that want to lead were told; None forgets it at the end.
 
     """
 
@@ -115,12 +119,14 @@ class AgentHost:
         has_one_thread: bool = False,
         distributions: list[tuple[Path, str]] | None = None,
         manifests: dict[Path, list[Path]] | None = None,
+        memory: WitnessMemory | None = None,
     ) -> None:
         self.name = robot_file.robot.name
         self.drive = drive
         self.clock = clock
         self.board = Board()
         self.desk = TaskDesk()
+        self.witness = Witness(memory or WitnessInMemory(), clock.now_ns())
         self._registry = Registry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
         self._registry.has_one_thread = has_one_thread
         self.manager = PluginManager(self._registry)
@@ -165,7 +171,9 @@ class AgentHost:
         self._consensus: ConsensusDesk | None = None
         if robot_file.robot.consensus:
             chargers = chargers_in(robot_file.parameters)
-            self._consensus = ConsensusDesk(self._wire, self.name, self.board, self.desk, chargers)
+            self._consensus = ConsensusDesk(
+                self._wire, self.name, self.board, self.desk, chargers, self.witness.follows
+            )
 
     def open_folder(self, folder: Path) -> None:
         """Allow loading plugins by path from a folder, as if it were listed in the robot's `loadable`."""
@@ -204,6 +212,7 @@ class AgentHost:
         wire.answer(ROBOT_SUBMIT, self._submitted, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_CANCEL, self._cancelled, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_WITNESS, self._witnessed, serve=Serve.IN_STEP, robot=robot)
         wire.token(ROBOT_ALIVE, robot=robot)
 
     def step(self) -> None:
@@ -220,7 +229,8 @@ class AgentHost:
             # A process that was stopped finds summaries of any age: they may have come right after its last step.
             heard_ns = self._slept_ns if now_ns < self._awake_ns else now_ns
             for received in self._inbox.drain():
-                self.desk.hear_coordinator(received.message, self.name, heard_ns)
+                if self.witness.hear(received.message, now_ns):
+                    self.desk.hear_coordinator(received.message, self.name, heard_ns)
         self._stepped_ns = now_ns
         for wire in self._wires:
             if wire.has_waiting:
@@ -253,6 +263,7 @@ class AgentHost:
     def _clock_set_back(self, now_ns: int) -> None:
         self._slept_ns, self._awake_ns = min(self._slept_ns, now_ns), min(self._awake_ns, now_ns)
         self.manager.faults.clock_set_back(now_ns)
+        self.witness.clock_set_back(now_ns)
         if self._consensus is not None:
             self._consensus.clock_set_back(now_ns)
 
@@ -295,6 +306,7 @@ class AgentHost:
                 goes_on_s=msgspec.UNSET if self._consensus is None else GOES_ON_S,
                 changes_heard=msgspec.UNSET if self._consensus is None else self._consensus.changes_heard,
                 refused=most_refused(self._refusals) if self._refusals.total else msgspec.UNSET,
+                led=self.witness.led or msgspec.UNSET,
                 left_out=(self.thinning.total if self.thinning is not None else 0) or msgspec.UNSET,
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
             )
@@ -376,6 +388,9 @@ class AgentHost:
 
     def _costs(self, request: Request[CostsRequest]) -> list[TaskCost]:
         return [self.desk.cost(task) for task in request.asked.tasks]
+
+    def _witnessed(self, request: Request[WitnessRequest]) -> WitnessReply:
+        return self.witness.answer(request.asked, self.clock.now_ns())
 
     def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:
         if self._consensus is not None and self._consensus.is_telling(self.clock.now_ns()):

@@ -12,6 +12,7 @@ The file is locked for as long as the journal is open. Stamps come with the reco
 
 import logging
 import os
+import secrets
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -57,6 +58,7 @@ class Journal(JournalReading):
         factory: makes the connection.
         sync: see `DiskSync`.
         lock_timeout_s: how long to wait for another process that has it open; `LOCK_TIMEOUT_S` if None.
+        new_name: draws the name of a journal that has none.
 
     Raises:
         JournalLocked: another coordinator writes it.
@@ -71,6 +73,7 @@ class Journal(JournalReading):
         factory: type[sqlite3.Connection] = sqlite3.Connection,
         sync: Sync = os.fdatasync,
         lock_timeout_s: float | None = None,
+        new_name: Callable[[], str] = lambda: secrets.token_hex(8),
     ) -> None:
         super().__init__(path)
         self.failing = ""
@@ -79,7 +82,7 @@ class Journal(JournalReading):
         """What there is to tell of the opening: a damaged file, and what of it was read."""
         self.on_written: Callable[[JournalEntry], None] | None = None
         """Called with each transaction once it is in the file; `seq` is left to be filled in."""
-        self._factory = factory
+        self._factory, self._new_name = factory, new_name
         self._lock_timeout_s = LOCK_TIMEOUT_S if lock_timeout_s is None else lock_timeout_s
         self._ends = 0
         self._db = self._open_or_salvage()
@@ -206,6 +209,20 @@ class Journal(JournalReading):
             self._db.execute("UPDATE standing SET copied_by = ?", (process,))
 
     @property
+    def name(self) -> str:
+        """By which witnesses remember this journal; drawn when it is first asked for (JournalUnwritable).
+
+        A copy of another journal has a name of its own, and so has what was salvaged from a damaged one: it may lack
+        what was in it.
+        """
+        name = str(self._db.execute("SELECT name FROM standing").fetchone()[0])
+        if not name:
+            name = self._new_name()
+            with self._transaction(durable=True):
+                self._db.execute("UPDATE standing SET name = ?", (name,))
+        return name
+
+    @property
     def on_their_own(self) -> dict[str, int]:
         """Robots that continue without a coordinator, with the time each was last heard; empty if unreadable."""
         text = self._db.execute("SELECT on_their_own FROM standing").fetchone()[0]
@@ -287,7 +304,7 @@ class Journal(JournalReading):
                 raise JournalUnwritable(self.path, f"cannot be put aside: {error}") from error
         with self._transaction(durable=True):
             self._db.execute("UPDATE copy SET state = 'partial'")
-            self._db.execute("UPDATE standing SET copied_by = '', pairing = '', on_their_own = '{}'")
+            self._db.execute("UPDATE standing SET copied_by = '', name = '', on_their_own = '{}'")
             for table in ("task", "change", "alarm"):
                 self._db.execute(f"DELETE FROM {table}")
 

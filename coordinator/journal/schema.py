@@ -79,6 +79,8 @@ MIGRATIONS: tuple[str, ...] = (
     """,
     # 7: the robots that go on without a coordinator, and when each was heard last, as JSON.
     "ALTER TABLE standing ADD COLUMN on_their_own TEXT NOT NULL DEFAULT '{}';",
+    # 8: the journal's own name, by which witnesses remember that it has all that was acknowledged. No pairings.
+    "ALTER TABLE standing DROP COLUMN pairing; ALTER TABLE standing ADD COLUMN name TEXT NOT NULL DEFAULT '';",
 )
 
 VERSION = len(MIGRATIONS)

@@ -7,11 +7,13 @@ is out of step: the coordinator goes on alone and says so, until the other has e
 import logging
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.standing.mandate import Mandate
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.messages.team.standing_messages import (
@@ -35,11 +37,22 @@ PATIENCE_NS = to_ns(1.0)
 """A change that is on the other's disk no sooner, or a silence of that length, puts it out of step (chosen)."""
 PAUSE_NS = to_ns(5.0)
 """One that was silent or too slow is waited for again after this, so that it does not delay every answer (chosen)."""
+GIVE_UP_NS = 2 * PATIENCE_NS
+"""A change that cannot be acknowledged by then, as another coordinator may lead, is not (chosen)."""
 KEPT_MAX = 4096
 """Changes kept to be sent again. One that stands by and lacks more asks for a new copy."""
 PAGE_BYTES = 4_000_000
 
 Tell = Callable[[], None]
+Fail = Callable[[str], None]
+
+
+class _Waiting(NamedTuple):
+    number: int
+    """Of the change that is waited for."""
+    since_ns: int
+    tell: Tell
+    fail: Fail
 
 
 class JournalFeed:
@@ -49,13 +62,16 @@ class JournalFeed:
         wire: the coordinator's Zenoh endpoint.
         journal: its journal.
         term: the first epoch of this coordinator.
+        mandate: its right to lead, if the team has witnesses. It goes on alone only once they know that.
 
     """
 
-    def __init__(self, wire: Endpoint, journal: Journal, term: int) -> None:
+    def __init__(self, wire: Endpoint, journal: Journal, term: int, mandate: Mandate | None = None) -> None:
         self.stand_by = ""
         """The process that is in step; empty if none is."""
-        self._journal, self._term, self._clock = journal, term, wire.clock
+        self.copy = ""
+        """The journal of the process that is in step, as witnesses remember it; empty if none is."""
+        self._journal, self._term, self._clock, self._mandate = journal, term, wire.clock, mandate
         self._put = wire.publisher(COORDINATOR_JOURNAL).put
         self._last = 0
         self._kept: deque[JournalEntry] = deque(maxlen=KEPT_MAX)
@@ -68,8 +84,7 @@ class JournalFeed:
         self._had_copy, self._copy_heard_ns = journal.copied_by, self._clock.now_ns()
         """The process that had a whole copy last, and when it was heard to follow this coordinator."""
         self._noted_copy = self._had_copy
-        self._waiting: deque[tuple[int, int, Tell]] = deque()
-        """Number of the change, since when, and what to call."""
+        self._waiting: deque[_Waiting] = deque()
         journal.on_written = self._written
         wire.answer(COORDINATOR_COPY, self._page, serve=Serve.IN_STEP)
 
@@ -90,6 +105,8 @@ class JournalFeed:
         if said.process != self._process:
             self._leave(f"{said.process} stands by now")
             self._process, self._sent = said.process, 0
+        if self._mandate is not None and said.journal is not msgspec.UNSET and said.led is not msgspec.UNSET:
+            self._mandate.hear_copy(said.journal, said.led)
         self._heard_ns, self._trouble = now_ns, said.trouble
         is_of_here = said.term == self._term and said.on_disk <= self._last
         self._on_disk = said.on_disk if is_of_here else 0
@@ -100,25 +117,29 @@ class JournalFeed:
         elif self._joins_at is None and now_ns >= self._pause_ns:
             self._joins_at = self._last
         if not self.stand_by and self._joins_at is not None and self._on_disk >= self._joins_at:
-            self.stand_by = said.process
+            self.stand_by, self.copy = said.process, said.journal or ""
             logger.warning("the coordinator that stands by, %s, is in step", said.process)
-        while self._waiting and self._waiting[0][0] <= self._on_disk:
-            self._waiting.popleft()[2]()
+        self._tell_kept()
 
     def silent_copy(self, now_ns: int, silence_ns: int) -> str:
         """The process that has a copy of the journal and has not been heard to follow it for so long; empty if none."""
         return self._had_copy if now_ns - self._copy_heard_ns > silence_ns else ""
 
-    def when_kept(self, tell: Tell) -> None:
-        """Call `tell` in a step once all changes so far are on the other's disk; at once if none is in step."""
-        if self._joins_at is None or self._on_disk >= self._last:
-            tell()
-        else:
-            self._waiting.append((self._last, self._clock.now_ns(), tell))
+    def when_kept(self, tell: Tell, fail: Fail) -> None:
+        """Call `tell` in a step once all changes so far are on the other's disk; at once if none is in step.
+
+        With witnesses, `fail` is called instead, with a reason, if they do not learn in time that none is in step: then
+        another coordinator may lead, with a journal that lacks the changes.
+        """
+        self._waiting.append(_Waiting(self._last, self._clock.now_ns(), tell, fail))
+        self._tell_kept()
 
     def step(self, now_ns: int) -> None:
         """Send what is new; give up on one that is silent or too slow."""
-        is_slow = bool(self._waiting) and now_ns - self._waiting[0][1] > PATIENCE_NS
+        self._tell_kept()
+        while self._waiting and now_ns - self._waiting[0].since_ns > GIVE_UP_NS:
+            self._waiting.popleft().fail("this coordinator is not heard by enough witnesses, and another may lead")
+        is_slow = bool(self._waiting) and now_ns - self._waiting[0].since_ns > PATIENCE_NS
         if self._joins_at is not None and (is_slow or now_ns - self._heard_ns > PATIENCE_NS):
             self._pause_ns = now_ns + PAUSE_NS
             self._leave("it is too slow" if now_ns - self._heard_ns <= PATIENCE_NS else "it is silent")
@@ -131,7 +152,14 @@ class JournalFeed:
             self._sent = entries[-1].seq if entries else self._last
             first = self._kept[0].seq if self._kept else 1
             self._put(
-                JournalChanges(term=self._term, first=first, last=self._last, entries=entries, stand_by=self.stand_by)
+                JournalChanges(
+                    term=self._term,
+                    first=first,
+                    last=self._last,
+                    entries=entries,
+                    stand_by=self.stand_by,
+                    lead=msgspec.UNSET if self._mandate is None else self._mandate.lead(now_ns),
+                )
             )
 
     def clock_set_back(self, now_ns: int) -> None:
@@ -139,22 +167,36 @@ class JournalFeed:
         self._heard_ns, self._put_ns = min(self._heard_ns, now_ns), min(self._put_ns, now_ns)
         self._copy_heard_ns = min(self._copy_heard_ns, now_ns)
         self._pause_ns = min(self._pause_ns, now_ns + PAUSE_NS)
-        self._waiting = deque((number, min(since_ns, now_ns), tell) for number, since_ns, tell in self._waiting)
+        self._waiting = deque(one._replace(since_ns=min(one.since_ns, now_ns)) for one in self._waiting)
 
     def close(self) -> None:
         """The coordinator ends; who waits still is told that nothing more is waited for."""
         self._journal.on_written = None
         self._leave("the coordinator ends")
+        while self._waiting:
+            self._waiting.popleft().fail("this coordinator ends, and another may lead")
 
     def _leave(self, why: str) -> None:
         if self.stand_by:
             logger.error("the coordinator that stands by, %s, is out of step (%s): changes are acknowledged without it",
                          self.stand_by, why)  # fmt: skip
-            self.stand_by = ""
+            self.stand_by = self.copy = ""
         self._joins_at = None
         self._trouble = why
-        while self._waiting:
-            self._waiting.popleft()[2]()
+        self._tell_kept()
+
+    def _tell_kept(self) -> None:
+        """Tell those who wait for changes that are kept wherever they have to be."""
+        while self._waiting and self._is_kept(self._waiting[0].number):
+            self._waiting.popleft().tell()
+
+    def _is_kept(self, number: int) -> bool:
+        is_on_disk = self._joins_at is not None and self._on_disk >= number
+        if self._mandate is None:
+            return self._joins_at is None or is_on_disk
+        if self._joins_at is None:
+            return self._mandate.may_acknowledge("")
+        return is_on_disk and self._mandate.may_acknowledge(self.copy)
 
     def _note_copy(self, process: str, now_ns: int) -> None:
         self._had_copy, self._copy_heard_ns = process, now_ns

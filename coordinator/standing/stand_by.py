@@ -2,13 +2,20 @@
 
 It asks for the whole journal page by page, then follows the changes. A change with a number that does not follow is
 left, and sent again; a coordinator with another term, or that no longer has the changes, is copied again.
+
+If robots of the team are witnesses, it stands for election while it hears no coordinator that leads, also with a
+journal that is no copy; they know whether that has all that was acknowledged. Meanwhile it follows nothing, so that
+nothing is acknowledged that it may lack.
 """
 
 import logging
 from enum import StrEnum
 
+from msgspec import UNSET, UnsetType
+
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.standing.candidate import Candidate, Elected
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.answers.later import Later
 from robrain.protocol.wire.clock import to_ns
@@ -21,6 +28,7 @@ from robrain.protocol.wire.messages.team.standing_messages import (
     JournalPage,
     StandByState,
 )
+from robrain.protocol.wire.messages.team.witness_messages import Led
 from robrain.protocol.wire.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
 
 logger = logging.getLogger(__name__)
@@ -28,6 +36,8 @@ logger = logging.getLogger(__name__)
 TELL_NS = to_ns(0.2)
 SILENT_NS = to_ns(1.5)
 """A coordinator that is silent for longer is gone, as for robots."""
+STAND_NS = to_ns(2.0)
+"""It stands for election after this much silence: longer than the lease that it gives (`mandate.LEASE_NS`)."""
 ASK_TIMEOUT_S = 2.0
 
 
@@ -52,15 +62,24 @@ class StandBy:
         wire: this process's Zenoh endpoint.
         journal: its own journal, which becomes the copy.
         process: names this process.
+        candidate: with which it stands for election; None if the team has no witnesses.
 
     """
 
-    def __init__(self, wire: Endpoint, journal: Journal, process: str) -> None:
-        self._wire, self._journal, self._process = wire, journal, process
+    def __init__(self, wire: Endpoint, journal: Journal, process: str, candidate: Candidate | None = None) -> None:
+        self.elected: Elected | None = None
+        """The election that it has won; from then on it does nothing any more."""
+        self._wire, self._journal, self._process, self._candidate = wire, journal, process, candidate
+        self._began_ns = wire.clock.now_ns()
         self._inbox = Inbox(capacity=4096)
         wire.subscribe(self._inbox, COORDINATOR_JOURNAL)
         self._tell = wire.publisher(COORDINATOR_STAND_BY)
         self._term = self._written = self._on_disk = self._told = 0
+        self._name = "" if candidate is None else journal.name
+        """Of the journal, as witnesses remember it; empty if there are none."""
+        self._election = 0
+        """Of the coordinator that leads, as far as was heard."""
+        self._led: Led | UnsetType = UNSET
         self._is_kept_by = ""
         self._heard_ns: int | None = None
         self._tell_ns = 0
@@ -86,8 +105,10 @@ class StandBy:
         return self._heard_ns is not None and now_ns - self._heard_ns > SILENT_NS
 
     def step(self) -> None:
-        """Hear what has changed, write it, and say how far it is."""
+        """Hear what has changed, write it, and say how far it is; or stand for election."""
         now_ns = self._wire.clock.now_ns()
+        if self.elected is not None:
+            return
         try:
             for received in self._inbox.drain() if self._inbox.has_some else ():
                 self._hear(received.message, now_ns)
@@ -101,16 +122,60 @@ class StandBy:
             self._trouble = cut(str(error))
         if self._on_disk != self._told or not 0 <= now_ns - self._tell_ns < TELL_NS:
             self._tell_ns, self._told = now_ns, self._on_disk
-            said = StandByState(process=self._process, term=self._term, on_disk=self._on_disk, trouble=self._trouble)
-            self._tell.put(said)
+            self._tell.put(
+                StandByState(
+                    process=self._process,
+                    term=self._term,
+                    on_disk=self._on_disk,
+                    trouble=self._trouble,
+                    journal=self._name or UNSET,
+                    led=self._led,
+                )
+            )
+        if self._candidate is not None:
+            self._stand_for_election(self._candidate, now_ns)
+
+    def _stand_for_election(self, candidate: Candidate, now_ns: int) -> None:
+        heard_ns = self._began_ns if self._heard_ns is None else min(self._heard_ns, now_ns)
+        if now_ns - heard_ns <= STAND_NS or self._journal.copied == "partial":
+            candidate.rest()
+            return
+        candidate.journal = self._name
+        won = candidate.step(now_ns, is_copy=bool(self._journal.copied))
+        if won is not None:
+            self.elected = Elected(candidate.witnesses, self._name, won)
+
+    def _is_heard(self, candidate: Candidate, changes: JournalChanges) -> bool:
+        """Whether changes are of a coordinator that leads, and not while this one may be elected."""
+        lead = changes.lead
+        if lead is UNSET:
+            return True  # an operator has started it without witnesses
+        if lead.journal == self._name:
+            return False
+        candidate.note(lead.election)
+        if lead.election < self._election:
+            return False
+        if not lead.is_suspended:
+            self._election = lead.election
+            self._led = Led(election=lead.election, stamp_ns=changes.stamp_ns)
+            candidate.rest()
+        return not candidate.is_asking and (not lead.is_suspended or changes.term == self._term)
 
     def _hear(self, changes: JournalChanges, now_ns: int) -> None:
-        if changes.term < max(self._term, self._copying_term):
+        if self._candidate is not None and not self._is_heard(self._candidate, changes):
+            return
+        if changes.lead is not UNSET and changes.lead.is_suspended:
+            self._follow(changes)
+            return
+        if self._candidate is None and changes.term < max(self._term, self._copying_term):
             return  # of a coordinator that was replaced
         self._heard_ns, self._is_kept_by = now_ns, changes.stand_by
-        if changes.term > max(self._term, self._copying_term):
+        if changes.term != (self._copying_term or self._term):
             self._begin_copy(changes.term)
             return
+        self._follow(changes)
+
+    def _follow(self, changes: JournalChanges) -> None:
         if self._copying_term:
             return  # sent again once the copy is whole
         if changes.first > self._written + 1:
@@ -124,6 +189,7 @@ class StandBy:
 
     def _begin_copy(self, term: int) -> None:
         self._journal.begin_copy()
+        self._name = self._journal.name if self._name else ""
         while self._journal.told:
             logger.warning("%s", self._journal.told.pop(0))
         self._term, self._copying_term, self._trouble = 0, term, ""

@@ -69,6 +69,8 @@ class TaskRequests:
         """Whether a task was submitted or cancelled since the reader last set it to False."""
         self.feed: JournalFeed | None = None
         """To a coordinator that stands by, for whose disk answers wait as well."""
+        self.why_not_leading: Callable[[], str] = str
+        """Why this coordinator takes nothing in, in words, as another one may lead; empty if it leads."""
         self._clock: Clock = wire.clock
         self._traces = wire.traces
         self._book = book
@@ -87,6 +89,8 @@ class TaskRequests:
     def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
         asked = request.asked
+        if why := self.why_not_leading():
+            raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
         known = self._book.find(asked.task.id)
         if known is None:
             self._traces.note(asked.task.id, request.trace)
@@ -163,11 +167,15 @@ class TaskRequests:
                 text = f"task {record.task.id} is accepted, but a power cut may lose it: {error}"
                 tell(None if error is None else CallError(ErrorCode.FAILED, text, str(error)))
 
+            def not_kept(why: str) -> None:
+                text = f"task {record.task.id} may get lost: {why}; ask again"
+                tell(CallError(ErrorCode.FAILED, text, why))
+
             journal = self._book.journal
             if self.feed is None:
                 journal.when_on_disk(told)
             else:
-                self.feed.when_kept(lambda: journal.when_on_disk(told))
+                self.feed.when_kept(lambda: journal.when_on_disk(told), not_kept)
 
         return Deferred(record, when)
 
@@ -189,6 +197,8 @@ class TaskRequests:
 
     def _cancel(self, request: Request[TaskRequest]) -> TaskRecord | Deferred[TaskRecord]:
         asked = request.asked
+        if why := self.why_not_leading():
+            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
         record = self._known(asked.id)
         if record.state is TaskState.CANCELLED:
             return record if self.feed is None else self._once_on_disk(record)

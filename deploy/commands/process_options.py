@@ -15,6 +15,13 @@ RulesOption = Annotated[
 JournalOption = Annotated[
     Path | None, typer.Option(help="File for the tasks; default: TEAM.journal in this folder. With `up`: none is kept.")
 ]
+WitnessesOption = Annotated[
+    str | None,
+    typer.Option(help="Robots, such as r1,r2,r3, that elect one of several coordinators with journals of their own."),
+]
+LeadAnywayOption = Annotated[
+    bool, typer.Option("--lead-anyway", help="With --witnesses: no other journal has more, by your word.")
+]
 PortOption = Annotated[int | None, typer.Option("--port", help="Port of the dashboard's page; 0 takes a free one.")]
 
 

@@ -16,6 +16,7 @@ from robrain.deploy.processes.live_process import LiveStop, note, open_when_ther
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
+from robrain.deploy.processes.witness_file import WitnessFile, witness_path
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.clock import WallClock
@@ -59,7 +60,8 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         # Plugins in separate processes connect to the robot's endpoint, or to the robot itself if it has none.
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
         robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
-        host = AgentHost(robot_file, robot.parent, session, WallClock(), Drive.LIVE)
+        memory = WitnessFile(witness_path(table.team, table.name))
+        host = AgentHost(robot_file, robot.parent, session, WallClock(), Drive.LIVE, memory=memory)
         CONTEXT.robot, CONTEXT.task = host.name, host.task_and_trace
 
         def tell_plugins() -> None:

@@ -24,6 +24,7 @@ from robrain.deploy.processes.live_process import (
 )
 from robrain.deploy.processes.name_claim import LOOK_PERIOD_S, NameWatch, claim_coordinator
 from robrain.deploy.processes.secured_start import check_certificate, check_rights
+from robrain.deploy.processes.standing import Standing
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.clock import WallClock
@@ -35,6 +36,7 @@ if TYPE_CHECKING:  # brings SQLite, which the dashboard does not need
     from robrain.coordinator.journal.journal import Journal
 
 DEFAULT_DASHBOARD_PORT = 8080
+NO_ELECTION = Standing()
 
 
 def coordinator_command(
@@ -44,8 +46,7 @@ def coordinator_command(
     objective: Objective | None = None,
     planning: Path | None = None,
     rules: Path | None = None,
-    *,
-    stands_by: bool = False,
+    standing: Standing = NO_ELECTION,
 ) -> None:
     """Coordinate a team until Ctrl-C; wait until the endpoint answers.
 
@@ -56,7 +57,7 @@ def coordinator_command(
         objective: planning objective, overriding the file's.
         planning: file with a `[planning]` table.
         rules: file with `[[rules]]`.
-        stands_by: wait for as long as another coordinator is there, then take over.
+        standing: how it comes to lead.
 
     Raises:
         RobrainError: in one sentence.
@@ -92,8 +93,21 @@ def coordinator_command(
     if identity is not None:
         check_rights("coordinator", note, session, where, identity)
 
+    path = journal if journal is not None else Path(f"{team}.journal")
+    stands_by = standing.stands_by
+    if standing.witnesses:
+        from robrain.deploy.processes.electing import Candidacy, lead_when_elected
+
+        def lead() -> None:
+            should_stop.ready()
+            tell(f"coordinator: of team {team}; Ctrl-C ends it")
+
+        with closing(session):
+            should_stop.ready()
+            candidacy = Candidacy(team, path, standing.witnesses, standing.is_forced)
+            lead_when_elected(session, candidacy, policy, kept_rules, should_stop, lead, _note)
+        return
     with closing(session), claim_coordinator(session, team) as claim, live_endpoint(session, team) as wire:
-        path = journal if journal is not None else Path(f"{team}.journal")
         if stands_by:
             should_stop.ready()
         if stands_by and not follow_journal(wire, path, claim.info, should_stop, _note):

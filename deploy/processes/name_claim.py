@@ -116,11 +116,7 @@ class NameClaim:
             is_held = bool(seen.having) or seen.is_alive
             if not is_held and not seen.asking:
                 if ASKS in self._tokens:
-                    # Declared first, as a process that sees the token may query at once.
-                    self._wire.answer(
-                        self._keys.who, self._tell_who, serve=Serve.AT_ONCE, at_once=(), **self._keys.names
-                    )
-                    self._declare(HAS)
+                    self.take_over()
                     self._withdraw(ASKS)
                     return True
                 self._declare(ASKS)  # then look again: another may have asked meanwhile
@@ -149,6 +145,12 @@ class NameClaim:
                     raise self._taken(_said_by(seen))
             time.sleep(LOOK_PERIOD_S)
         return False
+
+    def take_over(self) -> None:
+        """Take the name, whoever else has it: a coordinator that was elected."""
+        # Declared first, as a process that sees the token may query at once.
+        self._wire.answer(self._keys.who, self._tell_who, serve=Serve.AT_ONCE, at_once=(), **self._keys.names)
+        self._declare(HAS)
 
     def settle(self) -> None:
         """Withdraw the claim's tokens, as the process's `alive` token now marks the name as taken.

@@ -3,7 +3,7 @@
 from types import NoneType
 
 from robrain.protocol.wire.errors import ErrorCode
-from robrain.protocol.wire.messages.team import standing_messages
+from robrain.protocol.wire.messages.team import standing_messages, witness_messages
 from robrain.protocol.wire.topic import Delivery, Query, Role, Topic, Urgency
 
 COORDINATOR_JOURNAL = Topic(
@@ -58,4 +58,20 @@ COORDINATOR_LEAD = Query(
     reply=standing_messages.LeadReply,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
-STANDING_ROWS = (COORDINATOR_JOURNAL, COORDINATOR_STAND_BY, COORDINATOR_COPY, COORDINATOR_BACKUP, COORDINATOR_LEAD)
+ROBOT_WITNESS = Query(
+    name="robot_witness",
+    pattern="robot/{robot}/witness",
+    doc="A coordinator asks a robot to elect it, or to remember which journals have all that was acknowledged",
+    by=Role.ROBOT,
+    request=witness_messages.WitnessRequest,
+    reply=witness_messages.WitnessReply,
+    urgency=Urgency.INTERACTIVE_HIGH,
+)
+STANDING_ROWS = (
+    COORDINATOR_JOURNAL,
+    COORDINATOR_STAND_BY,
+    COORDINATOR_COPY,
+    COORDINATOR_BACKUP,
+    COORDINATOR_LEAD,
+    ROBOT_WITNESS,
+)

@@ -11,13 +11,19 @@ from robrain.coordinator.journal.journal import Journal
 
 
 class JournalDisk:
-    """Holds the journal between two lives of a coordinator."""
+    """Holds the journal between two lives of a coordinator.
 
-    def __init__(self) -> None:
+    Args:
+        name: what journals on it are named by, with a number.
+
+    """
+
+    def __init__(self, name: str = "disk") -> None:
         self.is_full = False
         """Whether nothing can be written."""
         self._kept = sqlite3.connect(":memory:")
         self._connection: sqlite3.Connection | None = None
+        self._name, self._names = name, 0
 
     def open(self) -> Journal:
         """The journal as the last coordinator left it."""
@@ -26,7 +32,7 @@ class JournalDisk:
         class Connection(_Connection):
             of: ClassVar[JournalDisk] = disk
 
-        return Journal(factory=Connection)
+        return Journal(factory=Connection, new_name=self._new_name)
 
     def pull(self) -> None:
         """The coordinator is killed: what it has committed stays, and nobody writes any more."""
@@ -35,6 +41,10 @@ class JournalDisk:
                 self._connection.rollback()
             self._connection.backup(self._kept)
             self._connection = None
+
+    def _new_name(self) -> str:
+        self._names += 1
+        return f"{self._name}-{self._names}"
 
     def attach(self, connection: sqlite3.Connection) -> None:
         """A coordinator has opened it."""

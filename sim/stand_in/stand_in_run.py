@@ -12,6 +12,7 @@ import zenoh
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.witness import WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -56,6 +57,8 @@ class StandInRun:
         self.clock = VirtualClock()
         self.exchange = FaultyExchange.on(shared_session(), self.clock, script.seed)
         self.disk = JournalDisk()
+        self.memories = {robot.name: WitnessInMemory() for robot in script.robots}
+        """What robots have answered as witnesses; it outlives their agents."""
         self.drained: set[str] = set()
         """Robots whose battery a fault has drained."""
         self.wire = self._endpoint()
@@ -137,6 +140,7 @@ class StandInRun:
             has_one_thread=True,
             distributions=[],
             manifests=_MANIFESTS,
+            memory=self.memories[robot.name],
         )
         host.start()
         base = host.manager.get("point_base").plugin

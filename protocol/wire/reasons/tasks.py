@@ -131,6 +131,15 @@ class NotBefore(Reason, frozen=True, tag="not_before"):
     """Time until it may begin."""
 
 
+class NotLeading(Reason, frozen=True, tag="not_leading"):
+    """The coordinator may not offer tasks, as another one may lead."""
+
+    heard: Count
+    """Witnesses that hear it, and are heard."""
+    witnesses: Count
+    """All witnesses: robots that elect coordinators."""
+
+
 class Outranked(Reason, frozen=True, tag="outranked"):
     """There are as many tasks that are more urgent as a plan may have."""
 
@@ -141,6 +150,10 @@ class PlanLeavesOut(Reason, frozen=True, tag="plan_leaves_out"):
     """By the plan nobody is to do it."""
 
     because: LeftOut
+
+
+class TakesOver(Reason, frozen=True, tag="takes_over"):
+    """The coordinator was elected just now, and listens first what another one has offered."""
 
 
 class TeamLacks(Reason, frozen=True, tag="team_lacks"):
@@ -384,6 +397,7 @@ Standing = (
     | NobodyThere
     | NoPlan
     | NotBefore
+    | NotLeading
     | NotOffered
     | Outranked
     | PartsUntold
@@ -392,6 +406,7 @@ Standing = (
     | RuleEvent
     | RuleReading
     | Said
+    | TakesOver
     | TeamLacks
     | ToBegin
     | TooFewRobots

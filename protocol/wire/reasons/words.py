@@ -185,6 +185,8 @@ def words(reason: AnyReason) -> str:
             return f"it may begin in {in_s:.1f} s"
         case robots.NotHeard():
             return "nothing heard yet"
+        case tasks.NotLeading(heard=heard, witnesses=count):
+            return f"{heard} of {count} witnesses hear the coordinator, and another one may lead"
         case tasks.NotOffered():
             return "it was offered to nobody"
         case robots.NotReady():
@@ -253,6 +255,8 @@ def words(reason: AnyReason) -> str:
             return "idle because its next task begins soon"
         case idle.TeamHalted():
             return "idle because the team is halted"
+        case tasks.TakesOver():
+            return "the coordinator has just taken over and listens first"
         case tasks.TeamLacks(plugins=plugins):
             return f"no robot of the team has {' or '.join(plugins)}"
         case tasks.ToBegin(robot=robot, in_s=in_s, to_soc=to_soc):

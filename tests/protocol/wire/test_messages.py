@@ -16,7 +16,13 @@ from robrain.protocol.wire.messages import message
 from robrain.protocol.wire.messages.maps import map_messages
 from robrain.protocol.wire.messages.robots import host_messages, plugin_messages, robot_messages
 from robrain.protocol.wire.messages.tasks import offer_messages, plan_messages, rule_messages
-from robrain.protocol.wire.messages.team import arena_messages, replay_messages, standing_messages, team_messages
+from robrain.protocol.wire.messages.team import (
+    arena_messages,
+    replay_messages,
+    standing_messages,
+    team_messages,
+    witness_messages,
+)
 from robrain.protocol.wire.reasons.idle import NoWay
 from robrain.protocol.wire.reasons.offers import NoPath
 from robrain.protocol.wire.reasons.robots import LostContact, Refused
@@ -44,6 +50,8 @@ FUNCTION = plugin_messages.FunctionInfo(
 FAULTED = [robot_messages.PluginFault(plugin="scan", why="no lidar")]
 HALTED = team_messages.HaltStatus(halted=True, by=["operator"], reason="somebody walks there", since_ns=1_400_000_000,
                                   stamp_ns=1_400_000_000, stopped=["r1"], not_stopped=["r2"])  # fmt: skip
+LEAD = witness_messages.Lead(election=3, journal="5ac3", is_suspended=True, heard=1, witnesses=["r1", "r2", "r3"])
+LED = witness_messages.Led(election=3, stamp_ns=1_400_000_000)
 EXAMPLES = [
     *EXAMPLES_OF_LINKS,
     robot_messages.RobotState(
@@ -103,6 +111,7 @@ EXAMPLES = [
         goes_on_s=120.0,
         changes_heard=41,
         refused=REFUSED,
+        led=LED,
         left_out=12,
     ),
     map_messages.MapPatch(
@@ -188,9 +197,16 @@ EXAMPLES = [
             )
         ],
         stand_by="host-12",
+        lead=LEAD,
     ),
     standing_messages.StandByState(
-        **STAMP, process="host-12", term=1_700_000_000_000, on_disk=7, trouble="the disk is full"
+        **STAMP,
+        process="host-12",
+        term=1_700_000_000_000,
+        on_disk=7,
+        trouble="the disk is full",
+        journal="5ac3",
+        led=LED,
     ),
     team_messages.TeamState(
         **STAMP,
@@ -216,6 +232,7 @@ EXAMPLES = [
         tasks_done=6,
         messages=1234,
         last_change=41,
+        lead=LEAD,
         halt=HALTED,
         stale=[TopicStale("robot_state", "r2", 0.42, 0.3)],
         stand_by=STAND_BY,

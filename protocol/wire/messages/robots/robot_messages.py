@@ -28,6 +28,7 @@ from robrain.protocol.model.ranges import (
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.refusals import Refused
 from robrain.protocol.wire.messages.message import COVARIANCE_LENGTHS, Covariance, Message, Result, SharedMessage
+from robrain.protocol.wire.messages.team.witness_messages import Led
 from robrain.protocol.wire.reasons import OfferRefusal
 
 
@@ -127,6 +128,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Changes of tasks up to this number it has heard of, if it goes on without a coordinator."""
     refused: Refused = msgspec.UNSET
     """Messages and requests that the robot's host and plugins have refused."""
+    led: Led | msgspec.UnsetType = msgspec.UNSET
+    """The coordinator that the robot follows, if it was elected; absent otherwise."""
     left_out: Count | msgspec.UnsetType = msgspec.UNSET
     """Messages of its telemetry that it has not sent, as its link is thin; absent if none."""
 

@@ -12,6 +12,7 @@ from msgspec import Meta
 from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Stamp, Text
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.tasks.task_messages import TaskChange, TaskRecord
+from robrain.protocol.wire.messages.team.witness_messages import Lead, Led
 
 ENTRIES_MAX = 64
 PAGE_TASKS = 64
@@ -73,6 +74,8 @@ class JournalChanges(Message, frozen=True, kw_only=True):
     """Some of the changes, in order of their numbers."""
     stand_by: Name = ""
     """The process that the coordinator waits for before it acknowledges a change; empty if for none."""
+    lead: Lead | msgspec.UnsetType = msgspec.UNSET
+    """By whom the coordinator was elected; absent if the team has no witnesses."""
 
 
 class StandByState(Message, frozen=True, kw_only=True):
@@ -86,6 +89,10 @@ class StandByState(Message, frozen=True, kw_only=True):
     """All changes up to this one are on its disk."""
     trouble: Text = ""
     """Why it cannot follow, in words; empty if it can."""
+    journal: Name | msgspec.UnsetType = msgspec.UNSET
+    """Names its journal, if the team has witnesses who remember that; absent otherwise."""
+    led: Led | msgspec.UnsetType = msgspec.UNSET
+    """The elected coordinator that it follows: it does not stand for election within 2 s. Absent if there is none."""
 
 
 class LeadRequest(msgspec.Struct, frozen=True, kw_only=True):

@@ -21,6 +21,7 @@ from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.robots.robot_messages import Faults
 from robrain.protocol.wire.messages.tasks.rule_messages import Rules
+from robrain.protocol.wire.messages.team.witness_messages import Lead
 from robrain.protocol.wire.reasons import IdleReason, Unavailable
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.reasons.wire import TopicStale
@@ -128,6 +129,8 @@ class TeamState(Message, frozen=True, kw_only=True):
     """The coordinator that stands by with a journal of its own; absent if there was none."""
     unwritable: Text | msgspec.UnsetType = msgspec.UNSET
     """Why its journal could not be written the last time; absent if it could. No task is accepted meanwhile."""
+    lead: Lead | msgspec.UnsetType = msgspec.UNSET
+    """By whom the coordinator was elected, if the team has witnesses for that; absent if it has none."""
     last_change: Count = 0
     """Number of the last change of a task; who has not heard of all up to it may ask for the tasks."""
 

@@ -33,6 +33,7 @@ ORDERS: dict[str, set[MemberRole]] = {
     "robot_withdraw": {C},
     "robot_submit": {OP, D},
     "robot_cancel": {OP},
+    "robot_witness": {C},
     "task_submit": {OP, D},
     "task_cancel": {OP, D},
     "coordinator_objective": {OP},

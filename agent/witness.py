@@ -1,0 +1,183 @@
+"""A robot as a witness: which coordinator it has elected, and which journals have all that was acknowledged.
+
+What it has answered is stored first, as it must not be forgotten by a restart. A robot that is no witness is never
+asked, and still follows the coordinator that was elected last.
+"""
+
+import logging
+from typing import Protocol
+
+import msgspec
+
+from robrain.protocol.model.ranges import Count, Name, Stamp
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.wire.messages.team.witness_messages import (
+    Holders,
+    Led,
+    WitnessRefusal,
+    WitnessReply,
+    WitnessRequest,
+    WitnessWish,
+)
+
+logger = logging.getLogger(__name__)
+
+SILENT_NS = to_ns(2.0)
+"""A coordinator that was heard, or elected, within this time is not voted out. A coordinator suspends itself sooner:
+`LEASE_NS` in `coordinator/standing/mandate.py`."""
+
+
+class Kept(msgspec.Struct, frozen=True, kw_only=True):
+    """What a witness remembers."""
+
+    election: Count = 0
+    """The greatest number of an election in which it has taken part, or of a coordinator that it has obeyed."""
+    journal: Name = ""
+    """The journal of the coordinator of that election."""
+    began_ns: Stamp = 0
+    """When that coordinator began to ask."""
+    before: Name = ""
+    """The journal of the last coordinator with another one; empty if there was none."""
+    number: Count = 0
+    """Of the last wish to hold in that election."""
+    holders: Holders = []
+    """The journals that have all that was acknowledged; none if it was never told."""
+
+
+class WitnessMemory(Protocol):
+    """Where a witness stores what it remembers."""
+
+    def read(self) -> Kept:
+        """What was stored last (OSError, ValueError)."""
+
+    def write(self, kept: Kept) -> None:
+        """Store it; it survives a power cut when this returns (OSError)."""
+
+
+class WitnessInMemory:
+    """Forgets with the process, for lockstep."""
+
+    def __init__(self) -> None:
+        self._kept = Kept()
+
+    def read(self) -> Kept:
+        """See WitnessMemory."""
+        return self._kept
+
+    def write(self, kept: Kept) -> None:
+        """See WitnessMemory."""
+        self._kept = kept
+
+
+class Witness:
+    """Answers coordinators that want to lead, and says whose summaries count.
+
+    Args:
+        memory: where it stores what it has answered.
+        now_ns: when the robot's host starts. It may have obeyed a coordinator just before.
+
+    """
+
+    def __init__(self, memory: WitnessMemory, now_ns: int) -> None:
+        self._memory = memory
+        self._heard_ns = now_ns
+        self._obeyed = ""
+        """The journal of the coordinator that was heard, or elected, last."""
+        self._heard = Led(election=0, stamp_ns=0)
+        """The last summary of a coordinator that was elected and leads."""
+        self._is_readable = True
+        try:
+            self._kept = memory.read()
+        except (OSError, ValueError) as error:
+            logger.warning("what the robot has answered as a witness cannot be read, so it answers nothing: %s", error)
+            self._kept, self._is_readable = Kept(), False
+
+    @property
+    def led(self) -> Led | None:
+        """The coordinator that the robot follows, and its last summary; None if none was ever elected.
+
+        A coordinator that it has elected since, and has not heard yet, has sent none (stamp 0).
+        """
+        newest = max(self._heard, Led(election=self._kept.election, stamp_ns=0), key=lambda one: one.election)
+        return newest if newest.election else None
+
+    def follows(self, said: TeamState) -> bool:
+        """Whether a summary is of a coordinator that leads, as far as this robot knows."""
+        lead = said.lead
+        if lead is msgspec.UNSET:
+            return True  # of a team without witnesses
+        return not lead.is_suspended and lead.election >= self._greatest
+
+    def hear(self, said: TeamState, now_ns: int) -> bool:
+        """Take in a summary; returns whether it is of a coordinator that leads."""
+        if not self.follows(said):
+            return False
+        if said.lead is not msgspec.UNSET:
+            self._obeyed, self._heard_ns = said.lead.journal, now_ns
+            self._heard = Led(election=said.lead.election, stamp_ns=said.stamp_ns)
+        return True
+
+    def answer(self, asked: WitnessRequest, now_ns: int) -> WitnessReply:
+        """Do as a coordinator asks, or refuse."""
+        self.clock_set_back(now_ns)
+        refusal = self._why_not(asked, now_ns)
+        if refusal is None:
+            refusal = self._store(asked)
+        if refusal is None and asked.wish is WitnessWish.ELECT:
+            self._obeyed, self._heard_ns = asked.journal, now_ns
+        return WitnessReply(refusal=refusal, election=self._greatest, before=self._kept.before)
+
+    def clock_set_back(self, now_ns: int) -> None:
+        """Nothing was heard later than now."""
+        self._heard_ns = min(self._heard_ns, now_ns)
+
+    @property
+    def _greatest(self) -> int:
+        return max(self._heard.election, self._kept.election)
+
+    def _why_not(self, asked: WitnessRequest, now_ns: int) -> WitnessRefusal | None:
+        kept = self._kept
+        if not self._is_readable:
+            return WitnessRefusal.UNWRITABLE
+        if asked.election < self._greatest:
+            return WitnessRefusal.OUTVOTED
+        if asked.wish is WitnessWish.HOLD:  # asked by the one that has won the election
+            is_late = asked.election == kept.election and asked.number < kept.number
+            return WitnessRefusal.OUTVOTED if is_late else None
+        if asked.election == kept.election:
+            return None if (asked.journal, asked.began_ns) == (kept.journal, kept.began_ns) else WitnessRefusal.OUTVOTED
+        if asked.election == self._heard.election:
+            return WitnessRefusal.OUTVOTED
+        if asked.forced:
+            return None
+        if now_ns - self._heard_ns <= SILENT_NS and self._obeyed != asked.journal:
+            return WitnessRefusal.LEADER_HEARD
+        lacks = asked.journal not in kept.holders if kept.holders else asked.is_copy
+        return WitnessRefusal.LACKS_CHANGES if lacks else None
+
+    def _store(self, asked: WitnessRequest) -> WitnessRefusal | None:
+        kept = self._kept
+        if asked.wish is WitnessWish.HOLD:
+            holders, number = asked.holders, asked.number
+        else:
+            holders = [asked.journal] if asked.forced else kept.holders
+            number = kept.number if asked.election == kept.election else 0
+        before = kept.before if asked.journal == kept.journal else kept.journal
+        wanted = Kept(
+            election=asked.election,
+            journal=asked.journal,
+            began_ns=asked.began_ns,
+            before=before,
+            number=number,
+            holders=holders,
+        )
+        if wanted == kept:
+            return None
+        try:
+            self._memory.write(wanted)
+        except OSError as error:
+            logger.warning("what the robot answers as a witness cannot be stored: %s", error)
+            return WitnessRefusal.UNWRITABLE
+        self._kept = wanted
+        return None

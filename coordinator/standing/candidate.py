@@ -1,0 +1,125 @@
+"""A coordinator that wants to lead: it asks the witnesses to elect it, again and again until more than half do."""
+
+import zlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from robrain.coordinator.standing.poll import Poll
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.messages.team.witness_messages import WitnessRefusal, WitnessRequest, WitnessWish
+
+POLL_NS = to_ns(1.5)
+"""An election that is not won by then is given up (chosen)."""
+PAUSE_NS = to_ns(0.1)
+PAUSES = 24
+"""Between two elections pass 0.1 to 2.4 s, drawn from the journal's name and the election's number, so that two
+candidates do not keep each other from being elected: each witness votes for nobody else within 2 s (chosen)."""
+WORDS = {
+    WitnessRefusal.LEADER_HEARD: "has just heard or elected another coordinator",
+    WitnessRefusal.OUTVOTED: "has taken part in a later election",
+    WitnessRefusal.LACKS_CHANGES: "this journal may lack what another coordinator has acknowledged (--lead-anyway)",
+    WitnessRefusal.UNWRITABLE: "cannot store its vote",
+}
+
+
+class Won(NamedTuple):
+    """An election that a coordinator has won."""
+
+    election: int
+    """Its number."""
+    asked_ns: int
+    """More than half of the witnesses were asked at this time or later: they elect no other one for 2 s."""
+    is_after_another: bool
+    """Whether another journal's coordinator led before; its offers may still be under way."""
+
+
+class Elected(NamedTuple):
+    """A coordinator that was elected to lead."""
+
+    witnesses: tuple[str, ...]
+    """Names of the robots that elect."""
+    journal: str
+    """Names its journal."""
+    won: Won
+    """The election."""
+
+
+class Candidate:
+    """Stands for election.
+
+    Args:
+        wire: its Zenoh endpoint.
+        witnesses: names of robots.
+        journal: names its journal.
+        is_forced: an operator says that no other journal has more.
+
+    """
+
+    def __init__(self, wire: Endpoint, witnesses: Sequence[str], journal: str, *, is_forced: bool = False) -> None:
+        self.journal, self.witnesses, self.is_forced = journal, tuple(witnesses), is_forced
+        self.why = ""
+        """Why the last election was not won, in words."""
+        self._wire = wire
+        self._began_ns = wire.clock.now_ns()
+        self._greatest = 0
+        """The greatest number of an election that was heard of."""
+        self._poll: Poll | None = None
+        self._again_ns: int | None = None
+
+    @property
+    def is_asking(self) -> bool:
+        """Whether witnesses may be electing it just now."""
+        return self._poll is not None
+
+    def note(self, election: int) -> None:
+        """An election of this number was held."""
+        self._greatest = max(self._greatest, election)
+
+    def rest(self) -> None:
+        """Stand for no election; what witnesses answer yet does not count."""
+        self._poll = self._again_ns = None
+
+    def step(self, now_ns: int, *, is_copy: bool) -> Won | None:
+        """Ask, or take in answers; returns the election once it is won."""
+        poll = self._poll
+        if poll is None:
+            if self._again_ns is not None and 0 < self._again_ns - now_ns <= PAUSES * PAUSE_NS:
+                return None
+            poll = self._begin(now_ns, is_copy=is_copy)
+        poll.step(now_ns)
+        self.note(poll.election)
+        if poll.is_won:
+            self._poll = self._again_ns = None
+            self.why = ""
+            return Won(poll.request.election, poll.won_ns, bool(poll.befores - {"", self.journal}))
+        if poll.is_lost or not 0 <= now_ns - poll.began_ns <= POLL_NS:
+            self.why = self._why(poll)
+            self._poll, self._again_ns = None, now_ns
+            if poll.election <= poll.request.election:  # else it only had to learn the number
+                draw = zlib.crc32(f"{self.journal} {poll.request.election}".encode()) % PAUSES
+                self._again_ns = now_ns + (1 + draw) * PAUSE_NS
+        return None
+
+    def _begin(self, now_ns: int, *, is_copy: bool) -> Poll:
+        self._greatest += 1
+        request = WitnessRequest(
+            wish=WitnessWish.ELECT,
+            election=self._greatest,
+            journal=self.journal,
+            began_ns=self._began_ns,
+            is_copy=is_copy,
+            forced=self.is_forced,
+        )
+        self._poll = Poll(self._wire, self.witnesses, request, now_ns)
+        return self._poll
+
+    def _why(self, poll: Poll) -> str:
+        silent = [name for name in self.witnesses if name not in poll.granted_ns and name not in poll.refusals]
+        parts = []
+        for refusal, words in WORDS.items():
+            if names := [name for name in self.witnesses if poll.refusals.get(name) is refusal]:
+                parts.append(f"{', '.join(names)}: {words}")
+        if silent:
+            parts.append(f"{', '.join(silent)}: no answer")
+        return f"{len(poll.granted_ns)} of {len(self.witnesses)} witnesses elect it; {'; '.join(parts)}"

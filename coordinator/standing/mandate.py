@@ -1,0 +1,220 @@
+"""The right of a coordinator to lead, for teams whose robots are witnesses: whether it holds, and who may follow.
+
+The witnesses remember which journals have all that was acknowledged: this coordinator's, and that of the one that
+stands by, while it is in step. No coordinator with another journal is elected. A change may be acknowledged if each
+journal that could be elected has it.
+
+A coordinator leads while no other can have been elected: nobody else has a journal for that; or the one that has it
+follows this coordinator; or more than half of the witnesses have heard this one lately. Who hears it returns the stamp
+of the last message heard, so the lease counts by the coordinator's own clock from when that was sent. It ends sooner
+than the other one stands for election, or the witnesses elect it. Without a lease nothing is offered, and no robot's
+lease is renewed; the coordinator stands for election again.
+"""
+
+import logging
+from collections.abc import Sequence
+
+import msgspec
+
+from robrain.coordinator.standing.candidate import Candidate, Elected
+from robrain.coordinator.standing.poll import Poll
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.team.witness_messages import Lead, Led, WitnessRequest, WitnessWish
+from robrain.protocol.wire.reasons.tasks import NotLeading, TakesOver
+from robrain.protocol.wire.topics import COORDINATOR_STATE
+
+logger = logging.getLogger(__name__)
+
+LEASE_NS = to_ns(1.7)
+"""A witness votes for no other coordinator for 2 s after it has heard a summary (`agent/witness.py`). The rest is for
+clocks that do not run alike, and for a step that takes long (chosen)."""
+LISTEN_NS = to_ns(2.0)
+"""A coordinator that follows another one listens before its first offer: what the other has offered last is reported
+by then, or its lease has run out."""
+NOBODY = Led(election=0, stamp_ns=0)
+
+
+class Mandate:
+    """What a coordinator may do.
+
+    Args:
+        wire: its Zenoh endpoint.
+        roster: the robots that it hears.
+        elected: its election.
+
+    """
+
+    def __init__(self, wire: Endpoint, roster: Roster, elected: Elected) -> None:
+        self._wire, self._roster = wire, roster
+        self.journal, self._won = elected.journal, elected.won
+        self._candidate = Candidate(wire, elected.witnesses, elected.journal)
+        self._candidate.note(self._won.election)
+        now_ns = wire.clock.now_ns()
+        self._listen_until_ns = now_ns + LISTEN_NS if self._won.is_after_another else now_ns
+        self._inbox = Inbox()
+        wire.subscribe(self._inbox, COORDINATOR_STATE)
+        self.superseded = ""
+        """By whom, in words; empty while nobody else leads."""
+        self._possible: frozenset[str] | None = None
+        """Journals that could be elected; None before the witnesses were told."""
+        self._held: frozenset[str] = frozenset()
+        """Journals that more than half of the witnesses remember."""
+        self._copy, self._copy_led = "", NOBODY
+        """The journal of the one that stands by, and what it has heard last."""
+        self._number = 0
+        self._poll: Poll | None = None
+        self._was_leading = True
+
+    @property
+    def witnesses(self) -> Sequence[str]:
+        """Names of robots."""
+        return self._candidate.witnesses
+
+    def leads(self, now_ns: int) -> bool:
+        """Whether no other coordinator can have been elected."""
+        if self.superseded:
+            return False
+        # Nobody else can be elected, or only one that has not stood for election.
+        is_only = self._possible is not None and self._possible <= {self.journal, self._followed_by(now_ns)}
+        return is_only or self._is_backed(now_ns)
+
+    def _is_backed(self, now_ns: int) -> bool:
+        """Whether more than half of the witnesses vote for nobody else now."""
+        is_elected_now = 0 <= now_ns - self._won.asked_ns <= LEASE_NS
+        return is_elected_now or 2 * self.heard(now_ns) > len(self.witnesses)
+
+    def _followed_by(self, now_ns: int) -> str:
+        """The journal of a coordinator that stands by and has heard this one lately; empty if there is none."""
+        return self._copy if self._is_fresh(self._copy_led, now_ns) else ""
+
+    def hear_copy(self, journal: str, led: Led) -> None:
+        """A coordinator that stands by says whom it follows."""
+        self._copy, self._copy_led = journal, led
+
+    def heard(self, now_ns: int) -> int:
+        """Witnesses that have heard its summary lately, as they say."""
+        return sum(self._is_heard_by(name, now_ns) for name in self.witnesses)
+
+    def why_not(self, now_ns: int) -> NotLeading | TakesOver | None:
+        """Why no task is offered; None if tasks may be offered."""
+        if not self.leads(now_ns):
+            return NotLeading(self.heard(now_ns), len(self.witnesses))
+        # What it decides must not get lost with its machine before any task is done by it.
+        is_held = bool(self._held) and self.journal in self._held
+        if is_held and not 0 < self._listen_until_ns - now_ns <= LISTEN_NS:
+            return None
+        return TakesOver()
+
+    def may_acknowledge(self, copy: str) -> bool:
+        """Whether a change may be acknowledged that is in its journal, and in another one.
+
+        Args:
+            copy: names the other journal; empty if there is none.
+
+        """
+        return self._possible is not None and self._possible <= {self.journal, copy}
+
+    def lead(self, now_ns: int) -> Lead:
+        """As its summary says it."""
+        return Lead(
+            election=self._won.election,
+            journal=self.journal,
+            is_suspended=not self.leads(now_ns),
+            heard=self.heard(now_ns),
+            witnesses=list(self.witnesses),
+        )
+
+    def step(self, copy: str, now_ns: int) -> bool:
+        """Hear others, stand for election if need be, and tell the witnesses who has everything.
+
+        Args:
+            copy: the journal that is in step; empty if none is.
+            now_ns: the time.
+
+        Returns:
+            Whether robots must hear at once how it is.
+
+        """
+        self._hear()
+        if self.superseded:
+            return False
+        election = self._won.election
+        for name in self.witnesses:
+            self._candidate.note(self._led(name).election)
+        leads = self.leads(now_ns)
+        if self._was_leading and not leads:
+            logger.error(
+                "the coordinator does not lead any more: %d of %d witnesses hear it; it stands for election",
+                self.heard(now_ns), len(self.witnesses),
+            )  # fmt: skip
+        if leads and not self._is_outvoted():
+            self._candidate.rest()
+            # Without enough witnesses the other could not be elected, and this one not go on without it.
+            adds = copy if copy in self._held or self._is_backed(now_ns) else ""
+            self._hold(frozenset({self.journal, adds} - {""}), now_ns)
+        else:
+            self._poll = None
+            won = self._candidate.step(now_ns, is_copy=False)
+            if won is not None:
+                self._won, self._number, self._held = won, 0, frozenset()
+                if not leads:
+                    logger.warning("the coordinator leads again, by election %d", won.election)
+        before, self._was_leading = (self._was_leading, election), self.leads(now_ns)
+        return before != (self._was_leading, self._won.election)
+
+    def clock_set_back(self, now_ns: int) -> None:
+        """The lease counts by stamps: those in the future do not count."""
+        self._listen_until_ns = min(self._listen_until_ns, now_ns + LISTEN_NS)
+
+    def _is_heard_by(self, name: str, now_ns: int) -> bool:
+        return self._is_fresh(self._led(name), now_ns)
+
+    def _is_fresh(self, led: Led, now_ns: int) -> bool:
+        return led.election == self._won.election and 0 <= now_ns - led.stamp_ns <= LEASE_NS
+
+    def _is_outvoted(self) -> bool:
+        """Whether a witness has taken part in a later election that nobody has won: until the next it obeys nobody."""
+        return any(self._led(name).election > self._won.election for name in self.witnesses)
+
+    def _led(self, name: str) -> Led:
+        robot = self._roster.robots.get(name)
+        led = msgspec.UNSET if robot is None or robot.state is None else robot.state.led
+        return NOBODY if led is msgspec.UNSET else led
+
+    def _hear(self) -> None:
+        for received in self._inbox.drain() if self._inbox.has_some else ():
+            lead = received.message.lead
+            if lead is msgspec.UNSET or lead.journal == self.journal or lead.is_suspended:
+                continue
+            self._candidate.note(lead.election)
+            if lead.election > self._won.election:
+                self.superseded = f"another coordinator leads, by election {lead.election}"
+
+    def _hold(self, holders: frozenset[str], now_ns: int) -> None:
+        poll = self._poll
+        if poll is None or frozenset(poll.request.holders) != holders:
+            if poll is None and holders == self._held:
+                return
+            poll = self._ask_to_hold(holders, now_ns)
+        poll.step(now_ns)
+        self._candidate.note(poll.election)
+        if poll.is_won:
+            self._held = self._possible = holders
+            if poll.is_unanimous:
+                self._poll = None
+
+    def _ask_to_hold(self, holders: frozenset[str], now_ns: int) -> Poll:
+        self._number += 1
+        self._possible = None if self._possible is None else self._possible | holders
+        request = WitnessRequest(
+            wish=WitnessWish.HOLD,
+            election=self._won.election,
+            journal=self.journal,
+            number=self._number,
+            holders=sorted(holders),
+        )
+        self._poll = Poll(self._wire, self.witnesses, request, now_ns)
+        return self._poll

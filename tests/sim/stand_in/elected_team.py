@@ -1,0 +1,122 @@
+"""A run of the stand-in with two coordinators, each on its own machine, and robots as their witnesses."""
+
+import numpy as np
+
+from robrain.coordinator.coordinator import Coordinator
+from robrain.coordinator.standing.candidate import Candidate
+from robrain.coordinator.standing.stand_by import StandBy
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from robrain.sim.faults.fault_times import FaultTimes
+from robrain.sim.faults.kept_journal import JournalDisk
+from robrain.sim.faults.process import Process
+from robrain.sim.stand_in.fault_script import FaultScript
+from robrain.sim.stand_in.stand_in_run import StandInRun
+
+OTHER = "stand_by"
+SITES = (COORDINATOR, OTHER)
+LAST_S = 60.0
+
+
+class Site:
+    """One machine with a coordinator: stands by, leads, and stands by again once another one leads."""
+
+    def __init__(self, run: "ElectedRun", process: Process, disk: JournalDisk) -> None:
+        self._run, self._process = run, process
+        self._journal = disk.open()
+        self.coordinator: Coordinator | None = None
+        self.took_over = 0
+        self._begin()
+
+    def step(self) -> None:
+        """Take the step of the part that it plays."""
+        if self.coordinator is not None:
+            self.coordinator.step()
+            if self.coordinator.mandate.superseded:
+                self.coordinator.close()
+                self._wire.close()
+                self.coordinator = None
+                self._begin()
+            return
+        self._stand_by.step()
+        if self._stand_by.elected is not None:
+            self._wire.close()
+            self._wire = self._run._endpoint(self._process)
+            self._journal.own()
+            self._run.elections.append(self._stand_by.elected.won.election)
+            self.coordinator = Coordinator(self._wire, self._journal, self._run._policy, elected=self._stand_by.elected)
+
+    def close(self) -> None:
+        """End it."""
+        if self.coordinator is not None:
+            self.coordinator.close()
+
+    def leads(self) -> bool:
+        """Whether it would offer tasks now."""
+        now_ns = self._process.clock.now_ns()
+        return self.coordinator is not None and self.coordinator.mandate.leads(now_ns)
+
+    def _begin(self) -> None:
+        self._wire = self._run._endpoint(self._process)
+        candidate = Candidate(self._wire, self._run.witnesses, self._journal.name)
+        self._stand_by = StandBy(self._wire, self._journal, self._process.name, candidate)
+
+
+class ElectedRun(StandInRun):
+    """Robots remember over restarts what they have answered; both coordinators have disks of their own."""
+
+    def __init__(self, script: FaultScript, faults: tuple[FaultSpec, ...]) -> None:
+        self.witnesses = [robot.name for robot in script.robots]
+        self.elections: list[int] = []
+        self.disks = {name: JournalDisk(name) for name in SITES}
+        super().__init__(script)
+        self.times = FaultTimes((*script.faults, *faults), script.seed)
+        self.disk = self.disks[COORDINATOR]
+        self._add(OTHER, self._start_coordinator)
+
+    def site(self, name: str) -> Site | None:
+        found = self.processes[name].component
+        return found if isinstance(found, Site) else None
+
+    @property
+    def coordinator(self) -> Coordinator | None:
+        """The one that leads; None if none does."""
+        for name in self.leading():
+            return self.site(name).coordinator
+        return None
+
+    def leading(self) -> list[str]:
+        """Who would offer tasks now."""
+        return [
+            name
+            for name in SITES
+            if (site := self.site(name)) is not None and self.processes[name].is_awake and site.leads()
+        ]
+
+    def tick(self) -> None:
+        super().tick()
+        self.processes[OTHER].step(self.clock.now_ns())
+
+    def _start_coordinator(self, process: Process) -> Site:
+        return Site(self, process, self.disks[process.name])
+
+    def _set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
+        if fault.robot == OTHER and fault.kind is FaultKind.KILL and begins:
+            self.disks[OTHER].pull()
+        super()._set(number, fault, begins=begins)
+
+
+def faults_of_sites(seed: int, robots: list[str]) -> tuple[FaultSpec, ...]:
+    """Kills, hangs and cuts of either machine."""
+    rng = np.random.default_rng([seed, 77])
+    found = []
+    for _ in range(int(rng.integers(1, 5))):
+        at_s = round(float(rng.uniform(3.0, LAST_S)), 1)
+        until_s = round(at_s + float(rng.uniform(0.5, 20.0)), 1)
+        kind = FaultKind(str(rng.choice([FaultKind.KILL, FaultKind.HANG, FaultKind.PARTITION])))
+        site, other = (SITES, SITES[::-1])[int(rng.integers(2))]
+        side = ()
+        if kind is FaultKind.PARTITION:
+            with_it = [name for name in (*robots, other) if rng.random() < 0.4]
+            side = tuple(sorted(with_it))
+        found.append(FaultSpec(robot=site, kind=kind, at_s=at_s, until_s=until_s, side=side))
+    return tuple(found)
