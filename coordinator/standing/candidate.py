@@ -34,6 +34,29 @@ class Won(NamedTuple):
     """Whether another journal's coordinator led before; its offers may still be under way."""
 
 
+class Lost(NamedTuple):
+    """An election that a coordinator has not won."""
+
+    witnesses: tuple[str, ...]
+    """Names of the robots that elect."""
+    granted: frozenset[str]
+    """Who has elected it."""
+    refusals: tuple[tuple[str, WitnessRefusal], ...]
+    """Who has not, and why; nobody who has not answered."""
+
+    @property
+    def words(self) -> str:
+        """In one line."""
+        refusals = dict(self.refusals)
+        parts = []
+        for refusal, words in WORDS.items():
+            if names := [name for name in self.witnesses if refusals.get(name) is refusal]:
+                parts.append(f"{', '.join(names)}: {words}")
+        if silent := [name for name in self.witnesses if name not in self.granted and name not in refusals]:
+            parts.append(f"{', '.join(silent)}: no answer")
+        return f"{len(self.granted)} of {len(self.witnesses)} witnesses elect it; {'; '.join(parts)}"
+
+
 class Elected(NamedTuple):
     """A coordinator that was elected to lead."""
 
@@ -58,8 +81,8 @@ class Candidate:
 
     def __init__(self, wire: Endpoint, witnesses: Sequence[str], journal: str, *, is_forced: bool = False) -> None:
         self.journal, self.witnesses, self.is_forced = journal, tuple(witnesses), is_forced
-        self.why = ""
-        """Why the last election was not won, in words."""
+        self.lost: Lost | None = None
+        """How the last election was lost; None if it was won."""
         self._wire = wire
         self._began_ns = wire.clock.now_ns()
         self._greatest = 0
@@ -91,12 +114,13 @@ class Candidate:
         self.note(poll.election)
         if poll.is_won:
             self._poll = self._again_ns = None
-            self.why = ""
+            self.lost = None
             return Won(poll.request.election, poll.won_ns, bool(poll.befores - {"", self.journal}))
         if poll.is_lost or not 0 <= now_ns - poll.began_ns <= POLL_NS:
-            self.why = self._why(poll)
+            self.lost = Lost(self.witnesses, frozenset(poll.granted_ns), tuple(sorted(poll.refusals.items())))
             self._poll, self._again_ns = None, now_ns
-            if poll.election <= poll.request.election:  # else it only had to learn the number
+            has_learnt_number = not poll.granted_ns and poll.election > poll.request.election
+            if not has_learnt_number:
                 draw = zlib.crc32(f"{self.journal} {poll.request.election}".encode()) % PAUSES
                 self._again_ns = now_ns + (1 + draw) * PAUSE_NS
         return None
@@ -113,13 +137,3 @@ class Candidate:
         )
         self._poll = Poll(self._wire, self.witnesses, request, now_ns)
         return self._poll
-
-    def _why(self, poll: Poll) -> str:
-        silent = [name for name in self.witnesses if name not in poll.granted_ns and name not in poll.refusals]
-        parts = []
-        for refusal, words in WORDS.items():
-            if names := [name for name in self.witnesses if poll.refusals.get(name) is refusal]:
-                parts.append(f"{', '.join(names)}: {words}")
-        if silent:
-            parts.append(f"{', '.join(silent)}: no answer")
-        return f"{len(poll.granted_ns)} of {len(self.witnesses)} witnesses elect it; {'; '.join(parts)}"

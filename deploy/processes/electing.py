@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import zenoh
 
+from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.live import run_coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -24,6 +25,9 @@ from robrain.protocol.model.ranges import NAME_MAX, cut
 
 WHY_PERIOD_S = 5.0
 """From the start, and between two notes why it is not elected, at least."""
+
+AGAIN_S = 1.0
+"""Pause after an election that came to nothing, as the journal cannot be written."""
 
 
 class Candidacy(NamedTuple):
@@ -70,17 +74,35 @@ def lead_when_elected(
                 return
             is_forced = False
             note(f"elected, by election {elected.won.election}")
-            claim.take_over()
-            with closing(Journal(candidacy.journal)) as journal, live_endpoint(session, candidacy.team) as wire:
-                journal.own()
-
-                def ready(claim: NameClaim = claim) -> None:
-                    claim.settle()
-                    on_ready()
-
-                superseded = run_coordinator(wire, should_stop, ready, journal, policy, rules, elected)
+            try:
+                superseded = _lead(session, candidacy, elected, claim, policy, rules, should_stop, on_ready)
+            except JournalUnwritable as error:
+                superseded = str(error)
+                time.sleep(AGAIN_S)
         if superseded:
-            note(f"{superseded}: this one stands by for it")
+            note(f"{superseded}: this one stands by")
+
+
+def _lead(
+    session: zenoh.Session,
+    candidacy: Candidacy,
+    elected: Elected,
+    claim: NameClaim,
+    policy: PlanningPolicy,
+    rules: Sequence[Rule],
+    should_stop: Callable[[], bool],
+    on_ready: Callable[[], None],
+) -> str:
+    """Lead until `should_stop()`, or until another one leads; returns that in words."""
+    claim.take_over()
+    with closing(Journal(candidacy.journal)) as journal, live_endpoint(session, candidacy.team) as wire:
+        journal.own()
+
+        def ready() -> None:
+            claim.settle()
+            on_ready()
+
+        return run_coordinator(wire, should_stop, ready, journal, policy, rules, elected)
 
 
 def _await_election(
@@ -96,15 +118,15 @@ def _await_election(
         candidate = Candidate(wire, candidacy.witnesses, journal.name, is_forced=is_forced)
         stand_by = StandBy(wire, journal, cut(f"{claim.info.host}-{claim.info.pid}", NAME_MAX), candidate)
         told: Following | None = None
-        why, why_s = "", time.monotonic() + WHY_PERIOD_S
+        lost, why_s = candidate.lost, time.monotonic() + WHY_PERIOD_S
         while stand_by.elected is None and not should_stop():
             stand_by.step()
             now = stand_by.following(wire.clock.now_ns())
             if now is not told and now in WORDS:
                 note(WORDS[now])
             told = now
-            if candidate.why != why and time.monotonic() > why_s:
-                why, why_s = candidate.why, time.monotonic() + WHY_PERIOD_S
-                note(f"not elected: {why}")
+            if candidate.lost is not None and candidate.lost != lost and time.monotonic() > why_s:
+                lost, why_s = candidate.lost, time.monotonic() + WHY_PERIOD_S
+                note(f"not elected: {lost.words}")
             time.sleep(PERIOD_S)
         return stand_by.elected

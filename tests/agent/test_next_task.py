@@ -5,14 +5,14 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.offers import EpochOld, NoBehavior, NotAtTask
+from robrain.protocol.wire.reasons.offers import DoneJustNow, EpochOld, NoBehavior, NotAtTask
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
@@ -217,6 +217,9 @@ class DeskWithNext(RuleBasedStateMachine):
         self.held = None
         self.before = None
         self.epoch = 0
+        self.done_ns = {}
+        """When each task was done last, by the last check of the lease."""
+        self.checked_ns = 0
         self.started = []
         """Each with its epoch, as the model has it; the behavior's own list must be the same."""
         self.begun = []
@@ -247,6 +250,8 @@ class DeskWithNext(RuleBasedStateMachine):
             assert not answered.accepted
         elif (task_id, epoch) in known:
             assert answered.accepted
+        elif task_id in self.done_ns and self.now_ns - self.done_ns[task_id] <= to_ns(DONE_TOLD_S):
+            assert answered.reason == DoneJustNow()
         elif after and (self.task is None or self.task[0] != after or self.task[2] is TaskState.CANCELLED):
             assert answered.reason == NotAtTask(after)
         elif after and self.runs:
@@ -273,6 +278,8 @@ class DeskWithNext(RuleBasedStateMachine):
         self.desk.end(task_id, state, "said so")
         if self.runs and self.task[0] == task_id:
             self.task = (*self.task[:2], state)
+            if state is TaskState.DONE:
+                self.done_ns[task_id] = self.checked_ns
 
     @rule(answer=st.sampled_from([YES, NO]))
     def go_on(self, answer):
@@ -295,6 +302,7 @@ class DeskWithNext(RuleBasedStateMachine):
     def recall(self):
         self.desk.recall("no energy")
         self.desk.check_lease(self.now_ns)
+        self.checked_ns = self.now_ns
         self.held = None
         if self.runs:
             self.task = (*self.task[:2], TaskState.FAILED)
@@ -304,6 +312,7 @@ class DeskWithNext(RuleBasedStateMachine):
         for _ in range(steps):
             self.now_ns += to_ns(1.0)
             self.desk.check_lease(self.now_ns)
+        self.checked_ns = self.now_ns
         if self.heard_ns is not None and self.now_ns - self.heard_ns > to_ns(5.0):
             self.held = None
             if self.runs:

@@ -189,7 +189,7 @@ def test_manifests(lab):
             loaded += 1
             manager.unload("odd")
 
-    try_all(lab, attempt, 4, 1000)  # each is written to a file, and loaded
+    try_all(lab, attempt, 4, 600)  # each is written to a file, and loaded
     assert refused > loaded > 0
 
 

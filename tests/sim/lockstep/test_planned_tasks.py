@@ -11,7 +11,7 @@ from robrain.sim.scenarios.scenario import Scenario
 from tests.bench.planning import TASKS, Outcome, run_tasks
 
 FLOOR, SEED = "arena_small", 2
-SEEDS = (1, 2, 3, 4)
+SEEDS = (1, 2, 3)
 """Of one set of tasks either may come out ahead by luck."""
 
 

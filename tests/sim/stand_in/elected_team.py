@@ -3,13 +3,15 @@
 import numpy as np
 
 from robrain.coordinator.coordinator import Coordinator
-from robrain.coordinator.standing.candidate import Candidate
+from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.standing.candidate import Candidate, Elected
 from robrain.coordinator.standing.stand_by import StandBy
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.fault_times import FaultTimes
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Process
 from robrain.sim.stand_in.fault_script import FaultScript
+from robrain.sim.stand_in.operator import OPERATOR
 from robrain.sim.stand_in.stand_in_run import StandInRun
 
 OTHER = "stand_by"
@@ -39,16 +41,23 @@ class Site:
             return
         self._stand_by.step()
         if self._stand_by.elected is not None:
-            self._wire.close()
-            self._wire = self._run._endpoint(self._process)
-            self._journal.own()
-            self._run.elections.append(self._stand_by.elected.won.election)
-            self.coordinator = Coordinator(self._wire, self._journal, self._run._policy, elected=self._stand_by.elected)
+            self._lead(self._stand_by.elected)
 
     def close(self) -> None:
         """End it."""
         if self.coordinator is not None:
             self.coordinator.close()
+
+    def _lead(self, elected: Elected) -> None:
+        self._wire.close()
+        self._wire = self._run._endpoint(self._process)
+        try:
+            self._journal.own()
+            self.coordinator = Coordinator(self._wire, self._journal, self._run._policy, elected=elected)
+            self._run.elections.append(elected.won.election)
+        except JournalUnwritable:  # its disk is full: as in live, it stands for election again
+            self._wire.close()
+            self._begin()
 
     def leads(self) -> bool:
         """Whether it would offer tasks now."""
@@ -116,7 +125,7 @@ def faults_of_sites(seed: int, robots: list[str]) -> tuple[FaultSpec, ...]:
         site, other = (SITES, SITES[::-1])[int(rng.integers(2))]
         side = ()
         if kind is FaultKind.PARTITION:
-            with_it = [name for name in (*robots, other) if rng.random() < 0.4]
+            with_it = [name for name in (*robots, other, OPERATOR) if rng.random() < 0.4]
             side = tuple(sorted(with_it))
         found.append(FaultSpec(robot=site, kind=kind, at_s=at_s, until_s=until_s, side=side))
     return tuple(found)

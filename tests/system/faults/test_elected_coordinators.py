@@ -114,7 +114,7 @@ def test_each_takes_over_from_the_other_and_nothing_acknowledged_is_lost(pair: P
     pair.leader(but=leader)
     commands.line_with(third, UP)
     second.send_signal(signal.SIGCONT)
-    commands.line_with(second, "this one stands by for it")
+    commands.line_with(second, "this one stands by")
     commands.line_with(second, IN_STEP)
     pair.submit(4)
     pair.until_done(5)
