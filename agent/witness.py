@@ -132,6 +132,10 @@ class Witness:
         """Nothing was heard later than now."""
         self._heard_ns = min(self._heard_ns, now_ns)
 
+    def note_pause(self, now_ns: int) -> None:
+        """The robot's process stood still, or its clock was set ahead: a coordinator may have been heard until now."""
+        self._heard_ns = now_ns
+
     @property
     def _greatest(self) -> int:
         return max(self._heard.election, self._kept.election)
@@ -149,10 +153,10 @@ class Witness:
             return None if (asked.journal, asked.began_ns) == (kept.journal, kept.began_ns) else WitnessRefusal.OUTVOTED
         if asked.election == self._heard.election:
             return WitnessRefusal.OUTVOTED
-        if asked.forced:
-            return None
         if now_ns - self._heard_ns <= SILENT_NS and self._obeyed != asked.journal:
             return WitnessRefusal.LEADER_HEARD
+        if asked.forced:
+            return None
         lacks = asked.journal not in kept.holders if kept.holders else asked.is_copy
         return WitnessRefusal.LACKS_CHANGES if lacks else None
 

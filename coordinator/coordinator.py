@@ -460,7 +460,7 @@ class Coordinator:
 
     def _stand_by_status(self) -> StandByStatus | UnsetType:
         reason = self.fence.reason
-        if self.feed is not None:
+        if self.feed is not None and (self.feed.process or self.mandate is None):
             return self.feed.status(reason)
         return UNSET if reason is None else StandByStatus(process="", in_step=False, held_back=reason)
 

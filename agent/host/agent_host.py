@@ -225,6 +225,7 @@ class AgentHost:
             self._clock_set_back(now_ns)
         if now_ns - self._stepped_ns > STOOD_STILL_NS:
             self._slept_ns, self._awake_ns = self._stepped_ns, now_ns + WAKING_NS
+            self.witness.note_pause(now_ns)
         if self._inbox.has_some:
             # A process that was stopped finds summaries of any age: they may have come right after its last step.
             heard_ns = self._slept_ns if now_ns < self._awake_ns else now_ns

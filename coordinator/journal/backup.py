@@ -134,6 +134,7 @@ def restore_backup(backup: Path, journal: Path) -> Restored:
         (ceiling,) = database.execute("SELECT ceiling FROM epoch").fetchone()
         source.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (ceiling,))
         source.execute("UPDATE copy SET state = ''")
+        source.execute("UPDATE standing SET name = ''")  # it may lack what the journal of that name has
         try:
             database.execute("PRAGMA synchronous = FULL")
             source.backup(database)

@@ -1,6 +1,7 @@
 """Reads pages of a journal for a copy, and writes what another coordinator's journal says. Rows keep their numbers."""
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -71,4 +72,6 @@ def put_aside(database: sqlite3.Connection, path: Path) -> str:
     while (aside := path.with_name(f"{path.name}.before-{number}")).exists():
         number += 1
     database.execute("VACUUM INTO ?", (str(aside),))
+    with closing(sqlite3.connect(aside)) as copy, copy:
+        copy.execute("UPDATE standing SET name = ''")
     return f"{path}: its tasks were put aside as {aside}"

@@ -75,7 +75,9 @@ class JournalFeed:
         self._put = wire.publisher(COORDINATOR_JOURNAL).put
         self._last = 0
         self._kept: deque[JournalEntry] = deque(maxlen=KEPT_MAX)
-        self._process, self._trouble = "", ""
+        self.process = ""
+        """The process that stands by; empty if none does."""
+        self._trouble = ""
         self._heard_ns = self._put_ns = self._clock.now_ns()
         self._sent = self._on_disk = 0
         self._joins_at: int | None = None
@@ -91,7 +93,7 @@ class JournalFeed:
     def status(self, held_back: MinorityHeard | None = None) -> StandByStatus:
         """As the coordinator's summary tells it, with why it offers no task."""
         return StandByStatus(
-            process=self._process,
+            process=self.process,
             in_step=bool(self.stand_by),
             behind=self._last - self._on_disk,
             why=self._trouble,
@@ -100,13 +102,15 @@ class JournalFeed:
 
     def hear(self, said: StandByState, now_ns: int) -> None:
         """Take in how far a process that stands by is; only one is waited for at a time."""
-        if said.process != self._process and self._process and now_ns - self._heard_ns <= PATIENCE_NS:
+        if said.process != self.process and self.process and now_ns - self._heard_ns <= PATIENCE_NS:
             return
-        if said.process != self._process:
+        if said.process != self.process:
             self._leave(f"{said.process} stands by now")
-            self._process, self._sent = said.process, 0
+            self.process, self._sent = said.process, 0
         if self._mandate is not None and said.journal is not msgspec.UNSET and said.led is not msgspec.UNSET:
             self._mandate.hear_copy(said.journal, said.led)
+        if self.stand_by and (said.journal or "") != self.copy:
+            self._leave("its journal has another name now")
         self._heard_ns, self._trouble = now_ns, said.trouble
         is_of_here = said.term == self._term and said.on_disk <= self._last
         self._on_disk = said.on_disk if is_of_here else 0

@@ -34,6 +34,8 @@ clocks that do not run alike, and for a step that takes long (chosen)."""
 LISTEN_NS = to_ns(2.0)
 """A coordinator that follows another one listens before its first offer: what the other has offered last is reported
 by then, or its lease has run out."""
+LEAP_MAX = 1000
+"""A witness that speaks of an election with a number so much greater is wrong, and left alone (chosen)."""
 NOBODY = Led(election=0, stamp_ns=0)
 
 
@@ -67,6 +69,8 @@ class Mandate:
         self._number = 0
         self._poll: Poll | None = None
         self._was_leading = True
+        self._is_void = False
+        """Whether the clock was set back since the election, so that stamps say nothing about the lease."""
 
     @property
     def witnesses(self) -> Sequence[str]:
@@ -79,11 +83,17 @@ class Mandate:
             return False
         # Nobody else can be elected, or only one that has not stood for election.
         is_only = self._possible is not None and self._possible <= {self.journal, self._followed_by(now_ns)}
-        return is_only or self._is_backed(now_ns)
+        return (is_only and not self._is_deserted) or self._is_backed(now_ns)
+
+    @property
+    def _is_deserted(self) -> bool:
+        """Whether more than half of the witnesses have taken part in a later election, as by an operator's word."""
+        later = sum(self._led(name).election > self._won.election for name in self.witnesses)
+        return 2 * later > len(self.witnesses)
 
     def _is_backed(self, now_ns: int) -> bool:
         """Whether more than half of the witnesses vote for nobody else now."""
-        is_elected_now = 0 <= now_ns - self._won.asked_ns <= LEASE_NS
+        is_elected_now = not self._is_void and 0 <= now_ns - self._won.asked_ns <= LEASE_NS
         return is_elected_now or 2 * self.heard(now_ns) > len(self.witnesses)
 
     def _followed_by(self, now_ns: int) -> str:
@@ -143,14 +153,15 @@ class Mandate:
             return False
         election = self._won.election
         for name in self.witnesses:
-            self._candidate.note(self._led(name).election)
+            if (later := self._led(name).election) <= election + LEAP_MAX:
+                self._candidate.note(later)
         leads = self.leads(now_ns)
         if self._was_leading and not leads:
             logger.error(
                 "the coordinator does not lead any more: %d of %d witnesses hear it; it stands for election",
                 self.heard(now_ns), len(self.witnesses),
             )  # fmt: skip
-        if leads and not self._is_outvoted():
+        if leads and not self._is_void and not self._is_outvoted():
             self._candidate.rest()
             # Without enough witnesses the other could not be elected, and this one not go on without it.
             adds = copy if copy in self._held or self._is_backed(now_ns) else ""
@@ -159,25 +170,27 @@ class Mandate:
             self._poll = None
             won = self._candidate.step(now_ns, is_copy=False)
             if won is not None:
-                self._won, self._number, self._held = won, 0, frozenset()
+                self._won, self._number, self._held, self._is_void = won, 0, frozenset(), False
                 if not leads:
                     logger.warning("the coordinator leads again, by election %d", won.election)
         before, self._was_leading = (self._was_leading, election), self.leads(now_ns)
         return before != (self._was_leading, self._won.election)
 
     def clock_set_back(self, now_ns: int) -> None:
-        """The lease counts by stamps: those in the future do not count."""
+        """No lease counts that was given before: the witnesses are asked again."""
+        self._is_void = True
         self._listen_until_ns = min(self._listen_until_ns, now_ns + LISTEN_NS)
 
     def _is_heard_by(self, name: str, now_ns: int) -> bool:
         return self._is_fresh(self._led(name), now_ns)
 
     def _is_fresh(self, led: Led, now_ns: int) -> bool:
-        return led.election == self._won.election and 0 <= now_ns - led.stamp_ns <= LEASE_NS
+        return not self._is_void and led.election == self._won.election and 0 <= now_ns - led.stamp_ns <= LEASE_NS
 
     def _is_outvoted(self) -> bool:
         """Whether a witness has taken part in a later election that nobody has won: until the next it obeys nobody."""
-        return any(self._led(name).election > self._won.election for name in self.witnesses)
+        elections = [self._led(name).election - self._won.election for name in self.witnesses]
+        return any(0 < later <= LEAP_MAX for later in elections)
 
     def _led(self, name: str) -> Led:
         robot = self._roster.robots.get(name)
@@ -187,10 +200,12 @@ class Mandate:
     def _hear(self) -> None:
         for received in self._inbox.drain() if self._inbox.has_some else ():
             lead = received.message.lead
-            if lead is msgspec.UNSET or lead.journal == self.journal or lead.is_suspended:
+            if lead is msgspec.UNSET or lead.is_suspended:
                 continue
             self._candidate.note(lead.election)
-            if lead.election > self._won.election:
+            # Of another process with a file that was copied from this one's, the number is greater.
+            is_another = lead.journal != self.journal and lead.election == self._won.election
+            if is_another or lead.election > self._won.election:
                 self.superseded = f"another coordinator leads, by election {lead.election}"
 
     def _hold(self, holders: frozenset[str], now_ns: int) -> None:

@@ -14,6 +14,9 @@ ASK_TIMEOUT_S = 0.5
 ASK_AGAIN_NS = to_ns(0.3)
 """Period for asking those again that have not answered, or have heard a coordinator just before."""
 
+PASSES = (WitnessRefusal.LEADER_HEARD, WitnessRefusal.UNWRITABLE)
+"""Refusals that may not last."""
+
 
 class _Asked(NamedTuple):
     since_ns: int
@@ -38,13 +41,22 @@ class Poll:
         """When each that has done as asked was asked for it."""
         self.refusals: dict[str, WitnessRefusal] = {}
         """Who has refused, and why."""
-        self.election = 0
-        """The greatest number of an election that any of them knows of."""
+        self._elections: dict[str, int] = {}
         self.befores: set[str] = set()
         """Journals of coordinators that they had elected before this one."""
         self._wire, self._witnesses = wire, witnesses
         self._waiting: dict[str, _Asked] = {}
         self._ask()
+
+    @property
+    def election(self) -> int:
+        """More than half of the witnesses know of no election with a greater number; 0 if that is not known.
+
+        The greatest number of all would be that of one that is wrong.
+        """
+        return sorted([*self._elections.values(), *[0] * len(self._witnesses)], reverse=True)[
+            (len(self._witnesses) - 1) // 2
+        ]
 
     @property
     def is_won(self) -> bool:
@@ -54,7 +66,7 @@ class Poll:
     @property
     def is_lost(self) -> bool:
         """Whether half or more will not do it."""
-        final = sum(why is not WitnessRefusal.LEADER_HEARD for why in self.refusals.values())
+        final = sum(why not in PASSES for why in self.refusals.values())
         return 2 * final >= len(self._witnesses)
 
     @property
@@ -83,7 +95,7 @@ class Poll:
             self._ask()
 
     def _take(self, name: str, asked_ns: int, reply: WitnessReply) -> None:
-        self.election = max(self.election, reply.election)
+        self._elections[name] = reply.election
         if reply.refusal is not None:
             self.refusals[name] = reply.refusal
             return
@@ -93,7 +105,7 @@ class Poll:
 
     def _ask(self) -> None:
         for name in self._witnesses:
-            is_open = self.refusals.get(name) in (None, WitnessRefusal.LEADER_HEARD)
+            is_open = self.refusals.get(name) in (None, *PASSES)
             if is_open and name not in self.granted_ns and name not in self._waiting:
                 reply = self._wire.ask_later(ROBOT_WITNESS, self.request, timeout_s=ASK_TIMEOUT_S, robot=name)
                 self._waiting[name] = _Asked(self._ask_ns, reply)

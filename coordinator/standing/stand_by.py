@@ -36,6 +36,8 @@ logger = logging.getLogger(__name__)
 TELL_NS = to_ns(0.2)
 SILENT_NS = to_ns(1.5)
 """A coordinator that is silent for longer is gone, as for robots."""
+PAUSE_NS = to_ns(0.5)
+"""Two steps that are so far apart are no silence of the coordinator: this process stood still, or its clock was set."""
 STAND_NS = to_ns(2.0)
 """It stands for election after this much silence: longer than the lease that it gives (`mandate.LEASE_NS`)."""
 ASK_TIMEOUT_S = 2.0
@@ -70,7 +72,10 @@ class StandBy:
         self.elected: Elected | None = None
         """The election that it has won; from then on it does nothing any more."""
         self._wire, self._journal, self._process, self._candidate = wire, journal, process, candidate
-        self._began_ns = wire.clock.now_ns()
+        self._stepped_ns = self._quiet_since_ns = wire.clock.now_ns()
+        """When it took its last step, and since when it has heard no coordinator that leads."""
+        self.unlike = ""
+        """Why it neither follows the coordinator that it hears nor stands for election, in words; empty if it may."""
         self._inbox = Inbox(capacity=4096)
         wire.subscribe(self._inbox, COORDINATOR_JOURNAL)
         self._tell = wire.publisher(COORDINATOR_STAND_BY)
@@ -109,6 +114,9 @@ class StandBy:
         now_ns = self._wire.clock.now_ns()
         if self.elected is not None:
             return
+        if not 0 <= now_ns - self._stepped_ns <= PAUSE_NS:
+            self._quiet_since_ns = now_ns
+        self._stepped_ns = now_ns
         try:
             for received in self._inbox.drain() if self._inbox.has_some else ():
                 self._hear(received.message, now_ns)
@@ -127,7 +135,7 @@ class StandBy:
                     process=self._process,
                     term=self._term,
                     on_disk=self._on_disk,
-                    trouble=self._trouble,
+                    trouble=self._trouble or self.unlike,
                     journal=self._name or UNSET,
                     led=self._led,
                 )
@@ -136,8 +144,7 @@ class StandBy:
             self._stand_for_election(self._candidate, now_ns)
 
     def _stand_for_election(self, candidate: Candidate, now_ns: int) -> None:
-        heard_ns = self._began_ns if self._heard_ns is None else min(self._heard_ns, now_ns)
-        if now_ns - heard_ns <= STAND_NS or self._journal.copied == "partial":
+        if now_ns - self._quiet_since_ns <= STAND_NS or self._journal.copied == "partial" or self.unlike:
             candidate.rest()
             return
         candidate.journal = self._name
@@ -145,24 +152,33 @@ class StandBy:
         if won is not None:
             self.elected = Elected(candidate.witnesses, self._name, won)
 
-    def _is_heard(self, candidate: Candidate, changes: JournalChanges) -> bool:
+    def _is_heard(self, candidate: Candidate, changes: JournalChanges, now_ns: int) -> bool:
         """Whether changes are of a coordinator that leads, and not while this one may be elected."""
         lead = changes.lead
+        self.unlike = ""
         if lead is UNSET:
-            return True  # an operator has started it without witnesses
-        if lead.journal == self._name:
+            self.unlike = "the coordinator that is heard was started without witnesses"
+        elif tuple(lead.witnesses) != candidate.witnesses:
+            self.unlike = f"the coordinator that is heard has other witnesses: {', '.join(lead.witnesses)}"
+        if lead is UNSET or self.unlike:
+            self._quiet_since_ns = now_ns
             return False
+        if lead.journal == self._name:
+            if lead.is_suspended or now_ns - self._quiet_since_ns < PAUSE_NS:
+                return False  # perhaps its own, from just before its end
+            self._name = self._journal.draw_name()  # this file, or that of the other, is a copy that somebody has made
         candidate.note(lead.election)
         if lead.election < self._election:
             return False
         if not lead.is_suspended:
-            self._election = lead.election
+            self._election, self._quiet_since_ns = lead.election, now_ns
             self._led = Led(election=lead.election, stamp_ns=changes.stamp_ns)
             candidate.rest()
+            candidate.is_forced = False  # the operator's word was for a team without a coordinator
         return not candidate.is_asking and (not lead.is_suspended or changes.term == self._term)
 
     def _hear(self, changes: JournalChanges, now_ns: int) -> None:
-        if self._candidate is not None and not self._is_heard(self._candidate, changes):
+        if self._candidate is not None and not self._is_heard(self._candidate, changes, now_ns):
             return
         if changes.lead is not UNSET and changes.lead.is_suspended:
             self._follow(changes)

@@ -17,7 +17,10 @@ JournalOption = Annotated[
 ]
 WitnessesOption = Annotated[
     str | None,
-    typer.Option(help="Robots, such as r1,r2,r3, that elect one of several coordinators with journals of their own."),
+    typer.Option(
+        envvar="ROBRAIN_WITNESSES",
+        help="Robots, such as r1,r2,r3, that elect one of several coordinators with journals of their own.",
+    ),
 ]
 LeadAnywayOption = Annotated[
     bool, typer.Option("--lead-anyway", help="With --witnesses: no other journal has more, by your word.")

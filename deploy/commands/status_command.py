@@ -13,6 +13,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
+from robrain.protocol.wire.messages.team.witness_messages import Lead
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 STATE_S = 1.0
@@ -57,6 +58,8 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     stand_by: StandByStatus | None = None
     """The coordinator that stands by with a journal of its own; absent if there is none."""
+    lead: Lead | None = None
+    """By whom the coordinator was elected; absent if the team has no witnesses for that."""
     unwritable: str = ""
     """Why the coordinator takes no tasks: its journal cannot be written; absent if it can."""
 
@@ -84,6 +87,7 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         refused=refused,
         mote_field=None if summary is None else summary.mote_field or None,
         stand_by=None if summary is None else summary.stand_by or None,
+        lead=None if summary is None else summary.lead or None,
         unwritable="" if summary is None else summary.unwritable or "",
     )
 
@@ -93,6 +97,8 @@ def show_status(found: TeamStatus) -> None:
     tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
     if found.unwritable:
         tell(f"  the coordinator takes no tasks: {found.unwritable}")
+    if found.lead is not None:
+        tell(f"  {found.lead.words}")
     if found.stand_by is not None:
         tell(f"  {found.stand_by.words}")
     for robot in found.standing:

@@ -18,7 +18,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.standing.candidate import Candidate, Elected
 from robrain.coordinator.standing.stand_by import Following, StandBy
-from robrain.deploy.processes.following import PERIOD_S, WORDS
+from robrain.deploy.processes.following import GONE, PERIOD_S, WORDS
 from robrain.deploy.processes.live_process import live_endpoint
 from robrain.deploy.processes.name_claim import NameClaim, claim_coordinator
 from robrain.protocol.model.ranges import NAME_MAX, cut
@@ -96,6 +96,8 @@ def _lead(
     """Lead until `should_stop()`, or until another one leads; returns that in words."""
     claim.take_over()
     with closing(Journal(candidacy.journal)) as journal, live_endpoint(session, candidacy.team) as wire:
+        if journal.name != elected.journal:
+            return "the journal was damaged, and may lack what was acknowledged"
         journal.own()
 
         def ready() -> None:
@@ -118,6 +120,7 @@ def _await_election(
         candidate = Candidate(wire, candidacy.witnesses, journal.name, is_forced=is_forced)
         stand_by = StandBy(wire, journal, cut(f"{claim.info.host}-{claim.info.pid}", NAME_MAX), candidate)
         told: Following | None = None
+        is_gone, unlike = False, ""
         lost, why_s = candidate.lost, time.monotonic() + WHY_PERIOD_S
         while stand_by.elected is None and not should_stop():
             stand_by.step()
@@ -125,6 +128,13 @@ def _await_election(
             if now is not told and now in WORDS:
                 note(WORDS[now])
             told = now
+            was, is_gone = is_gone, stand_by.is_silent(wire.clock.now_ns())
+            if is_gone and not was and now is Following.COPYING:
+                end = "FILE.before-N has the last whole one"
+                note(f"the coordinator is silent. The copy of its journal: {GONE[now]}; {end}")
+            if stand_by.unlike != unlike:
+                unlike = stand_by.unlike
+                note(f"it does not stand by: {unlike}" if unlike else "it stands by")
             if candidate.lost is not None and candidate.lost != lost and time.monotonic() > why_s:
                 lost, why_s = candidate.lost, time.monotonic() + WHY_PERIOD_S
                 note(f"not elected: {lost.words}")

@@ -19,14 +19,14 @@ class Standing(NamedTuple):
 
     @classmethod
     def of(cls, witnesses: str | None, *, stands_by: bool, leads_anyway: bool) -> "Standing":
-        """From options such as `--witnesses r1,r2,r3` (UsageError if they have another form, or exclude each other)."""
+        """From options such as `--witnesses r1,r2,r3` (UsageError if they have another form).
+
+        With witnesses each coordinator stands by until it is elected, so `stands_by` adds nothing.
+        """
         if witnesses is None:
             if leads_anyway:
                 raise UsageError("--lead-anyway without --witnesses: expected both")
             return cls(stands_by)
-        if stands_by:
-            both = "--stand-by and --witnesses: expected one of the two"
-            raise UsageError(f"{both}; with witnesses each coordinator stands by until it is elected")
         names = [check_name("robot", name) for name in witnesses.split(",")]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -92,9 +92,12 @@ def test_a_copy_is_not_elected_by_one_that_was_never_told_who_has_everything(wit
 def test_an_operators_word_elects_whatever_it_remembers(witness: Witness, memory: WitnessInMemory) -> None:
     witness.answer(elect(1), LATER_NS)
     witness.answer(hold(1, 1, "a"), LATER_NS)
-    assert witness.answer(elect(2, "z", forced=True), LATER_NS).refusal is None
+    assert witness.answer(elect(2, "z", forced=True), LATER_NS).refusal is WitnessRefusal.LEADER_HEARD
+    now_ns = LATER_NS + SILENT_NS + 1
+    assert witness.answer(elect(2, "z"), now_ns).refusal is WitnessRefusal.LACKS_CHANGES
+    assert witness.answer(elect(2, "z", forced=True), now_ns).refusal is None
     assert memory.read().holders == ["z"]
-    assert witness.answer(elect(2, "y", forced=True), LATER_NS).refusal is WitnessRefusal.OUTVOTED
+    assert witness.answer(elect(2, "y", forced=True), now_ns).refusal is WitnessRefusal.OUTVOTED
 
 
 def test_late_wishes_to_hold_change_nothing(witness: Witness, memory: WitnessInMemory) -> None:
@@ -171,5 +174,13 @@ def test_it_elects_nobody_if_it_could_forget_that(reads: bool) -> None:
 def test_a_clock_that_was_set_back_makes_nobody_wait_longer(witness: Witness) -> None:
     witness.hear(summary(1), LATER_NS)
     now_ns = LATER_NS - to_ns(3600.0)
+    assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
+    assert witness.answer(elect(2, "b"), now_ns + SILENT_NS + 1).refusal is None
+
+
+def test_one_that_stood_still_may_have_missed_a_coordinator(witness: Witness) -> None:
+    witness.hear(summary(1), LATER_NS)
+    now_ns = LATER_NS + to_ns(3600.0)
+    witness.note_pause(now_ns)
     assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
     assert witness.answer(elect(2, "b"), now_ns + SILENT_NS + 1).refusal is None

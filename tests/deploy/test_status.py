@@ -5,6 +5,7 @@ import pytest
 from robrain.deploy.commands.status_command import RobotCondition, TeamStatus, show_status, standing_of
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.robots.robot_messages import PluginFault, RobotState
+from robrain.protocol.wire.messages.team.witness_messages import Lead
 
 FIELD = MoteFieldState(motes=10, dead=1, delivery_ratio=0.968, age_s=5.2, oldest_s=34.4, coverage=0.961, on_duty=3)
 UP = [standing_of("r1", RobotState(robot="r1"))]
@@ -53,3 +54,9 @@ def test_each_robot_is_shown_as_it_is(capsys, state: RobotState | None, conditio
     assert standing.condition is condition
     show_status(TeamStatus(team="default", coordinator=False, robots=["r1"], standing=[standing]))
     assert capsys.readouterr().out.splitlines()[1] == f"  {line}"
+
+
+def test_who_elected_the_coordinator_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    lead = Lead(election=4, journal="a", heard=2, witnesses=["r1", "r2", "r3"])
+    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP, lead=lead))
+    assert "the coordinator leads by election 4: 2 of 3 witnesses hear it" in capsys.readouterr().out

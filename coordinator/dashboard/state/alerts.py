@@ -61,6 +61,8 @@ def _of_tasks(team: TeamState) -> list[Alert]:
     found: list[Alert] = []
     if team.unwritable:
         found.append(Alert(Level.BAD, "Coordinator", f"takes no tasks: {team.unwritable}"))
+    if team.lead and team.lead.is_suspended:
+        found.append(Alert(Level.BAD, "Coordinator", team.lead.words))
     if team.stand_by and team.stand_by.held_back is not None:
         found.append(Alert(Level.BAD, "Coordinator", team.stand_by.words))
     return found

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 
 from robrain.coordinator.dashboard.layers.robot_layers import ellipse
@@ -25,6 +26,7 @@ from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
 from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
+from robrain.protocol.wire.messages.team.witness_messages import Lead
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.reasons.wire import TopicStale
 from robrain.protocol.wire.topics import RECORDER_STATE
@@ -177,6 +179,21 @@ def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
         "no task is offered: 1 of 4 robots are heard, and the others may allocate tasks among themselves (robrain lead)"
     )
     view.team = TeamState(robots=[], stand_by=StandByStatus(process="office-7", in_step=False))
+    assert alerts_of(view, 0.0) == []
+
+
+def test_a_coordinator_that_does_not_lead_is_an_alert() -> None:
+    view = TeamView()
+    view.coordinator_up = True
+    lead = Lead(election=4, journal="a", is_suspended=True, heard=1, witnesses=["r1", "r2", "r3"])
+    view.team = TeamState(robots=[], lead=lead)
+    (alert,) = alerts_of(view, 0.0)
+    assert alert == (
+        Level.BAD,
+        "Coordinator",
+        "the coordinator does not lead: 1 of 3 witnesses hear it, and another one may lead",
+    )
+    view.team = TeamState(robots=[], lead=msgspec.structs.replace(lead, is_suspended=False))
     assert alerts_of(view, 0.0) == []
 
 

@@ -54,6 +54,12 @@ def test_one_leads_at_a_time_and_no_task_is_lost_or_done_twice(first: int) -> No
     assert won > 8  # some took over
 
 
+@pytest.mark.parametrize("seed", [61, 73])
+def test_two_that_stand_at_once_do_not_keep_each_other_from_being_elected(seed: int) -> None:
+    with quiet():
+        assert run_elected(seed)[0] == []
+
+
 def test_equal_seeds_equal_elections() -> None:
     with quiet():
         assert run_elected(7) == run_elected(7)
