@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import msgspec
 import pytest
 
 from robrain.agent.witness import Kept
@@ -17,7 +18,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.messages.team.standing_messages import StandByState
+from robrain.protocol.wire.messages.team.standing_messages import JournalChanges, StandByState
 from robrain.protocol.wire.messages.team.witness_messages import Lead, Led, WitnessRequest, WitnessWish
 from robrain.protocol.wire.reasons.tasks import NotLeading
 from robrain.protocol.wire.topics import TASK_SUBMIT
@@ -291,6 +292,17 @@ def test_the_operators_word_ends_with_the_first_coordinator_that_is_heard(team: 
     stand_by._candidate.is_forced = True
     team.pass_s(0.5)
     assert not stand_by._candidate.is_forced
+
+
+def test_nothing_is_followed_while_witnesses_may_be_electing_it(team: Team) -> None:
+    """What it has written by then it has; what it writes later might be acknowledged because of it."""
+    stand_by = team.run.site(OTHER)._stand_by
+    suspended = msgspec.structs.replace(team.mandate(COORDINATOR).lead(team.run.now_ns), is_suspended=True)
+    said = JournalChanges(term=stand_by._term, last=0, lead=suspended)
+    assert stand_by._is_heard(stand_by._candidate, said, team.run.now_ns)
+    stand_by._candidate.step(team.run.now_ns, is_copy=True)
+    assert stand_by._candidate.is_asking
+    assert not stand_by._is_heard(stand_by._candidate, said, team.run.now_ns)
 
 
 def test_one_with_other_witnesses_neither_follows_nor_stands(team: Team) -> None:
