@@ -86,21 +86,18 @@ class Witness:
         """The journal of the coordinator that was heard, or elected, last."""
         self._heard = Led(election=0, stamp_ns=0)
         """The last summary of a coordinator that was elected and leads."""
+        self.led: Led | None = None
+        """The coordinator that the robot follows, and its last summary; None if none was ever elected.
+
+        A coordinator that it has elected since, and has not heard yet, has sent none (stamp 0).
+        """
         self._is_readable = True
         try:
             self._kept = memory.read()
         except (OSError, ValueError) as error:
             logger.warning("what the robot has answered as a witness cannot be read, so it answers nothing: %s", error)
             self._kept, self._is_readable = Kept(), False
-
-    @property
-    def led(self) -> Led | None:
-        """The coordinator that the robot follows, and its last summary; None if none was ever elected.
-
-        A coordinator that it has elected since, and has not heard yet, has sent none (stamp 0).
-        """
-        newest = max(self._heard, Led(election=self._kept.election, stamp_ns=0), key=lambda one: one.election)
-        return newest if newest.election else None
+        self._note_led()
 
     def follows(self, said: TeamState) -> bool:
         """Whether a summary is of a coordinator that leads, as far as this robot knows."""
@@ -111,11 +108,13 @@ class Witness:
 
     def hear(self, said: TeamState, now_ns: int) -> bool:
         """Take in a summary; returns whether it is of a coordinator that leads."""
+        if said.lead is msgspec.UNSET:
+            return True  # of a team without witnesses
         if not self.follows(said):
             return False
-        if said.lead is not msgspec.UNSET:
-            self._obeyed, self._heard_ns = said.lead.journal, now_ns
-            self._heard = Led(election=said.lead.election, stamp_ns=said.stamp_ns)
+        self._obeyed, self._heard_ns = said.lead.journal, now_ns
+        self._heard = Led(election=said.lead.election, stamp_ns=said.stamp_ns)
+        self._note_led()
         return True
 
     def answer(self, asked: WitnessRequest, now_ns: int) -> WitnessReply:
@@ -184,4 +183,11 @@ class Witness:
             logger.warning("what the robot answers as a witness cannot be stored: %s", error)
             return WitnessRefusal.UNWRITABLE
         self._kept = wanted
+        self._note_led()
         return None
+
+    def _note_led(self) -> None:
+        newest = self._heard
+        if self._kept.election > newest.election:
+            newest = Led(election=self._kept.election, stamp_ns=0)
+        self.led = newest if newest.election else None

@@ -251,12 +251,12 @@ def words(reason: AnyReason) -> str:
             return f"speaks each {period_s:g} s, and {timeout_s:g} s is all that is waited"
         case offers.StoodStill():
             return "its process has just stood still, and the offer may have waited"
+        case tasks.TakesOver():
+            return "the coordinator has just taken over and listens first"
         case idle.TaskSoon():
             return "idle because its next task begins soon"
         case idle.TeamHalted():
             return "idle because the team is halted"
-        case tasks.TakesOver():
-            return "the coordinator has just taken over and listens first"
         case tasks.TeamLacks(plugins=plugins):
             return f"no robot of the team has {' or '.join(plugins)}"
         case tasks.ToBegin(robot=robot, in_s=in_s, to_soc=to_soc):

@@ -46,6 +46,7 @@ class WitnessRequest(msgspec.Struct, frozen=True, kw_only=True):
     """A coordinator's question to a witness."""
 
     wish: WitnessWish
+    """What it asks for."""
     election: Count
     """Number of the election that is held, or that the coordinator has won; from 1."""
     journal: Name
