@@ -1,4 +1,4 @@
-"""A robot as a witness: which coordinator it has elected, and which journals have all that was acknowledged.
+"""A robot as a witness: it elects one of several coordinators, and stores which journals are complete.
 
 What it has answered is stored first, as it must not be forgotten by a restart. A robot that is no witness is never
 asked, and still follows the coordinator that was elected last.
@@ -24,15 +24,15 @@ from robrain.protocol.wire.messages.team.witness_messages import (
 logger = logging.getLogger(__name__)
 
 SILENT_NS = to_ns(2.0)
-"""A coordinator that was heard, or elected, within this time is not voted out. A coordinator suspends itself sooner:
-`LEASE_NS` in `coordinator/standing/mandate.py`."""
+"""Time for which a witness votes for no other coordinator than the one that it heard or elected last. A coordinator
+without contact suspends itself sooner: `LEASE_NS` in `coordinator/standing/mandate.py`."""
 
 
 class Kept(msgspec.Struct, frozen=True, kw_only=True):
-    """What a witness remembers."""
+    """What a witness stores."""
 
     election: Count = 0
-    """The greatest number of an election in which it has taken part, or of a coordinator that it has obeyed."""
+    """Greatest number of an election in which it has voted, or of a coordinator whose wish it has stored."""
     journal: Name = ""
     """The journal of the coordinator of that election."""
     began_ns: Stamp = 0
@@ -40,13 +40,13 @@ class Kept(msgspec.Struct, frozen=True, kw_only=True):
     before: Name = ""
     """The journal of the last coordinator with another one; empty if there was none."""
     number: Count = 0
-    """Of the last wish to hold in that election."""
+    """Number of the last `hold` request in that election."""
     holders: Holders = []
-    """The journals that have all that was acknowledged; none if it was never told."""
+    """Journals that hold every acknowledged change; empty before the first `hold` request."""
 
 
 class WitnessMemory(Protocol):
-    """Where a witness stores what it remembers."""
+    """Storage of a witness."""
 
     def read(self) -> Kept:
         """What was stored last (OSError, ValueError)."""
@@ -56,7 +56,7 @@ class WitnessMemory(Protocol):
 
 
 class WitnessInMemory:
-    """Forgets with the process, for lockstep."""
+    """Storage that ends with the process, for lockstep."""
 
     def __init__(self) -> None:
         self._kept = Kept()
@@ -71,7 +71,7 @@ class WitnessInMemory:
 
 
 class Witness:
-    """Answers coordinators that want to lead, and says whose summaries count.
+    """Answers coordinators that ask for votes, and decides whose summaries count.
 
     Args:
         memory: where it stores what it has answered.
@@ -83,7 +83,7 @@ class Witness:
         self._memory = memory
         self._heard_ns = now_ns
         self._obeyed = ""
-        """The journal of the coordinator that was heard, or elected, last."""
+        """Journal of the coordinator that was heard or elected last."""
         self._heard = Led(election=0, stamp_ns=0)
         """The last summary of a coordinator that was elected and leads."""
         self.led: Led | None = None
@@ -118,7 +118,7 @@ class Witness:
         return True
 
     def answer(self, asked: WitnessRequest, now_ns: int) -> WitnessReply:
-        """Do as a coordinator asks, or refuse."""
+        """Grant or refuse a coordinator's request."""
         self.clock_set_back(now_ns)
         refusal = self._why_not(asked, now_ns)
         if refusal is None:
@@ -132,7 +132,7 @@ class Witness:
         self._heard_ns = min(self._heard_ns, now_ns)
 
     def note_pause(self, now_ns: int) -> None:
-        """The robot's process stood still, or its clock was set ahead: a coordinator may have been heard until now."""
+        """Start the time of silence again: the process was stopped, or its clock was set ahead."""
         self._heard_ns = now_ns
 
     @property

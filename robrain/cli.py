@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from robrain.deploy.agents.agent_words import agent_words
 from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bench.commands import bench_app
 from robrain.deploy.bridge.bridge_command import bridge
@@ -43,7 +44,6 @@ from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.machine.machine_files import machine_files
 from robrain.deploy.observability.json_logs import set_up_logs
 from robrain.deploy.pki.pki_commands import pki_app, router
-from robrain.deploy.processes.agent_words import agent_words
 from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.ros2.ros2_commands import ros2_app
@@ -229,9 +229,9 @@ def coordinator(
     lead_anyway: LeadAnywayOption = False,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
-    from robrain.deploy.processes.live_commands import coordinator_command
+    from robrain.deploy.coordination.coordinator_command import coordinator_command
+    from robrain.deploy.coordination.standing import Standing
     from robrain.deploy.processes.live_process import place_of
-    from robrain.deploy.processes.standing import Standing
 
     where = place_of(connect, listen)
     team = check_name("team", team)
@@ -442,7 +442,7 @@ def main() -> None:
 
 
 def _run_agent(robot: Path, connect: str | None, team: str | None) -> None:
-    from robrain.deploy.processes.agent_process import agent_command
+    from robrain.deploy.agents.agent_process import agent_command
 
     agent_command(robot, connect, team)
 

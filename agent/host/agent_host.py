@@ -102,7 +102,7 @@ class AgentHost:
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
         distributions: `entry_point_places()`, where several robots share a process; None looks for them.
         manifests: files found by the robots of a run that were set up before, by folder; None looks anew.
-        memory: where the robot stores what coordinators that want to lead were told; None forgets it at the end.
+        memory: stores the robot's votes as a witness; None forgets them when the process ends.
 
     """
 

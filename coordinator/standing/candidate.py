@@ -1,4 +1,4 @@
-"""A coordinator that wants to lead: it asks the witnesses to elect it, again and again until more than half do."""
+"""A coordinator that asks its witnesses for their votes, repeatedly, until more than half elect it."""
 
 import zlib
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.team.witness_messages import WitnessRefusal, WitnessRequest, WitnessWish
 
 POLL_NS = to_ns(1.5)
-"""An election that is not won by then is given up (chosen)."""
+"""Time limit of one election (chosen)."""
 PAUSE_NS = to_ns(0.1)
 PAUSES = 24
-"""Between two elections pass 0.1 to 2.4 s, drawn from the journal's name and the election's number, so that two
-candidates do not keep each other from being elected: each witness votes for nobody else within 2 s (chosen)."""
+"""Pauses between elections are 1 to 24 times 0.1 s, drawn from the journal's name and the election's number. Longer
+pauses than the 2 s for which a witness is bound to its vote keep two candidates from blocking each other (chosen)."""
 WORDS = {
     WitnessRefusal.LEADER_HEARD: "has just heard or elected another coordinator",
     WitnessRefusal.OUTVOTED: "has taken part in a later election",
@@ -29,9 +29,9 @@ class Won(NamedTuple):
     election: int
     """Its number."""
     asked_ns: int
-    """More than half of the witnesses were asked at this time or later: they elect no other one for 2 s."""
+    """Time at or after which more than half of the witnesses were asked; each votes for no other candidate for 2 s."""
     is_after_another: bool
-    """Whether another journal's coordinator led before; its offers may still be under way."""
+    """Whether a coordinator with another journal led before; its last offers may still arrive."""
 
 
 class Lost(NamedTuple):
@@ -42,7 +42,7 @@ class Lost(NamedTuple):
     granted: frozenset[str]
     """Who has elected it."""
     refusals: tuple[tuple[str, WitnessRefusal], ...]
-    """Who has not, and why; nobody who has not answered."""
+    """Each witness that refused, and why; witnesses without an answer are missing."""
 
     @property
     def words(self) -> str:
@@ -69,13 +69,13 @@ class Elected(NamedTuple):
 
 
 class Candidate:
-    """Stands for election.
+    """Asks the witnesses for their votes.
 
     Args:
         wire: its Zenoh endpoint.
         witnesses: names of robots.
         journal: names its journal.
-        is_forced: an operator says that no other journal has more.
+        is_forced: an operator confirms that no other journal has more.
 
     """
 

@@ -1,14 +1,14 @@
-"""The right of a coordinator to lead, for teams whose robots are witnesses: whether it holds, and who may follow.
+"""Decides whether an elected coordinator still leads, and which changes it may acknowledge.
 
-The witnesses remember which journals have all that was acknowledged: this coordinator's, and that of the one that
-stands by, while it is in step. No coordinator with another journal is elected. A change may be acknowledged if each
-journal that could be elected has it.
+The witnesses store which journals hold every acknowledged change: the journal of this coordinator, and that of the
+stand-by while it is in step. They elect no coordinator with another journal. The coordinator acknowledges a change once
+every journal that they may elect holds it.
 
-A coordinator leads while no other can have been elected: nobody else has a journal for that; or the one that has it
-follows this coordinator; or more than half of the witnesses have heard this one lately. Who hears it returns the stamp
-of the last message heard, so the lease counts by the coordinator's own clock from when that was sent. It ends sooner
-than the other one stands for election, or the witnesses elect it. Without a lease nothing is offered, and no robot's
-lease is renewed; the coordinator stands for election again.
+A coordinator leads while no other can have been elected: no other journal may be elected; or the stand-by that has one
+follows this coordinator; or more than half of the witnesses have heard it recently. Robots and stand-by return the
+stamp of the last message that they heard, so the lease is measured by the coordinator's own clock, from when it sent
+that message. The lease ends before the stand-by or the witnesses may act. Without it the coordinator offers no task and
+renews no robot's lease, and asks to be elected again.
 """
 
 import logging
@@ -29,18 +29,18 @@ from robrain.protocol.wire.topics import COORDINATOR_STATE
 logger = logging.getLogger(__name__)
 
 LEASE_NS = to_ns(1.7)
-"""A witness votes for no other coordinator for 2 s after it has heard a summary (`agent/witness.py`). The rest is for
-clocks that do not run alike, and for a step that takes long (chosen)."""
+"""A witness votes for no other coordinator within 2 s of a summary (`agent/witness.py`). The difference covers clock
+drift and long steps (chosen)."""
 LISTEN_NS = to_ns(2.0)
-"""A coordinator that follows another one listens before its first offer: what the other has offered last is reported
-by then, or its lease has run out."""
+"""A coordinator that replaces another one waits this long before its first offer. By then robots have reported the
+other's last offers, or their leases have expired."""
 LEAP_MAX = 1000
-"""A witness that speaks of an election with a number so much greater is wrong, and left alone (chosen)."""
+"""A witness that reports an election number this much greater than the coordinator's is ignored (chosen)."""
 NOBODY = Led(election=0, stamp_ns=0)
 
 
 class Mandate:
-    """What a coordinator may do.
+    """The right of one coordinator to lead.
 
     Args:
         wire: its Zenoh endpoint.
@@ -59,18 +59,18 @@ class Mandate:
         self._inbox = Inbox()
         wire.subscribe(self._inbox, COORDINATOR_STATE)
         self.superseded = ""
-        """By whom, in words; empty while nobody else leads."""
+        """Who leads instead, in words; empty if no other coordinator leads."""
         self._possible: frozenset[str] | None = None
-        """Journals that could be elected; None before the witnesses were told."""
+        """Journals that the witnesses may elect; None while unknown."""
         self._held: frozenset[str] = frozenset()
-        """Journals that more than half of the witnesses remember."""
+        """Journals that more than half of the witnesses have stored."""
         self._copy, self._copy_led = "", NOBODY
-        """The journal of the one that stands by, and what it has heard last."""
+        """The journal of the stand-by, and the last message that it heard."""
         self._number = 0
         self._poll: Poll | None = None
         self._was_leading = True
         self._is_void = False
-        """Whether the clock was set back since the election, so that stamps say nothing about the lease."""
+        """Whether the clock was set back since the election: stamps no longer measure the lease."""
 
     @property
     def witnesses(self) -> Sequence[str]:
@@ -81,7 +81,7 @@ class Mandate:
         """Whether no other coordinator can have been elected."""
         if self.superseded:
             return False
-        # Nobody else can be elected, or only one that has not stood for election.
+        # No other journal may be elected, or only that of a stand-by that follows this coordinator.
         is_only = self._possible is not None and self._possible <= {self.journal, self._followed_by(now_ns)}
         return (is_only and not self._is_deserted) or self._is_backed(now_ns)
 
@@ -92,34 +92,34 @@ class Mandate:
         return 2 * later > len(self.witnesses)
 
     def _is_backed(self, now_ns: int) -> bool:
-        """Whether more than half of the witnesses vote for nobody else now."""
+        """Whether more than half of the witnesses currently refuse other candidates."""
         is_elected_now = not self._is_void and 0 <= now_ns - self._won.asked_ns <= LEASE_NS
         return is_elected_now or 2 * self.heard(now_ns) > len(self.witnesses)
 
     def _followed_by(self, now_ns: int) -> str:
-        """The journal of a coordinator that stands by and has heard this one lately; empty if there is none."""
+        """The journal of a stand-by that has heard this coordinator recently; empty if there is none."""
         return self._copy if self._is_fresh(self._copy_led, now_ns) else ""
 
     def hear_copy(self, journal: str, led: Led) -> None:
-        """A coordinator that stands by says whom it follows."""
+        """Note which election a stand-by follows."""
         self._copy, self._copy_led = journal, led
 
     def heard(self, now_ns: int) -> int:
-        """Witnesses that have heard its summary lately, as they say."""
+        """Number of witnesses that report a recent summary of this coordinator."""
         return sum(self._is_heard_by(name, now_ns) for name in self.witnesses)
 
     def why_not(self, now_ns: int) -> NotLeading | TakesOver | None:
         """Why no task is offered; None if tasks may be offered."""
         if not self.leads(now_ns):
             return NotLeading(self.heard(now_ns), len(self.witnesses))
-        # What it decides must not get lost with its machine before any task is done by it.
+        # No task may be done by a decision that is lost with this machine.
         is_held = bool(self._held) and self.journal in self._held
         if is_held and not 0 < self._listen_until_ns - now_ns <= LISTEN_NS:
             return None
         return TakesOver()
 
     def may_acknowledge(self, copy: str) -> bool:
-        """Whether a change may be acknowledged that is in its journal, and in another one.
+        """Whether a change may be acknowledged that is in this journal and in one other.
 
         Args:
             copy: names the other journal; empty if there is none.
@@ -128,7 +128,7 @@ class Mandate:
         return self._possible is not None and self._possible <= {self.journal, copy}
 
     def lead(self, now_ns: int) -> Lead:
-        """As its summary says it."""
+        """The state of the election, for the summary."""
         return Lead(
             election=self._won.election,
             journal=self.journal,
@@ -138,14 +138,14 @@ class Mandate:
         )
 
     def step(self, copy: str, now_ns: int) -> bool:
-        """Hear others, stand for election if need be, and tell the witnesses who has everything.
+        """Hear other coordinators, ask to be elected if needed, and keep the witnesses up to date.
 
         Args:
             copy: the journal that is in step; empty if none is.
             now_ns: the time.
 
         Returns:
-            Whether robots must hear at once how it is.
+            Whether the summary must be sent at once.
 
         """
         self._hear()
@@ -177,7 +177,7 @@ class Mandate:
         return before != (self._was_leading, self._won.election)
 
     def clock_set_back(self, now_ns: int) -> None:
-        """No lease counts that was given before: the witnesses are asked again."""
+        """Invalidate the lease; the witnesses are asked again."""
         self._is_void = True
         self._listen_until_ns = min(self._listen_until_ns, now_ns + LISTEN_NS)
 
@@ -188,7 +188,7 @@ class Mandate:
         return not self._is_void and led.election == self._won.election and 0 <= now_ns - led.stamp_ns <= LEASE_NS
 
     def _is_outvoted(self) -> bool:
-        """Whether a witness has taken part in a later election that nobody has won: until the next it obeys nobody."""
+        """Whether a witness has voted in a later election without a winner; until the next it it follows none."""
         elections = [self._led(name).election - self._won.election for name in self.witnesses]
         return any(0 < later <= LEAP_MAX for later in elections)
 

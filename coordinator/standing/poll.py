@@ -1,4 +1,4 @@
-"""One question to all witnesses, and how it stands."""
+"""One question to all witnesses, and the answers so far."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

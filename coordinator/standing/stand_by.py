@@ -3,9 +3,9 @@
 It asks for the whole journal page by page, then follows the changes. A change with a number that does not follow is
 left, and sent again; a coordinator with another term, or that no longer has the changes, is copied again.
 
-If robots of the team are witnesses, it stands for election while it hears no coordinator that leads, also with a
-journal that is no copy; they know whether that has all that was acknowledged. Meanwhile it follows nothing, so that
-nothing is acknowledged that it may lack.
+If the team has witnesses, it asks them for their votes while it hears no coordinator that leads. This also applies to a
+journal that is no copy: the witnesses know whether it is complete. While it asks, it follows no changes, so that no
+change is acknowledged because of a copy that may already be in use.
 """
 
 import logging
@@ -37,9 +37,9 @@ TELL_NS = to_ns(0.2)
 SILENT_NS = to_ns(1.5)
 """A coordinator that is silent for longer is gone, as for robots."""
 PAUSE_NS = to_ns(0.5)
-"""Two steps that are so far apart are no silence of the coordinator: this process stood still, or its clock was set."""
+"""A longer gap between two steps means that this process was stopped or its clock was set: the silence starts again."""
 STAND_NS = to_ns(2.0)
-"""It stands for election after this much silence: longer than the lease that it gives (`mandate.LEASE_NS`)."""
+"""Silence after which it asks for votes; longer than the lease that it gives (`mandate.LEASE_NS`)."""
 ASK_TIMEOUT_S = 2.0
 
 
@@ -64,26 +64,26 @@ class StandBy:
         wire: this process's Zenoh endpoint.
         journal: its own journal, which becomes the copy.
         process: names this process.
-        candidate: with which it stands for election; None if the team has no witnesses.
+        candidate: asks for votes; None if the team has no witnesses.
 
     """
 
     def __init__(self, wire: Endpoint, journal: Journal, process: str, candidate: Candidate | None = None) -> None:
         self.elected: Elected | None = None
-        """The election that it has won; from then on it does nothing any more."""
+        """The election that it has won; after that, `step` does nothing."""
         self._wire, self._journal, self._process, self._candidate = wire, journal, process, candidate
         self._stepped_ns = self._quiet_since_ns = wire.clock.now_ns()
-        """When it took its last step, and since when it has heard no coordinator that leads."""
+        """Time of the last step, and start of the present silence."""
         self.unlike = ""
-        """Why it neither follows the coordinator that it hears nor stands for election, in words; empty if it may."""
+        """Why it neither follows the coordinator that it hears nor asks for votes, in words; empty if it may."""
         self._inbox = Inbox(capacity=4096)
         wire.subscribe(self._inbox, COORDINATOR_JOURNAL)
         self._tell = wire.publisher(COORDINATOR_STAND_BY)
         self._term = self._written = self._on_disk = self._told = 0
         self._name = "" if candidate is None else journal.name
-        """Of the journal, as witnesses remember it; empty if there are none."""
+        """Name of the journal; empty without witnesses."""
         self._election = 0
-        """Of the coordinator that leads, as far as was heard."""
+        """Number of the last election that was heard of."""
         self._led: Led | UnsetType = UNSET
         self._is_kept_by = ""
         self._heard_ns: int | None = None
@@ -110,7 +110,7 @@ class StandBy:
         return self._heard_ns is not None and now_ns - self._heard_ns > SILENT_NS
 
     def step(self) -> None:
-        """Hear what has changed, write it, and say how far it is; or stand for election."""
+        """Hear and write what has changed, report progress, and ask for votes if needed."""
         now_ns = self._wire.clock.now_ns()
         if self.elected is not None:
             return
@@ -153,7 +153,7 @@ class StandBy:
             self.elected = Elected(candidate.witnesses, self._name, won)
 
     def _is_heard(self, candidate: Candidate, changes: JournalChanges, now_ns: int) -> bool:
-        """Whether changes are of a coordinator that leads, and not while this one may be elected."""
+        """Whether to follow changes: their coordinator leads, and no vote for this one is pending."""
         lead = changes.lead
         self.unlike = ""
         if lead is UNSET:

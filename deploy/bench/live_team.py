@@ -10,10 +10,10 @@ from typing import NamedTuple
 import zenoh
 
 from robrain.coordinator.rules.rule import Rule
+from robrain.deploy.agents.robot_files import write_robot_files
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub
-from robrain.deploy.processes.robot_files import write_robot_files
 from robrain.deploy.run.rules_file import write_rules
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario

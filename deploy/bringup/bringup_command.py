@@ -10,13 +10,13 @@ from types import FrameType
 import zenoh
 
 from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_robot_file
+from robrain.deploy.agents.agent_process import endpoints_of
 from robrain.deploy.bringup.bring_up import BringUp, Wanted
 from robrain.deploy.bringup.findings import Finding
 from robrain.deploy.bringup.live_bench import LiveBench
 from robrain.deploy.bringup.operator import Operator, TerminalOperator, YesOperator
 from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.agent_process import endpoints_of
 from robrain.deploy.processes.live_process import note, tell_json
 from robrain.deploy.processes.name_claim import claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads

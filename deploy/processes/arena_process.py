@@ -8,16 +8,16 @@ from typing import Protocol
 
 import zenoh
 
-from robrain.deploy.commands.terminal import own_program, say
-from robrain.deploy.processes.forwarder_words import said
-from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
-from robrain.deploy.processes.robot_files import (
+from robrain.deploy.agents.robot_files import (
     addresses,
     loadable_from_here,
     open_forwarders,
     open_lines,
     write_robot_files,
 )
+from robrain.deploy.commands.terminal import own_program, say
+from robrain.deploy.processes.forwarder_words import said
+from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.supervision.arena_resume import resumed
 from robrain.protocol.wire.session import listening_at

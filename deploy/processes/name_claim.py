@@ -147,7 +147,7 @@ class NameClaim:
         return False
 
     def take_over(self) -> None:
-        """Take the name, whoever else has it: a coordinator that was elected."""
+        """Take the name even if another process has it; for a coordinator that was elected."""
         # Declared first, as a process that sees the token may query at once.
         self._wire.answer(self._keys.who, self._tell_who, serve=Serve.AT_ONCE, at_once=(), **self._keys.names)
         self._declare(HAS)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.recording.writer.provenance import Provenance
-from robrain.deploy.processes.robot_files import loadable_from_here, robot_file_of, started_again, write_robot_file
+from robrain.deploy.agents.robot_files import loadable_from_here, robot_file_of, started_again, write_robot_file
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.run.planning_file import write_planning
 from robrain.deploy.run.rules_file import write_rules

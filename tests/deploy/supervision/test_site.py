@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from robrain.deploy.agents.robot_files import robot_file_of, started_again
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.robot_files import robot_file_of, started_again
 from robrain.deploy.supervision.arena_resume import resumed, write_resume
 from robrain.deploy.supervision.site import Site, coordinator_parts, dashboard_part, recorder_part
 from robrain.deploy.supervision.up import Printed

@@ -79,7 +79,7 @@ class Team:
 
     @contextmanager
     def cut(self, *side: str) -> Iterator[None]:
-        """These do not hear the others meanwhile."""
+        """Cut these components off from all others within the block."""
         self._faults += 1
         number, fault = (
             self._faults,
@@ -234,7 +234,7 @@ def test_one_that_robots_do_not_hear_stops_before_its_stand_by_may_be_elected(te
         return None if is_cut else passes(sender, receiver)
 
     faults.fate = fate
-    team.run._set(1, FaultSpec(robot="nobody", kind=FaultKind.LOSE, at_s=0.0, share=0.5), begins=True)
+    team.run._set(1, FaultSpec(robot="unused", kind=FaultKind.LOSE, at_s=0.0, share=0.5), begins=True)
     team.pass_s(5.0)
     assert team.run.leading() == [COORDINATOR]
     is_apart = True

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from robrain.deploy.processes.agent_words import AgentWords, agent_words
+from robrain.deploy.agents.agent_words import AgentWords, agent_words
 from robrain.deploy.processes.compiler_pages import Pages, unchanged_pages
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive

@@ -1,8 +1,8 @@
-"""Who leads: what coordinators ask the robots that are their witnesses, and what both say about it.
+"""Elections of a coordinator by robots, the witnesses.
 
-Several coordinators may be started for one team, each with a journal of its own. One of them leads: it was elected by
-more than half of the witnesses, numbers count the elections. The witnesses also remember which journals have all that
-was acknowledged, so that no coordinator with another journal is elected.
+A team may have several coordinators, each with its own journal. The one that more than half of the witnesses elect
+leads. The witnesses also store which journals hold every acknowledged change, and elect no coordinator with another
+journal.
 """
 
 from enum import StrEnum
@@ -21,29 +21,29 @@ Holders = Annotated[list[Name], Meta(max_length=8)]
 
 
 class WitnessWish(StrEnum):
-    """What a coordinator asks a witness for."""
+    """What a coordinator asks of a witness."""
 
     ELECT = "elect"
-    """To elect it."""
+    """A vote."""
     HOLD = "hold"
-    """To remember which journals have all that was acknowledged."""
+    """To store which journals hold every acknowledged change."""
 
 
 class WitnessRefusal(StrEnum):
     """Why a witness refuses."""
 
     LEADER_HEARD = "leader_heard"
-    """It has heard a coordinator that leads, or elected one, within the last 2 s."""
+    """It has heard or elected another coordinator within the last 2 s."""
     OUTVOTED = "outvoted"
-    """It has elected another coordinator, with this or a greater number."""
+    """It has voted in this election for another coordinator, or in a later one."""
     LACKS_CHANGES = "lacks_changes"
-    """The journal may lack what was acknowledged."""
+    """The journal may lack acknowledged changes."""
     UNWRITABLE = "unwritable"
-    """It cannot store the answer, so that it would have forgotten it after a restart."""
+    """It cannot store its answer, and would have forgotten it after a restart."""
 
 
 class WitnessRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """A coordinator's question to a witness."""
+    """A coordinator's request to a witness."""
 
     wish: WitnessWish
     """What it asks for."""
@@ -52,22 +52,22 @@ class WitnessRequest(msgspec.Struct, frozen=True, kw_only=True):
     journal: Name
     """Names the coordinator's journal."""
     began_ns: Stamp = 0
-    """When the coordinator's process began to ask, so that one that starts again does not win the same election."""
+    """Start of the coordinator's process: after a restart it is another candidate."""
     is_copy: bool = False
     """Whether that is a copy of another coordinator's."""
     forced: bool = False
-    """An operator says that no other journal has more: it is elected whatever the witness remembers."""
+    """An operator confirms that no other journal has more; the witness disregards the stored journals."""
     number: Count = 0
-    """Of this wish to hold; increases within an election."""
+    """Number of a `hold` request; increases within an election."""
     holders: Holders = []
-    """The journals that have all that was acknowledged."""
+    """Journals that hold every acknowledged change; of a `hold` request."""
 
 
 class WitnessReply(msgspec.Struct, frozen=True, kw_only=True):
     """A witness's answer."""
 
     refusal: WitnessRefusal | None = None
-    """Why not; None if it does as asked."""
+    """None if the request is granted."""
     election: Count = 0
     """The greatest number of an election that it knows of."""
     before: Name = ""
@@ -82,9 +82,9 @@ class Lead(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     journal: Name
     """Names its journal."""
     is_suspended: bool = False
-    """Whether it offers nothing and renews no lease, as another coordinator may have been elected."""
+    """Whether it offers no task and renews no lease, because another coordinator may have been elected."""
     heard: Count = 0
-    """Witnesses that hear it, and are heard."""
+    """Number of witnesses that hear it."""
     witnesses: Witnesses = []
     """All witnesses."""
 

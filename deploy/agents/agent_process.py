@@ -10,13 +10,13 @@ import msgspec
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
+from robrain.deploy.agents.witness_file import WitnessFile, witness_path
 from robrain.deploy.observability.json_logs import CONTEXT
 from robrain.deploy.processes.compiler_pages import CompilerPages
 from robrain.deploy.processes.live_process import LiveStop, note, open_when_there, tell
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
-from robrain.deploy.processes.witness_file import WitnessFile, witness_path
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.clock import WallClock

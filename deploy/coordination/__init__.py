@@ -1,0 +1,1 @@
+"""The commands of coordinators: one that leads, one that stands by, several that robots elect one of."""
