@@ -37,7 +37,7 @@ from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.agent.class_import import import_class
 from robrain.agent.host.agent_host import stock_place
 from robrain.agent.manifest import read_manifest
-from robrain.deploy.processes import agent_process
+from robrain.deploy.agents import agent_process
 found = PluginFolders([stock_place()]).find()
 for name in {sorted(PLAIN)}:
     import_class(read_manifest(found[name]))
