@@ -53,7 +53,7 @@ from robrain.deploy.sweep.sweep_commands import sweep_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
-from robrain.protocol.wire.border.safe_text import safe_text
+from robrain.protocol.wire.border.safe_text import safe_lines
 from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_name
 
@@ -464,9 +464,8 @@ def _said_in_words() -> Iterator[None]:
     try:
         yield
     except RobrainError as error:
-        sys.stderr.write(f"robrain: {safe_text(str(error))}\n")
-        if isinstance(error, CallError) and error.detail:
-            sys.stderr.write("".join(f"  {safe_text(line)}\n" for line in error.detail.splitlines()))
+        detail = f"\n{error.detail}" if isinstance(error, CallError) and error.detail else ""
+        sys.stderr.write(f"robrain: {safe_lines(str(error) + detail, '  ')}\n")
         sys.exit(EXIT_BAD_INPUT)
     except ModuleNotFoundError as error:
         missing = missing_extra(error, sys.argv[1:])

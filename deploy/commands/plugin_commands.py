@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, connect_team, print_json, say
-from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
@@ -165,8 +164,8 @@ def _show(infos: "list[PluginInfo]") -> None:
     results().print(table)
     for info in infos:
         if info.detail:
-            lines = "".join(f"  {safe_text(line)}\n" for line in info.detail.splitlines())
-            say(f"\n{info.name}: {safe_text(info.where)}\n{lines.rstrip()}")
+            say("")
+            say(f"{info.name}: {info.where}\n{info.detail}")
 
 
 def _tell(infos: "list[PluginInfo]") -> None:

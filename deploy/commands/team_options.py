@@ -44,8 +44,8 @@ def print_json(value: object) -> None:
 
 
 def say(text: str) -> None:
-    """One line on stdout, at once; line breaks and control characters in it are shown."""
-    from robrain.protocol.wire.border.safe_text import safe_text
+    """One line on stdout, at once; the lines of a longer text are indented."""
+    from robrain.protocol.wire.border.safe_text import safe_lines
 
-    sys.stdout.write(safe_text(text) + "\n")
+    sys.stdout.write(safe_lines(text, "  ") + "\n")
     sys.stdout.flush()

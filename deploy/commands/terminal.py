@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from robrain.deploy.processes.live_process import tell
-from robrain.protocol.wire.border.safe_text import safe_lines, safe_text
+from robrain.protocol.wire.border.safe_text import safe_lines
 
 PLAIN_WIDTH = 200
 """Width of a table written to a file or pipe, in columns."""
@@ -26,8 +26,8 @@ def say(text: str) -> None:
 
 
 def cell(text: str) -> str:
-    """Foreign text for a cell of a table: without markup, and safe as by `say`."""
-    return escape(safe_text(text))
+    """Foreign text for a cell of a table: without markup, and safe as by `say`; it may have several lines."""
+    return escape(safe_lines(text))
 
 
 def print_line(text: str) -> None:

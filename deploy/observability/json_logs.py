@@ -13,7 +13,7 @@ from typing import NoReturn
 import msgspec
 
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.border.safe_text import safe_json, safe_lines, safe_text
+from robrain.protocol.wire.border.safe_text import safe_json, safe_lines
 
 FORMAT_VARIABLE = "ROBRAIN_LOG_FORMAT"
 OPTION = "--log-format"
@@ -70,15 +70,11 @@ class JsonLines(logging.Formatter):
 
 
 class SafeLines(logging.Formatter):
-    """Formats each record as one line, and its traceback below it, in which nothing steers a terminal."""
-
-    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 (logging calls it so)
-        """The line: a message from the wire cannot pass for two."""
-        return safe_text(super().formatMessage(record))
+    """Formats a record for a terminal, with indented lines after the first: a message cannot pass for two."""
 
     def format(self, record: logging.LogRecord) -> str:
         """The line and the traceback."""
-        return safe_lines(super().format(record))
+        return safe_lines(super().format(record), "  ")
 
 
 def plugin_of(thread: str) -> str:

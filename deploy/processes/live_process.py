@@ -15,7 +15,7 @@ from robrain.client.transport import open_client_session
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.lifeline import Lifeline
 from robrain.deploy.processes.secured_start import warn_of_listening
-from robrain.protocol.wire.border.safe_text import safe_json, safe_text
+from robrain.protocol.wire.border.safe_text import safe_json, safe_lines
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, PortTaken
@@ -137,8 +137,8 @@ def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
 
 
 def tell(text: str) -> None:
-    """Print a line of the command's result on stdout, at once; line breaks and control characters in it are shown."""
-    sys.stdout.write(safe_text(text) + "\n")
+    """Print a line of the command's result on stdout, at once; the lines of a longer text are indented."""
+    sys.stdout.write(safe_lines(text, "  ") + "\n")
     sys.stdout.flush()
 
 
@@ -149,8 +149,8 @@ def tell_json(value: object) -> None:
 
 
 def note(text: str) -> None:
-    """Print a line about progress on stderr; line breaks and control characters in it are shown."""
-    sys.stderr.write(safe_text(text) + "\n")
+    """Print a line about progress on stderr; the lines of a longer text are indented."""
+    sys.stderr.write(safe_lines(text, "  ") + "\n")
     sys.stderr.flush()
 
 

@@ -28,13 +28,17 @@ def safe_text(text: str, limit: int | None = None) -> str:
     return shown if limit is None or len(shown) <= limit else shown[: limit - 1] + CUT
 
 
-def safe_lines(text: str) -> str:
-    r"""The same for a text of our own with several lines.
+def safe_lines(text: str, indent: str = "") -> str:
+    r"""The same for a text with several lines, such as a reason: line breaks and tabs keep their meaning.
 
-    >>> safe_lines("r1:\n  \x1b]0;title\x07")
-    'r1:\n  \\x1b]0;title\\x07'
+    Args:
+        text: may come from elsewhere if `indent` is not empty.
+        indent: begins all lines after the first, so that none of them passes for a line of the program's own.
+
+    >>> safe_lines("r1: 2 errors:\na\tb\n\x1b]0;title\x07", indent="  ")
+    'r1: 2 errors:\n  a   b\n  \\x1b]0;title\\x07'
     """
-    return "\n".join(map(safe_text, text.split("\n")))
+    return f"\n{indent}".join(map(safe_text, text.replace("\r\n", "\n").expandtabs(4).split("\n")))
 
 
 def safe_html(text: str, limit: int | None = None) -> str:

@@ -3,7 +3,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.wire.border.safe_text import safe_html, safe_json, safe_text
+from robrain.protocol.wire.border.safe_text import safe_html, safe_json, safe_lines, safe_text
 
 ANY = st.text(st.characters(codec=None), max_size=40)
 
@@ -14,6 +14,13 @@ def test_safe_text_is_one_line_of_characters_that_are_seen(text: str) -> None:
     assert all(char.isprintable() or char in "\xad" or ord(char) > 0x9F for char in shown)
     assert "\x1b" not in shown
     assert len(shown.splitlines()) <= 1
+
+
+@given(ANY)
+def test_no_line_of_a_foreign_text_passes_for_one_of_the_programs_own(text: str) -> None:
+    first, *others = safe_lines(text, "  ").split("\n")
+    assert all(line.startswith("  ") and safe_text(line) == line for line in others)
+    assert safe_text(first) == first
 
 
 @given(st.text(st.characters(min_codepoint=32, max_codepoint=126)))
