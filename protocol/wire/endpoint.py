@@ -361,7 +361,8 @@ class Endpoint:
             CallError: the reply is an error, does not decode (`failed`), or none came in time (`timeout`).
             NobodyThere: nobody answers that key.
         """
-        key = self._signing.own(topic, topic.key(self.team, **names))
+        plain_key = topic.key(self.team, **names)
+        key = self._signing.own(topic, plain_key)
         body = self._signing.body(topic, request)
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         selector = f"{key}?{BY}={check_name('asker', by)}" if by and not self._signing.covers(topic) else key
@@ -371,8 +372,8 @@ class Endpoint:
         if not replies.in_time:
             raise CallError(ErrorCode.TIMEOUT, "no reply in time")
         for answer in replies.answers:
-            return read_answer(topic, key, answer)
-        raise NobodyThere(f"nobody answers {key}")
+            return read_answer(topic, plain_key, answer)
+        raise NobodyThere(f"nobody answers {plain_key}")
 
     def ask_later(
         self,
@@ -393,18 +394,19 @@ class Endpoint:
             names: the names in the key.
 
         """
-        key = self._signing.own(topic, topic.key(self.team, **names))
+        plain_key = topic.key(self.team, **names)
         if self.drive is Drive.LOCKSTEP:
             try:
-                return Later(key, topic, known=[self.ask(topic, request, timeout_s=timeout_s, **names)])
+                return Later(plain_key, topic, known=[self.ask(topic, request, timeout_s=timeout_s, **names)])
             except (CallError, NobodyThere) as error:
-                return Later(key, topic, known=error)
+                return Later(plain_key, topic, known=error)
         body = self._signing.body(topic, request)
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         options = {"payload": body, "encoding": JSON, **query_options(topic.urgency)}
         if trace:
             options["attachment"] = trace
-        return Later(key, topic, self._get(key, timeout=timeout_s, **options))
+        key = self._signing.own(topic, plain_key)
+        return Later(plain_key, topic, self._get(key, timeout=timeout_s, **options))
 
     def _get(self, key: str, **options: Any) -> Any:
         """Ask in live without waiting; returns the channel of the replies."""

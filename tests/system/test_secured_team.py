@@ -3,15 +3,19 @@
 import os
 import shutil
 import signal
+import subprocess
 from collections.abc import Iterator
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import click
 import pytest
 import zenoh
+from typer.main import get_command
 
 from robrain.agent.authoring.skeleton import write_skeleton
+from robrain.cli import app
 from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import folder_of
@@ -24,15 +28,76 @@ from robrain.protocol.wire.access.member import Member, MemberRole, member
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, WireError
+from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_WHO, HALT, ROBOT_CALL, ROBOT_LOG
 from tests.system.conftest import Commands
+from tests.system.routers import start_router
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 TEAM = "blue"
 ROUTER, ROBOT = member("router", TEAM, "site"), member("robot", TEAM, "r1")
 HQ, ANN = member("coordinator", TEAM, "hq"), member("operator", TEAM, "ann")
+MEMBERS = (
+    "router site", "coordinator hq", "operator ann", "viewer vic", "arena sim", "recorder rec", "robot r1",
+    "dashboard hall",
+)  # fmt: skip
+VISIT = "task add visit --at 16,6.3"
+ALLOWED = {
+    "status": (0, "r1"),
+    "halt r1": (0, "r1: halted"),
+    "resume r1": (0, "r1: resumed"),
+    "halt": (0, "1 of 1 robots halted"),
+    "resume": (0, "1 of 1 robots resumed"),
+    "lead": (0, "was not holding tasks back"),
+    "call r1 home start": (0, "x_m"),
+    "shell r1": (0, ""),
+    "plugin list r1": (0, "counter"),
+    "plugin reload r1 counter": (0, "counter: active"),
+    "plugin unload r1 counter": (0, "counter: unloaded"),
+    "plugin load r1 counter": (0, "counter: active"),
+    "task kinds": (0, "visit"),
+    f"{VISIT} --dry-run": (0, "would be accepted"),
+    f"{VISIT} --id v1": (0, "v1: queued"),
+    "task watch v1": (0, "v1: done at r1"),
+    "task list": (0, "operator:ann"),
+    "task show v1": (0, "v1: done"),
+    "task why v1": (0, "done"),
+    "task cancel v1": (2, "task v1 has ended already"),
+    "task objective makespan": (0, "makespan"),
+    "task charges": (0, ""),
+    "journal backup": (0, "blue.journal.backups"),
+    "top --once": (0, "coordinator"),
+    "doctor": (0, "the certificate of operator:blue:ann"),
+}
+"""What an operator may do: each command with its exit status and some text of its answer."""
+SERVING = {
+    "metrics --port 0": ("operator ann", "metrics: of team blue at http://"),
+    "traces": ("operator ann", "traces: of team blue"),
+    "foxglove --port 0": ("operator ann", "foxglove: ws://"),
+    "assistant": ("operator ann", "of team blue as operator:ann"),
+    "dashboard --port 0": ("dashboard hall", "dashboard: http://"),
+}
+"""Commands that run until Ctrl-C: each with the member that runs it and a line that it prints."""
+PARTS = ("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "bridge", "ros2 gateway")
+"""Commands of `BlueTeam`, and those that other tests run."""
+REFUSED = {
+    "status": (0, "r1"),
+    "plugin list r1": (0, "counter"),
+    "task list": (0, "v1"),
+    "task why v1": (0, "done"),
+    "halt": (2, "viewer:vic may not publish halt: dashboard, operator may"),
+    "halt r1": (1, "viewer:vic may not ask host_halt"),
+    "resume r1": (1, "viewer:vic may not ask host_resume"),
+    "lead": (2, "viewer:vic may not ask coordinator_lead"),
+    "call r1 home start": (2, "viewer:vic may not ask"),
+    "plugin reload r1 counter": (2, "viewer:vic may not ask host_reload"),
+    VISIT: (2, "viewer:vic may not ask task_submit"),
+    "task cancel v1": (2, "viewer:vic may not ask task_cancel"),
+    "task objective makespan": (2, "viewer:vic may not ask coordinator_objective"),
+    "journal backup": (2, "viewer:vic may not ask coordinator_backup"),
+}
 
 
 @pytest.fixture
@@ -221,37 +286,90 @@ def test_listening_beyond_this_machine_without_certificates_is_warned_of(endpoin
     assert bool(said) == warns
 
 
-def test_commands_make_a_team_that_does_a_halt(commands: Commands) -> None:
-    """The commands of the page `docs/how-to/secure-a-team.md`, but for the robot's hardware."""
-    folder = commands.folder
-    assert "CA of team blue" in commands.run("pki", "init", "--team", TEAM).stdout
-    for words in ("router site", "coordinator hq", "operator ann", "viewer vic", "robot r1"):
-        assert commands.run("pki", "issue", *words.split()).returncode == 0
-    members = folder / "pki" / "members"
-    router = commands.start("--tls", str(members / "router.site"), "router", "--listen", "tls/127.0.0.1:0")
-    endpoint = commands.line_with(router, "members may connect").split()[2].rstrip(",")
-    hq = commands.start("--tls", str(members / "coordinator.hq"), "coordinator", "--team", TEAM, "--connect", endpoint)
-    (folder / "r1.toml").write_text(
-        '[robot]\nname = "r1"\nteam = "blue"\nload = ["counter", "command"]\n'
-        f'[zenoh]\nconnect = ["{endpoint}"]\n[zenoh.tls]\nfolder = "pki/members/robot.r1"\n'
-    )
-    agent = commands.start("agent", "r1.toml")
-    commands.line_with(hq, "of team blue")
-    commands.line_with(agent, "r1 is up")
+class BlueTeam:
+    """A secured team of real processes with one simulated robot, made by the commands of `secure-a-team.md`."""
 
-    def ask(who: str, *words: str) -> tuple[int, str]:
-        ended = commands.run("--tls", str(members / who), *words, "--team", TEAM, "--connect", endpoint)
+    def __init__(self, folder: Path) -> None:
+        self.commands = Commands(folder)
+        self.pki = folder / "pki"
+        assert "CA of team blue" in self.commands.run("pki", "init", "--team", TEAM).stdout
+        for words in MEMBERS:
+            assert self.commands.run("pki", "issue", *words.split()).returncode == 0
+        self.endpoint = start_router(self.commands, self.pki, ROUTER).endpoint
+        arena = self.start("arena sim", "arena", "depot", "--robots", "1", "--robot-files", "robots")
+        coordinator = self.start("coordinator hq", "coordinator")
+        self.recorder = self.start("recorder rec", "record", "--output", "run.mcap")
+        Commands.line_with(arena, "robots r1")
+        robot_file = folder / "robots" / "r1.toml"
+        robot_file.write_text(robot_file.read_text() + '\n[zenoh.tls]\nfolder = "../pki/members/robot.r1"\n')
+        Commands.line_with(self.commands.start("agent", str(robot_file)), "r1 is up")
+        Commands.line_with(coordinator, "of team blue")
+
+    def start(self, who: str, *words: str) -> "subprocess.Popen[str]":
+        return self.commands.start(*words, "--team", TEAM, **self._variables(who))
+
+    def ask(self, who: str, *words: str) -> tuple[int, str]:
+        ended = self.commands.run(*words, "--team", TEAM, **self._variables(who))
         return ended.returncode, ended.stdout + ended.stderr
 
-    assert "r1 up" in ask("operator.ann", "status")[1]
-    code, said = ask("viewer.vic", "halt")
-    assert code != 0
-    assert "viewer:vic may not publish halt: dashboard, operator may" in said
-    assert "1 of 1 robots halted" in ask("operator.ann", "halt")[1]
-    assert "1 of 1 robots resumed" in ask("operator.ann", "resume")[1]
-    shown = commands.run("pki", "show").stdout
-    assert "robot:blue:r1" in shown
-    assert "ends in 7 days" in shown
+    def _variables(self, who: str) -> dict[str, str]:
+        return {TLS_VARIABLE: str(self.pki / "members" / who.replace(" ", ".")), CONNECT_VARIABLE: self.endpoint}
+
+
+@pytest.fixture(scope="module")
+def blue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BlueTeam]:
+    team = BlueTeam(tmp_path_factory.mktemp("blue"))
+    yield team
+    team.commands.stop_all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("who", "role", "answers"), [("operator ann", "operator:ann", ALLOWED), ("viewer vic", "viewer:vic", REFUSED)]
+)
+def test_every_command_has_its_answer_in_a_secured_team(
+    blue: BlueTeam, who: str, role: str, answers: dict[str, tuple[int, str]]
+) -> None:
+    until(lambda: "mapper" in blue.ask(who, "plugin", "list", "r1")[1], pause_s=0.2)
+    wrong = []
+    for words, (expected, text) in answers.items():
+        status, printed = blue.ask(who, *words.split())
+        if status != expected or text not in printed:
+            wrong.append(f"{role}: {words}: {status}: {printed}")
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("words", "who", "line"), [(words, who, line) for words, (who, line) in SERVING.items()])
+def test_commands_that_serve_start_in_a_secured_team(blue: BlueTeam, words: str, who: str, line: str) -> None:
+    process = blue.start(who, *words.split())
+    Commands.line_with(process, line)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) in (0, 130)
+
+
+def test_every_command_that_connects_is_tried_in_a_secured_team() -> None:
+    def commands(group: click.Command, *words: str) -> Iterator[str]:
+        for name, command in getattr(group, "commands", {}).items():
+            yield from commands(command, *words, name)
+        if any(option.name == "connect" for option in group.params):
+            yield " ".join(words)
+
+    tried = [*ALLOWED, *SERVING, *PARTS]
+    assert not [
+        name for name in commands(get_command(app)) if not any(f"{each} ".startswith(f"{name} ") for each in tried)
+    ]
+
+
+@pytest.mark.slow
+def test_recording_names_the_operator_who_halted(blue: BlueTeam) -> None:
+    for words in ("halt --reason test", "resume"):
+        assert blue.ask("operator ann", *words.split())[0] == 0
+    blue.recorder.send_signal(signal.SIGINT)
+    blue.recorder.wait(PATIENCE_S)
+    found = [each.payload for each in read_messages(blue.pki.parent / "run.mcap") if each.topic_key == HALT.key(TEAM)]
+    halts = [HALT.payloads.read(payload) for payload in found]
+    assert {(halt.by, halt.halted) for halt in halts} == {("operator:ann", True), ("operator:ann", False)}
 
 
 def test_agent_says_what_is_wrong_with_its_certificate_and_ends(commands: Commands, pki: Path) -> None:
@@ -265,47 +383,6 @@ def test_agent_says_what_is_wrong_with_its_certificate_and_ends(commands: Comman
     assert ended.returncode == 2
     assert "key.pem: expected mode 0600, got 0644" in ended.stderr
     assert "Traceback" not in ended.stderr
-
-
-def test_robot_does_a_task_and_a_recording_says_who_halted_it(commands: Commands) -> None:
-    folder = commands.folder
-    commands.run("pki", "init", "--team", TEAM)
-    for words in ("router site", "coordinator hq", "operator ann", "arena sim", "recorder rec", "robot r1"):
-        commands.run("pki", "issue", *words.split())
-    members = folder / "pki" / "members"
-    router = commands.start("--tls", str(members / "router.site"), "router", "--listen", "tls/127.0.0.1:0")
-    endpoint = commands.line_with(router, "members may connect").split()[2].rstrip(",")
-
-    def start(who: str, *words: str) -> object:
-        return commands.start("--tls", str(members / who), *words, "--team", TEAM, "--connect", endpoint)
-
-    as_ann = ("--tls", str(members / "operator.ann"))
-    there = ("--team", TEAM, "--connect", endpoint)
-
-    def ask(*words: str) -> str:
-        ended = commands.run(*as_ann, *words, *there)
-        return ended.stdout + ended.stderr
-
-    arena = start("arena.sim", "arena", "depot", "--robots", "1", "--robot-files", "robots")
-    start("coordinator.hq", "coordinator")
-    recorder = start("recorder.rec", "record", "--output", "run.mcap")
-    commands.line_with(arena, "robots r1")  # type: ignore[arg-type]
-    robot_file = folder / "robots" / "r1.toml"
-    robot_file.write_text(robot_file.read_text() + '\n[zenoh.tls]\nfolder = "../pki/members/robot.r1"\n')
-    commands.line_with(commands.start("agent", str(robot_file)), "r1 is up")
-    until(lambda: "visit-1" in ask("task", "add", "visit", "--at", "16,6.3", "--id", "visit-1"), pause_s=0.2)
-    commands.run_until(lambda ended: "done" in ended.stdout, *as_ann, "task", "list", *there)
-    assert "1 of 1 robots halted" in ask("halt", "--reason", "test")
-    assert "1 of 1 robots resumed" in ask("resume")
-    assert "refused" not in ask("status")
-    recorder.send_signal(signal.SIGINT)  # type: ignore[attr-defined]
-    recorder.wait(PATIENCE_S)  # type: ignore[attr-defined]
-    found = [each.payload for each in read_messages(folder / "run.mcap") if each.topic_key == HALT.key(TEAM)]
-    halts = [HALT.payloads.read(payload) for payload in found]
-    assert list(dict.fromkeys((halt.by, halt.halted) for halt in halts)) == [
-        ("operator:ann", True),
-        ("operator:ann", False),
-    ]
 
 
 def test_configuration_for_zenohd_makes_a_router_of_the_same_rules(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:

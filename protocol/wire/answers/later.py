@@ -19,7 +19,7 @@ class Later(Generic[R]):
     """The reply to one query; made by `Endpoint.ask_later`.
 
     Args:
-        key: that was asked.
+        key: that was asked, without a signature.
         topic: the query.
         replies: the query's channel; it says None as long as there is nothing, and raises ZError at its end.
         known: what is known already, in place of a channel: the reply in a list, or the error.

@@ -2,13 +2,15 @@
 
 import pytest
 
+from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.protocol.wire.answers.later import call_error
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.host_queries import HOST_HALT
-from robrain.protocol.wire.messages.robots.host_messages import HaltAnswer, HaltRequest
+from robrain.protocol.wire.host_queries import HOST_HALT, HOST_RESUME
+from robrain.protocol.wire.messages.robots.host_messages import HaltAnswer, HaltRequest, ResumeRequest
 from robrain.protocol.wire.topic import Urgency
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS, TASK_SUBMIT
+from tests.protocol.wire.lockstep_wire import Wire
 from tests.waiting import PATIENCE_S
 
 FOO = {"robot": "r1", "plugin": "p", "function": "foo"}
@@ -38,6 +40,18 @@ def test_a_reply_on_behalf_of_another_robot_is_refused(wire):
     with pytest.raises(CallError, match="a bad reply: its key says robot r1, its payload r2") as refused:
         wire.other.ask(HOST_HALT, HaltRequest(by="ann"), robot="r1")
     assert refused.value.code is ErrorCode.FAILED
+
+
+def test_reply_in_a_secured_team_is_compared_with_the_robot_that_was_asked(session, monkeypatch):
+    monkeypatch.setattr("robrain.protocol.wire.endpoint.member_on", lambda _: Member(MemberRole.OPERATOR, "t", "ann"))
+    wire = Wire(session)
+    for robot in ("r1", "r2"):
+        wire.robot.answer(HOST_RESUME, lambda _: HaltAnswer(robot="r1", halted=False), robot=robot)
+    assert not wire.other.ask(HOST_RESUME, ResumeRequest(by="ann"), robot="r1").halted
+    assert not wire.other.ask_later(HOST_RESUME, ResumeRequest(by="ann"), robot="r1").take().halted
+    with pytest.raises(CallError, match="its key says robot r2, its payload r1"):
+        wire.other.ask(HOST_RESUME, ResumeRequest(by="ann"), robot="r2")
+    wire.close()
 
 
 def test_a_request_that_does_not_decode_is_counted_and_no_handler_sees_it(wire):
