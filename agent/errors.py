@@ -5,7 +5,6 @@ RobrainError
 │   ├── ManifestError         a manifest or robot file is wrong: names file and key
 │   │   └── PackageMissing    it needs an extra that is not installed; carries `.needed`
 │   ├── PluginMissing         no plugin of that name
-│   ├── RequirementFaulted    what it requires does not run; carries `.required`
 │   ├── AccessDenied          the caller may not use that plugin
 │   ├── PluginBusy            somebody else holds it; carries `.holder`
 │   ├── PluginInactive        it is there but not active (or halted, or faulted)
@@ -72,16 +71,6 @@ class PluginMissing(PluginError):
     """No plugin of that name is loaded."""
 
     code = ErrorCode.UNKNOWN_PLUGIN
-
-
-class RequirementFaulted(PluginError):
-    """A plugin that it requires does not run; carries its name as `.required`."""
-
-    code = ErrorCode.INACTIVE
-
-    def __init__(self, plugin: str, required: str, why: str) -> None:
-        super().__init__(plugin, f"requires {required}, which is left out: {why}")
-        self.required = required
 
 
 class AccessDenied(PluginError):

@@ -48,7 +48,7 @@ def log_error(logger: logging.Logger, what: str, error: BaseException) -> str:
 
 def where_raised(error: BaseException) -> str:
     """The innermost line in the plugin's own folder, such as `lamp/lamp.py:12 in step`; empty if there is none."""
-    for cause in _causes(error):
+    for cause in causes_of(error):
         frames = _frames(cause)
         if source := _not_python(cause):
             return f"{short_path(Path(source))}:{getattr(cause, 'lineno', 0)}"
@@ -66,7 +66,7 @@ def plugin_traceback(error: BaseException) -> str:
     """
     if isinstance(error, PackageMissing):
         return ""
-    for cause in _causes(error):
+    for cause in causes_of(error):
         frames = _frames(cause)
         source = _not_python(cause)
         if not frames and not source:
@@ -86,7 +86,7 @@ def plugin_traceback(error: BaseException) -> str:
     return ""
 
 
-def _causes(error: BaseException) -> Iterator[BaseException]:
+def causes_of(error: BaseException) -> Iterator[BaseException]:
     """An error and its causes, outermost first; at most `MOST_CAUSES`."""
 
     def walk() -> Iterator[BaseException]:

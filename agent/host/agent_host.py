@@ -246,8 +246,8 @@ class AgentHost:
         if self._consensus is not None:
             self._consensus.step(now_ns, may_begin=not self._registry.halted)
         self.desk.check_lease(now_ns)
-        if self._registry.foreign is not None:
-            self.manager.foreign_came(self._registry.foreign.follow())
+        if self._registry.foreign is not None and self._registry.foreign.follow():
+            self._registry.newly_running = True
         if self._registry.new_faults or now_ns >= self.manager.faults.look_ns:
             self.manager.settle(now_ns)
         if self._schedule is not None:

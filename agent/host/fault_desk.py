@@ -120,15 +120,11 @@ class FaultDesk:
             return
         plugin.restarts += 1
         case.started_ns = now_ns
-        users = self._registry.users_of(plugin.name)
         self._begin(plugin)
         if not plugin.state.is_running:
             self._registry.note_fault(plugin)
             return
         logger.warning("%s: plugin %s is restarted (%d)", self._registry.robot, plugin.name, plugin.restarts)
-        for user in reversed(users):
-            if user.state in (PluginState.INACTIVE, PluginState.FAULTED) and user.lacks:
-                self._begin(user)
 
     def _look_for_hung(self, now_ns: int) -> None:
         overdue = [

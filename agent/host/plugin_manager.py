@@ -163,7 +163,7 @@ class PluginManager:
             for name in fresh.keys() & before.keys():
                 self.faults.forget(before[name])
                 before[name].unload()
-            return [*fresh.values(), *self._starter.begin_dependants(fresh)]
+            return [*fresh.values(), *self._starter.begin_lacking()]
 
     def unload(self, name: str, *, cascade: bool = False) -> list[ManagedPlugin]:
         """Unload a plugin, with `cascade` also those that require it.
@@ -208,7 +208,7 @@ class PluginManager:
             self._starter.sort()
             if not was_running:
                 self.faults.forget(plugin)
-                self._starter.begin_dependants([name])
+                self._starter.begin_lacking()
             return plugin
 
     def settle(self, now_ns: int) -> None:
@@ -218,14 +218,12 @@ class PluginManager:
         try:
             self._see_to_faults(now_ns)
             self.faults.look(now_ns)
+            if self.registry.newly_running and not self.halted:
+                self.registry.newly_running = False
+                if any(plugin.lacks for plugin in self.plugins.values()):
+                    self.later(self._starter.begin_lacking)
         finally:
             self._under_way.release()
-
-    def foreign_came(self, names: Iterable[str]) -> None:
-        """Foreign plugins have come: start what was left out for lack of them."""
-        came = list(names)
-        if any(not set(came).isdisjoint(plugin.manifest.tag.requires) for plugin in self.plugins.values()):
-            self.later(partial(self._starter.begin_dependants, came))
 
     def later(self, do: Callable[[], object]) -> None:
         """Have something done alone that may take its time; in live not on the host's own thread."""

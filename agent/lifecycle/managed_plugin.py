@@ -21,7 +21,6 @@ from robrain.agent.errors import (
     AccessDenied,
     ForeignError,
     PackageMissing,
-    PluginCrashed,
     PluginError,
     PluginHung,
     PluginInactive,
@@ -214,6 +213,8 @@ class ManagedPlugin:
             if to is not self.state or (steps and why):
                 self.state, self.why, self.raised, self.lacks, self.needs = to, why, where, lacks, needs
             self._note_callable()
+        if trigger in (Trigger.ACTIVATED, Trigger.RESUME):
+            self._context.newly_running = True
         instance, failure = self.instance, None
         for step in steps:
             match step:
@@ -413,11 +414,8 @@ class ManagedPlugin:
 
     def blame(self, error: ForeignError) -> None:
         """What the plugin raised is its fault, unless it ran into a halt or an end of what it calls."""
-        if isinstance(error, PluginInactive) and self._context.excuses(self, error.plugin):
-            return
-        if isinstance(error, PluginCrashed) and error.plugin != self.name:
-            return  # the process of a plugin that it called has ended: that plugin faults, not this one
-        self.fault(error)
+        if not self._context.excuses(self, error):
+            self.fault(error)
 
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """A handle on another plugin for this one; the other decides."""

@@ -8,13 +8,14 @@ from robrain.agent.access.callee import Callee, Caller, level_conflict
 from robrain.agent.access.exclusive_use import ExternalLeases
 from robrain.agent.access.handle import Handle
 from robrain.agent.environment import Environment, PluginRequests
-from robrain.agent.errors import PluginError, PluginMissing
+from robrain.agent.errors import PluginCrashed, PluginError, PluginInactive, PluginMissing
 from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.requirements import branch_of
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import Manifest
-from robrain.agent.plugin import Plugin, PluginState
+from robrain.agent.plugin import Plugin
+from robrain.agent.plugin_traceback import causes_of
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
@@ -59,6 +60,8 @@ class Registry:
         """Starts plugins, in live; one that hangs while it is started is abandoned."""
         self.new_faults: deque[ManagedPlugin] = deque()
         """Plugins that have faulted since the host's last look at them."""
+        self.newly_running = False
+        """Whether a plugin runs that did not, since the host last started those that lacked one."""
         self._parameters = parameters
 
     @property
@@ -115,14 +118,17 @@ class Registry:
         """Whether a plugin of that name runs."""
         return self.is_foreign(name) or (name in self.plugins and self.plugins[name].state.is_running)
 
-    def excuses(self, plugin: Callee, other: str) -> bool:
-        """Whether it is no fault of a plugin's that one that it requires does not answer: it has gone, or is halted."""
-        if self.halted:
-            return True
-        found = self.plugins.get(other)
-        return other in branch_of(plugin.name, self.requirements()) and (
-            found is None or found.state is not PluginState.ACTIVE
-        )
+    def lacked_by(self, plugin: Callee, error: BaseException) -> str:
+        """The required plugin that raised an error because it does not run or hangs; empty if none did."""
+        branch = branch_of(plugin.name, self.requirements())
+        for cause in causes_of(error):
+            if isinstance(cause, PluginInactive | PluginCrashed | PluginMissing) and cause.plugin in branch:
+                return cause.plugin
+        return ""
+
+    def excuses(self, plugin: Callee, error: BaseException) -> bool:
+        """Whether an error that a plugin raised is the fault of one that it requires, or of a halt."""
+        return (self.halted and isinstance(error, PluginInactive)) or bool(self.lacked_by(plugin, error))
 
     def check_requirements(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
         """Whether what a plugin requires runs, and is of lower levels (PluginError if not)."""

@@ -37,8 +37,11 @@ class RobotContext(Protocol):
     def release(self, name: str) -> None:
         """A plugin holds no other any more."""
 
+    newly_running: bool
+    """Whether a plugin runs that did not; the host resets it when it has started the plugins that lacked one."""
+
     def note_fault(self, plugin: Any) -> None:
         """A plugin has faulted; to be seen to in the host's own step."""
 
-    def excuses(self, plugin: Callee, other: str) -> bool:
-        """Whether it is no fault of a plugin's that another one does not answer."""
+    def excuses(self, plugin: Callee, error: BaseException) -> bool:
+        """Whether an error that a plugin raised is the fault of another plugin, or of a halt."""

@@ -1,18 +1,19 @@
 """The start of plugins: what can start does; what cannot is left out with the reason, and so is what requires it."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from robrain.agent.access.callee import level_conflict
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
+    ForeignError,
     HardwareAbsent,
     ManifestError,
     PackageMissing,
     PluginError,
     PluginHung,
+    PluginInactive,
     PluginMissing,
-    RequirementFaulted,
 )
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.registry import Registry
@@ -74,24 +75,18 @@ class Starter:
         replacement = Replacement(plugin, manifest, registry.check_fit, live=registry.is_live)
         self._in_time(plugin, replacement.run, replacement.give_up)
 
-    def begin_dependants(self, came: Iterable[str]) -> list[ManagedPlugin]:
-        """Start what was left out, or deactivated, for lack of what is there now, and what waits for that in turn.
+    def begin_lacking(self) -> list[ManagedPlugin]:
+        """Start each plugin that does not run for lack of another, if all that it requires runs now.
 
         Returns:
             Those that were started.
 
         """
-        registry, there, begun = self._registry, set(came), []
-        for plugin in list(registry.plugins.values()):
-            if plugin.name in there or there.isdisjoint(plugin.manifest.tag.requires):
-                continue
-            waits = plugin.state is PluginState.INACTIVE or (
-                plugin.state is PluginState.FAULTED and plugin.instance is None
-            )
-            if waits and all(map(registry.is_running, plugin.manifest.tag.requires)):
+        is_running, begun = self._registry.is_running, []
+        for plugin in list(self._registry.plugins.values()):  # requirements first
+            if plugin.lacks and is_running(plugin.lacks) and all(map(is_running, plugin.manifest.tag.requires)):
                 self.begin(plugin)
                 if plugin.state.is_running:
-                    there.add(plugin.name)
                     begun.append(plugin)
         return begun
 
@@ -127,26 +122,29 @@ class Starter:
                 if registry.is_foreign(required):
                     continue
                 other = registry.get(required)
-                if other.state is PluginState.FAULTED:
-                    raise RequirementFaulted(plugin.name, required, other.why)
+                if other.state in (PluginState.FAULTED, PluginState.INACTIVE):
+                    raise PluginInactive(required, f"requires {required}, which is left out: {other.why}")
                 if other.plugin_class.level >= plugin.plugin_class.level:
                     raise level_conflict(plugin.name, plugin.plugin_class, required, other.plugin_class)
             self._in_time(plugin, do, None)
         except HardwareAbsent as error:
             logger.warning("%s: plugin %s is left out: %s", registry.robot, plugin.name, error)
-            plugin.apply(Trigger.LEAVE_OUT, f"hardware absent: {error}")
+            plugin.apply(Trigger.LEAVE_OUT, f"hardware absent: {error}", lacks=registry.lacked_by(plugin, error))
         except PluginError as error:
             self._leave_out(plugin, error)
         except FOREIGN_ERRORS as error:  # foreign plugin code
-            plugin.fault(error)
+            if registry.lacked_by(plugin, error):
+                self._leave_out(plugin, error)
+            else:
+                plugin.fault(error)
 
-    def _leave_out(self, plugin: ManagedPlugin, error: PluginError) -> None:
+    def _leave_out(self, plugin: ManagedPlugin, error: ForeignError) -> None:
         if isinstance(error, PackageMissing):
             plugin.apply(Trigger.LEAVE_OUT, f"needs {error.needed}", error)
             logger.info("%s: plugin %s is left out: %s", self._registry.robot, plugin.name, error)
             return
         outside = error.for_outside() if isinstance(error, ManifestError) else error
-        lacks = error.required if isinstance(error, RequirementFaulted) else ""
+        lacks = self._registry.lacked_by(plugin, error)
         plugin.apply(Trigger.LEAVE_OUT, str(outside), error, lacks=lacks)
         what = f"{self._registry.robot}: plugin {plugin.name} is left out"
         if lacks and self._registry.needs_of(lacks):

@@ -251,18 +251,6 @@ def test_restart_of_what_is_gone_or_was_loaded_meanwhile_does_nothing(change: st
     assert (robot.begun, boiler.restarts) == ([], 0)
 
 
-def test_users_are_begun_again_after_what_they_require_in_the_order_of_the_start() -> None:
-    boiler, radiator, comfort = Tag("boiler"), Tag("radiator"), Tag("comfort")
-    idle, broken = Tag("idle"), Tag("broken")
-    robot = Robot(boiler, radiator, comfort, idle, broken)
-    robot.users["boiler"] = [comfort, radiator, idle, broken]
-    idle.state = PluginState.UNLOADED
-    broken.fault(RuntimeError("its own"))
-    faulted(boiler, robot, 0)
-    robot.look(SECOND_NS)
-    assert robot.begun == ["boiler", "radiator", "comfort"]
-
-
 def test_restart_that_fails_is_a_fault_again_and_its_users_stay_aside() -> None:
     boiler, user = Tag("boiler"), Tag("user")
     robot = Robot(boiler, user)

@@ -187,6 +187,15 @@ def test_a_restart_starts_a_fresh_instance_and_its_users_again(house):
     assert radiator.diary.count(7) == 1
 
 
+def test_a_user_that_has_faulted_by_itself_is_not_started_again_with_what_it_requires(house):
+    bench = house(restart="on-failure", backoff_s=0.5)
+    bench.call("boiler", "heat", [13])
+    bench.tick()
+    bench.manager.get("boiler").fault(RuntimeError("leak"))
+    bench.tick(50)
+    assert states(bench) == {"boiler": "active", "radiator": "faulted", "comfort": "inactive", "clock": "active"}
+
+
 @pytest.mark.parametrize("where", ["step", "activate"])
 def test_the_wait_before_a_restart_doubles_up_to_the_limit(house, where):
     bench = house(restart="on-failure", backoff_s=0.5, restart_limit=4)
@@ -274,3 +283,88 @@ def test_every_state_is_told_with_why(house):
         PluginState.UNLOADED: "it was unloaded",
     }
     assert set(seen) == set(PluginState)
+
+
+# -- faults and halts while plugins start -----------------------------------------------------------------------
+
+CHAIN = """
+    HOOKS = {}
+
+    class LinkInterface(Protocol):
+        def read(self) -> int: ...
+
+    class Link:
+        interface = LinkInterface
+        def init(self): self._at("init")
+        def activate(self):
+            self._at("activate")
+            self.below = [self.env.use(name, LinkInterface) for name in self.needs]
+            self.read()
+            self._at("activated")
+        def read(self): return sum(link.read() for link in self.below)
+        def _at(self, moment): HOOKS.pop((self.env.plugin, moment), int)()
+
+    class Wheels(Link, Device): needs = ()
+    class Eyes(Link, Device): needs = ()
+    class Pilot(Link, Unit): needs = ("wheels", "eyes")
+    class Charts(Link, Skill): needs = ("pilot",)
+    class Roam(Link, Behavior): needs = ("pilot", "charts")
+"""
+NEEDS = {
+    "wheels": [],
+    "eyes": [],
+    "pilot": ["wheels", "eyes"],
+    "charts": ["pilot"],
+    "roam": ["pilot", "charts"],
+}
+MOMENTS = [(plugin, moment) for plugin in NEEDS for moment in ("init", "activate", "activated")]
+
+
+@pytest.fixture
+def chain(bench):
+    bench.code("chain", CHAIN)
+    for name, needs in NEEDS.items():
+        policy = {} if needs else {"restart": "on-failure", "backoff_s": 0.1}
+        bench.manifest(name, f"chain:{name.title()}", requires=needs, visibility=["*"], **policy)
+    host = bench.host("roam")
+    bench.manager = host.manager
+    host.manager.discover([bench.place], ["roam"])
+    bench.hooks = host.manager.get("roam").plugin_class.activate.__globals__["HOOKS"]
+    return bench
+
+
+def all_run(bench):
+    return {name: info.why for name, info in bench.infos().items() if info.state != "active"} == {}
+
+
+@pytest.mark.parametrize("when", ["start", "restart", "reload"])
+@pytest.mark.parametrize("device", ["wheels", "eyes"])
+@pytest.mark.parametrize("moment", MOMENTS, ids=".".join)
+def test_after_a_passing_fault_at_any_moment_of_the_start_every_plugin_runs(chain, moment, device, when):
+    def fault():
+        chain.manager.get(device).fault(RuntimeError("no frames for 0.5 s"))
+
+    if when == "start":
+        chain.hooks[moment] = fault
+    chain.hosts[-1].start()
+    if when == "restart":
+        chain.hooks[moment] = fault
+        fault()
+    elif when == "reload":
+        fault()
+        chain.tick()
+        chain.hooks[moment] = fault
+        chain.manager.reload(device)
+    chain.tick(100)
+    assert all_run(chain)
+
+
+@pytest.mark.parametrize("moment", MOMENTS, ids=".".join)
+def test_after_a_halt_at_any_moment_of_the_start_every_plugin_runs(chain, moment):
+    chain.hooks[moment] = chain.manager.halt
+    chain.hosts[-1].start()
+    chain.tick(10)
+    assert not all_run(chain)
+    chain.manager.resume()
+    chain.tick(10)
+    assert all_run(chain)
