@@ -50,7 +50,7 @@ def write_patch(path: Path, patch: Patch, backup: Path | None) -> Path:
 
     """
     try:
-        document = tomlkit.parse(path.read_text(encoding="utf-8"))
+        document = tomlkit.parse(path.read_text(encoding="utf-8-sig"))
         if PARAMETERS not in document:
             document[PARAMETERS] = tomlkit.table(is_super_table=True)
         _put(document[PARAMETERS], patch)

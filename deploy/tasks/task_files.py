@@ -24,6 +24,8 @@ class TaskWords(NamedTuple):
 def tasks_in(path: Path) -> list[TaskWords]:
     """The tasks of a file: JSON, an object or an array of them; or TOML, a table or several `[[task]]`.
 
+    `[[tasks]]`, as in a scenario file, means the same.
+
     Raises:
         UsageError, BadTask: naming file and key.
 
@@ -37,7 +39,7 @@ def tasks_in(path: Path) -> list[TaskWords]:
         raise UsageError(f"{path}: {error}") from error
     except (ValueError, RecursionError) as error:
         raise UsageError(f"{path}: not valid JSON: {error}") from error
-    tasks = content.get("task", [content]) if isinstance(content, dict) else content
+    tasks = content.get("task", content.get("tasks", [content])) if isinstance(content, dict) else content
     tasks = tasks if isinstance(tasks, list) else [tasks]
     if not tasks or not all(isinstance(task, dict) for task in tasks):
         raise UsageError(f"{path}: expected tasks: a table with kind and id, or several [[task]]")

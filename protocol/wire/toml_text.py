@@ -78,10 +78,10 @@ def read_toml_text(path: Path, limits: TomlLimits = SMALL) -> str:
     if len(data) > most:
         raise BadToml(f"expected at most {limits.kilobytes} kB")
     try:
-        # As in a file opened in text mode: lines end in \n.
-        return data.decode().replace("\r\n", "\n")
+        # As in a file opened in text mode: lines end in \n. Editors on Windows begin a file with a byte order mark.
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
-        raise BadToml(f"cannot be read: {error}") from error
+        raise BadToml(f"cannot be read: expected UTF-8 text: {error}") from error
 
 
 def read_toml(path: Path, limits: TomlLimits = SMALL) -> dict[str, Any]:

@@ -1,10 +1,17 @@
 """Maps in the ROS map_server format: a YAML file beside a PGM or PNG image.
 
-Keys, thresholds and modes as in https://wiki.ros.org/map_server and Nav2's map_io: with v the mean of the channels
-in 0–255, p = (255 − v) / 255, or v / 255 if negated; a cell is occupied if p > occupied_thresh, free if
-p < free_thresh, else unknown. A floor plan holds unknown cells for wall.
+Keys, thresholds and modes as in https://wiki.ros.org/map_server and Nav2's map_io. With v the mean of the channels in
+0–255, occupancy p = 1 − v / 255, or v / 255 if negated. By mode, a cell is free:
+
+- trinary: if p < free_thresh; the mean includes alpha.
+- scale: if p, mapped linearly from free_thresh–occupied_thresh to 0–100 and rounded, is at most 0; transparent cells
+  are unknown.
+- raw: if v, which is an occupancy in per cent, is at most 100 · free_thresh; negate has no effect.
+
+A floor plan holds all other cells, occupied and unknown ones, for wall.
 """
 
+import logging
 import math
 import warnings
 from pathlib import Path
@@ -19,12 +26,19 @@ from robrain.sim.maps.floor_plan import MAX_CELLS, MAX_ORIGIN_M, FloorPlan, why_
 
 REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 OPTIONAL_KEYS = ("mode",)
+MODES = ("trinary", "scale", "raw")
 RESOLUTION_M = (0.001, 1.0)
 """Least and greatest pitch; anything else is an error of units or not a floor for robots."""
 YAML_BYTES_MAX = 65536
 PATH_CHARACTERS_MAX = 1000
 SHOWN_CHARACTERS = 80
 """Length to which an error message cuts a refused value."""
+GREY = 0.1
+"""Occupancy from which a cell looks grey, thus hardly meant as free floor; map_saver's unknown cells have 0.196."""
+DOUBTFUL_SHARE = 0.005
+"""Share of cells from which a doubtful colour is worth a warning; the edges of a drawn wall have less."""
+
+logger = logging.getLogger(__name__)
 
 
 def load_map(path: Path) -> FloorPlan:
@@ -49,12 +63,31 @@ def load_map(path: Path) -> FloorPlan:
     mode = settings.mode()
 
     value, transparent = _read_image(path, image_path, mode, resolution_m)
-    occupancy = value / 255 if negate else (255 - value) / 255
-    free = occupancy < free_thresh
-    if mode == "scale":
-        free &= ~transparent
+    occupancy = value / 255 if negate else 1 - value / 255
+    if mode == "raw":
+        free = np.round(value) <= 100 * free_thresh
+    elif mode == "scale":
+        free = (100 * (occupancy - free_thresh) <= 0.5 * (occupied_thresh - free_thresh)) & ~transparent
+    else:
+        free = occupancy < free_thresh
+    shade = "unknown" if mode == "scale" else "dark"
+    see_through = f"{transparent.mean():.1%} of the pixels are transparent, which mode {mode} reads as {shade}"
     if not free.any():
-        raise MapError(f"{path}: image: expected free space in {image_path.name}, got none", path=path, key="image")
+        hint = f"; {see_through}: draw the floor in white" if transparent.any() else ""
+        raise MapError(
+            f"{path}: image: expected free space in {image_path.name}, got none{hint}", path=path, key="image"
+        )
+    if mode != "scale" and (transparent & ~free).mean() >= DOUBTFUL_SHARE:
+        logger.warning("%s: image: %s, thus wall. Draw them in white if they are floor.", path, see_through)
+    grey = free & (occupancy >= GREY) & (mode != "raw")
+    counts = np.bincount(np.round(value[grey]).astype(np.int64), minlength=1)
+    if counts.max() >= DOUBTFUL_SHARE * value.size:
+        share, below = counts.max() / value.size, math.floor(1000 * occupancy[grey].min()) / 1000
+        logger.warning(
+            "%s: free_thresh: %.1f %% of the cells are grey, %d of 255, and become free floor. "
+            "If they are unknown, as map_saver writes it, set free_thresh to %g instead of %g.",
+            *(path, 100 * share, counts.argmax(), below, free_thresh),
+        )
     # An image's row 0 is at the top, the grid's at the lowest y.
     return FloorPlan(np.flipud(~free), resolution_m, origin_x_m, origin_y_m, path.stem)
 
@@ -80,7 +113,8 @@ class _Settings:
                 text = file.read(YAML_BYTES_MAX + 1)
             if len(text) > YAML_BYTES_MAX:
                 raise MapError(f"{path}: expected at most {YAML_BYTES_MAX} bytes of YAML, got more", path=path)
-            content: object = yaml.safe_load(text.decode())
+            # PyYAML refuses a tab after a colon, which YAML allows. Nothing in a map needs one.
+            content: object = yaml.safe_load(text.decode("utf-8-sig").replace("\t", " "))
         except FileNotFoundError as error:
             raise MapError(f"{path}: expected a map_server YAML file, there is none", path=path) from error
         except MapError:
@@ -140,21 +174,19 @@ class _Settings:
         return x_m, y_m
 
     def mode(self) -> str:
-        value = self._values.get("mode", "trinary")
-        if value == "raw":
-            raise self.error("mode", "trinary or scale, since raw values do not say what is free")
-        if value not in ("trinary", "scale"):
-            raise self.error("mode", "trinary or scale")
-        return str(value)
+        value = self._values.get("mode", MODES[0])
+        if not isinstance(value, str) or value.lower() not in MODES:
+            raise self.error("mode", "trinary, scale or raw")
+        return value.lower()
 
 
 def _as_number(value: object) -> float | None:
-    # YAML's true is an int to Python; a map that says `resolution: yes` is wrong.
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    # YAML's true is an int to Python; a map that says `resolution: yes` is wrong. PyYAML reads 5e-2 as text.
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:
         number = float(value)
-    except OverflowError:
+    except (ValueError, OverflowError):
         return None
     return number if math.isfinite(number) else None
 

@@ -53,6 +53,14 @@ def test_the_next_robot_of_a_chain_is_an_option_of_relay(client):
     assert client.submitted == [("relay", "chain", {"place": [3.0, 4.0], "duration_s": 60.0, "robot": "r2"})]
 
 
+@pytest.mark.parametrize("head", ["[[task]]", "[[tasks]]", ""])
+def test_a_file_of_tasks_may_name_its_tables_as_a_scenario_does(client, tmp_path, head):
+    path = tmp_path / "list.toml"
+    path.write_text(f'{head}\nkind = "visit"\nid = "v"\nplace = [2, 2]\n')
+    assert run("add", str(path)).stdout == "v: queued\n"
+    assert client.submitted == [("visit", "v", {"place": [2, 2]})]
+
+
 def test_the_schedule_of_the_chargers_is_printed_one_robot_a_line(client):
     assert run("charges").stdout.splitlines() == [
         "r1: charges at (2.0, 1.5), 40% to 60%",

@@ -3,9 +3,11 @@
 Cells are a byte each, as `map_saver` writes them: 254 free, 0 occupied, 205 unknown; the first row is the highest y.
 """
 
+import math
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -49,8 +51,13 @@ def _pgm(grid: OccupancyGrid) -> bytes:
 
 def _yaml(grid: OccupancyGrid, picture: str) -> str:
     geometry = grid.geometry
-    return (
-        f"image: {picture}\nmode: trinary\nresolution: {geometry.resolution_m!r}\n"
-        f"origin: [{geometry.origin_x_m!r}, {geometry.origin_y_m!r}, 0.0]\n"
-        f"negate: 0\noccupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n"
-    )
+    settings = {
+        "image": picture,
+        "mode": "trinary",
+        "resolution": geometry.resolution_m,
+        "origin": [geometry.origin_x_m, geometry.origin_y_m, 0.0],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESH,
+        "free_thresh": FREE_THRESH,
+    }
+    return yaml.safe_dump(settings, sort_keys=False, default_flow_style=None, width=math.inf)

@@ -11,6 +11,7 @@ from robrain.protocol.can.frames import BadFrame, FrameCodec, crc8_j1850, databa
 from robrain.protocol.can.payload import EXTENDED
 
 DBC_BYTES_MAX = 4_000_000
+BYTE_ORDER_MARK = b"\xef\xbb\xbf".decode("latin-1")
 
 
 class SignalFrame:
@@ -96,7 +97,8 @@ def read_dbc(path: str) -> Any:
             return database(path)
         if file.stat().st_size > DBC_BYTES_MAX:
             raise ValueError(f"dbc: expected at most {DBC_BYTES_MAX} bytes, {path} is larger")
-        return cantools.database.load_string(file.read_text(encoding="latin-1"), "dbc")
+        text = file.read_text(encoding="latin-1").removeprefix(BYTE_ORDER_MARK)
+        return cantools.database.load_string(text, "dbc")
     except OSError as error:
         raise ValueError(f"dbc: cannot read {path}: {error.strerror}") from error
     except (cantools.database.errors.Error, ValueError) as error:

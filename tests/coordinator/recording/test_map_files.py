@@ -3,14 +3,17 @@
 import msgspec
 import numpy as np
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from robrain.cli import app
 from robrain.coordinator.recording.errors import RecordingError
+from robrain.coordinator.recording.export.map_server_files import write_grid
 from robrain.coordinator.recording.replay.player import Player
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.exporting import export_map
-from robrain.protocol.model.mapping.grid_geometry import OCCUPIED
+from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.scenarios.scenario import Scenario
 
@@ -39,6 +42,17 @@ def test_the_files_hold_the_map_as_the_team_knew_it_and_can_be_driven_in(run, tm
         grid.geometry.origin_y_m,
     )
     assert np.array_equal(plan.occupied & grid.known(), grid.classes() == OCCUPIED)
+
+
+@pytest.mark.parametrize(
+    "name", ["run #3", "[a]", "%x", "&y", "*z", "a: b", "- c", "'d", 'e"', "null", "ü🚌", " f ", "\u2028"]
+)
+def test_the_map_can_be_read_whatever_its_name(tmp_path, name):
+    grid = OccupancyGrid(GridGeometry(resolution_m=0.05, origin_x_m=1e-7, origin_y_m=-1e16, width=4, height=3))
+    files = write_grid(grid, tmp_path / f"{name}.yaml")
+    for reader in (yaml.SafeLoader, yaml.CSafeLoader):
+        found = yaml.load(files[0].read_text(encoding="utf-8"), reader)
+        assert (found["image"], found["origin"]) == (files[1].name, [1e-7, -1e16, 0.0])
 
 
 def test_an_earlier_map_knows_less(run, tmp_path):

@@ -76,6 +76,12 @@ def test_a_file_without_parameters_gets_them(tmp_path: Path) -> None:
     assert said["parameters"]["mocdevice"]["frames"]["encoders"] == [{"frame": "A", "signals": ["a"]}]
 
 
+def test_a_file_with_a_byte_order_mark_is_changed(path: Path) -> None:
+    path.write_text(TEXT, encoding="utf-8-sig")
+    write_patch(path, {"scan": {"silent_s": 2.0}}, None)
+    assert tomllib.loads(path.read_text())["parameters"]["scan"]["silent_s"] == 2.0
+
+
 def test_the_copy_is_that_of_before_the_first_change_and_earlier_copies_stay(path: Path) -> None:
     kept = write_patch(path, {"scan": {"silent_s": 2.0}}, None)
     assert write_patch(path, {"scan": {"silent_s": 4.0}}, kept) == kept

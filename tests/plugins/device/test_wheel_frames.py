@@ -69,6 +69,12 @@ def counts(device: BareDevice, left: int, right: int, after_s: float = 0.02) -> 
     device.it.step()
 
 
+def test_a_dbc_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "marked.dbc"
+    path.write_text('VERSION ""\n\nBU_: PC\n\nBO_ 512 Drive: 4 PC\n', encoding="utf-8-sig")
+    assert [message.frame_id for message in read_dbc(str(path)).messages] == [512]
+
+
 def test_commands_are_in_the_units_of_the_file_and_a_stop_is_a_command_of_nothing() -> None:
     device = two_wheels()
     device.it.drive(Twist2D(0.5, 0.3, 1.0))

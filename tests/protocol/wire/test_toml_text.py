@@ -1,3 +1,4 @@
+import codecs
 import os
 import tomllib
 
@@ -53,6 +54,13 @@ def test_no_more_of_a_file_is_read_than_may_be_parsed(tmp_path):
         read_toml(path)
 
 
+def test_a_file_in_another_encoding_is_named(tmp_path):
+    path = tmp_path / "wide.toml"
+    path.write_text("[robot]", encoding="utf-16")
+    with pytest.raises(BadToml, match="expected UTF-8 text"):
+        read_toml(path)
+
+
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
     with pytest.raises(BadToml, match="it is not a regular file"):
@@ -92,9 +100,10 @@ when = 2005-06-01T12:00:00.5Z
 """
 
 
-def test_a_usual_file_is_read_as_tomllib_reads_it(tmp_path):
+@pytest.mark.parametrize("begin", [b"", codecs.BOM_UTF8])
+def test_a_usual_file_is_read_as_tomllib_reads_it(tmp_path, begin):
     path = tmp_path / "usual.toml"
-    path.write_bytes(USUAL.replace("\n", "\r\n").encode())
+    path.write_bytes(begin + USUAL.replace("\n", "\r\n").encode())
     assert read_toml(path) == tomllib.loads(USUAL)
 
 
