@@ -23,7 +23,6 @@ EXTRAS = {
     "pandas": "report",
     "pyarrow": "parquet",
     "prometheus_client": "metrics",
-    "opentelemetry": "otel",
     "dask": "sweep",
     "distributed": "sweep",
     "foxglove": "foxglove",

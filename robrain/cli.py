@@ -14,7 +14,6 @@ import typer
 from robrain.deploy.agents.agent_words import agent_words
 from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bench.commands import bench_app
-from robrain.deploy.bridge.bridge_command import bridge
 from robrain.deploy.bringup.command_line import bringup
 from robrain.deploy.commands.extras import missing_extra
 from robrain.deploy.commands.journal_commands import journal_app
@@ -292,7 +291,6 @@ def replay(
 
 app.command()(assistant)
 app.command()(fork)
-app.command()(bridge)
 app.command()(bringup)
 app.command()(machine_files)
 app.command()(router)
@@ -406,21 +404,9 @@ def metrics(
 
 
 @app.command()
-def traces(
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    otlp: Annotated[str, typer.Option(help="OpenTelemetry collector, http://HOST:PORT.")] = "http://127.0.0.1:4318",
-) -> None:
-    """Send a team's tasks as traces to an OpenTelemetry collector."""
-    from robrain.deploy.observability.traces_process import traces_command
-
-    traces_command(connect, check_name("team", team), otlp)
-
-
-@app.command()
 def wire(
     wire_format: Annotated[
-        WireFormat, typer.Option("--format", help="jsonschema and asyncapi are for programs, markdown for people.")
+        WireFormat, typer.Option("--format", help="jsonschema is for programs, markdown for people.")
     ] = WireFormat.MARKDOWN,
 ) -> None:
     """Print every topic, query and token, with the types, units and ranges of what they carry."""

@@ -23,7 +23,6 @@ class WireFormat(StrEnum):
 
     MARKDOWN = "markdown"
     JSONSCHEMA = "jsonschema"
-    ASYNCAPI = "asyncapi"
 
 
 def connect_team(connect: str | None, team: str) -> "Team":

@@ -1,11 +1,8 @@
 """`robrain wire`: the whole wire, printed from the table of topics."""
 
-from typing import Any
-
 import msgspec
 
 from robrain.deploy.commands.team_options import WireFormat
-from robrain.protocol.wire.schema.asyncapi import asyncapi_document
 from robrain.protocol.wire.schema.document import wire_document
 from robrain.protocol.wire.schema.page import wire_page
 
@@ -14,5 +11,4 @@ def wire_text(wire_format: WireFormat) -> str:
     """Describe the wire in the given format, with a newline at the end."""
     if wire_format is WireFormat.MARKDOWN:
         return wire_page()
-    document: dict[str, Any] = wire_document() if wire_format is WireFormat.JSONSCHEMA else asyncapi_document()
-    return msgspec.json.format(msgspec.json.encode(document), indent=2).decode() + "\n"
+    return msgspec.json.format(msgspec.json.encode(wire_document()), indent=2).decode() + "\n"

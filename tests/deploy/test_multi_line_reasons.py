@@ -56,7 +56,9 @@ class _Client:
 
 
 def test_plugin_list_shows_the_lines_of_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "from robrain import Unit\nclass Bad(Unit):\n    def init(self) -> None:\n        raise ValueError('a\\nb')\n"
+    text = (
+        "from robrain import Unit\nclass Bad(Unit):\n    def init(self) -> None:\n        raise ValueError('a\\nb')\n"
+    )
     (tmp_path / "bad.py").write_text(text)
     (tmp_path / "bad.toml").write_text('[plugin]\nclass = "bad:Bad"\n')
     with PluginBench(tmp_path) as bench:

@@ -13,7 +13,6 @@ from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.wire.endpoint import BY
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.links.qos import publisher_options
-from robrain.protocol.wire.topic import Query, Topic
 from robrain.protocol.wire.topics import PUBLISHED, TOPICS
 
 
@@ -26,11 +25,6 @@ def printed(wire_format):
 @pytest.fixture(scope="module")
 def document():
     return json.loads(printed("jsonschema"))
-
-
-@pytest.fixture(scope="module")
-def asyncapi():
-    return json.loads(printed("asyncapi"))
 
 
 def schemas_of(row):
@@ -53,23 +47,22 @@ def resolve(document, reference):
     return found
 
 
-def test_each_key_of_the_table_is_printed_once(document, asyncapi):
+def test_each_key_of_the_table_is_printed_once(document):
     keys = [f"robrain/{{team}}/{row.pattern}" for row in TOPICS]
     told = [row["key"] for kind in ("topics", "queries", "tokens") for row in document[kind]]
     assert sorted(told) == sorted(keys)
-    assert sorted(channel["address"] for channel in asyncapi["channels"].values()) == sorted(keys)
     page = printed("markdown")
     for row in TOPICS:
         assert len(re.findall(rf"^\| `{re.escape(row.pattern)}` \|", page, re.MULTILINE)) == 1
 
 
-def test_each_schema_is_one_and_refers_to_what_is_there(document, asyncapi):
+def test_each_schema_is_one_and_refers_to_what_is_there(document):
     jsonschema.Draft202012Validator.check_schema({"$defs": document["$defs"]})
     for kind in ("topics", "queries"):
         for row in document[kind]:
             for schema in schemas_of(row):
                 jsonschema.Draft202012Validator.check_schema(schema)
-    for told in (document, asyncapi):
+    for told in document:
         for reference in references_in(told):
             assert resolve(told, reference) is not None
 
@@ -81,20 +74,6 @@ def test_a_query_tells_request_reply_errors_and_how_long_to_wait(document):
     assert {"refused", "bad_arguments"} <= set(submit["errors"])
     assert submit["timeout_s"] > 0
     assert set(document["errors"]) >= {code for row in document["queries"] for code in row["errors"]}
-
-
-def test_an_operation_is_told_from_the_owner_of_the_key(asyncapi):
-    for row in TOPICS:
-        operation = asyncapi["operations"].get(row.name)
-        if isinstance(row, Topic):
-            assert operation["action"] == "send"
-        elif isinstance(row, Query):
-            assert operation["action"] == "receive"
-            assert len(operation["reply"]["messages"]) == 2
-        else:
-            assert operation is None
-        for reference in references_in(operation or {}):
-            assert resolve(asyncapi, reference)
 
 
 def test_the_schema_of_a_printed_message_takes_what_is_sent(document):
@@ -128,4 +107,4 @@ def test_the_document_says_what_asks_and_errors_look_like_in_zenoh(document):
 def test_an_unknown_format_is_refused_with_those_there_are():
     result = CliRunner().invoke(app, ["wire", "--format", "xml"])
     assert result.exit_code == 2
-    assert "asyncapi" in result.output
+    assert "jsonschema" in result.output

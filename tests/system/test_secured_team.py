@@ -74,13 +74,12 @@ ALLOWED = {
 """What an operator may do: each command with its exit status and some text of its answer."""
 SERVING = {
     "metrics --port 0": ("operator ann", "metrics: of team blue at http://"),
-    "traces": ("operator ann", "traces: of team blue"),
     "foxglove --port 0": ("operator ann", "foxglove: ws://"),
     "assistant": ("operator ann", "of team blue as operator:ann"),
     "dashboard --port 0": ("dashboard hall", "dashboard: http://"),
 }
 """Commands that run until Ctrl-C: each with the member that runs it and a line that it prints."""
-PARTS = ("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "bridge", "ros2 gateway")
+PARTS = ("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "ros2 gateway")
 """Commands of `BlueTeam`, and those that other tests run."""
 REFUSED = {
     "status": (0, "r1"),

@@ -17,9 +17,8 @@ INTRODUCTION = """\
 
 Everything that passes between robots, coordinator, arena, recorder and dashboard. All keys are below `robrain/{team}/`.
 A *topic* is published, a *query* is answered, and a *token* (Zenoh liveliness) says that its owner is present. Payloads
-are JSON unless stated otherwise. For programs: `robrain wire --format jsonschema` prints the same as one JSON document,
-`robrain wire --format asyncapi` as an AsyncAPI document. [Talk to a team from any language](../how-to/any-language.md)
-shows how a client uses them.
+are JSON unless stated otherwise. For programs: `robrain wire --format jsonschema` prints the same as one JSON document.
+[Talk to a team from any language](../how-to/any-language.md) shows how a client uses them.
 
 A message is refused if it is larger than its topic allows, does not decode, has a value out of range, names another
 sender than its key, or has a stamp more than five seconds ahead of the receiver's clock. Refused messages are counted

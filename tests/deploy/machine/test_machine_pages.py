@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.bridge.bridge_rules import read_bridge
 from robrain.deploy.machine.machine_files import write_files
 from robrain.deploy.machine.robrain_update import _arguments
 from tests.deploy.machine.test_machine_files import check_words
@@ -84,14 +83,6 @@ def test_files_that_are_named_are_there(page: str, files: Path) -> None:
     folders = "|".join(path.name for path in files.iterdir() if path.is_dir())
     for name in re.findall(rf"`((?:{folders})/[\w.-]+)`", text):
         assert (files / name).is_file(), name
-
-
-def test_bridge_of_the_page_is_one(tmp_path: Path) -> None:
-    text = (PAGES / "several-machines.md").read_text(encoding="utf-8")
-    (block,) = [one for one in re.findall(r"^```toml\n(.*?)^```$", text, re.DOTALL | re.MULTILINE) if "sides" in one]
-    path = tmp_path / "bridge.toml"
-    path.write_text(block)
-    assert len(read_bridge(path).rules) == 2
 
 
 def test_command_that_is_not_there_is_found() -> None:

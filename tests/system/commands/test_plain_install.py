@@ -80,12 +80,10 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("machine-files", ["machine"], WORKS),
     ("journal backup", [], WORKS),
     ("metrics", [], "metrics"),
-    ("traces", [], "otel"),
     ("ros2 gateway", [], "team,ros2-native,ros2"),
 ]
 """Each command, arguments for it, and the extra that it needs."""
 LACKING = [
-    ("bridge", ["bridge.toml"], "bridge bridge.toml: there is no such file"),
     ("journal check", ["x.journal"], "x.journal: is not there"),
     ("journal restore", ["x.journal", "--journal", "y.journal"], "x.journal: is not there"),
     ("pki init", ["pki"], r"pki: certificates need another package: pip install 'robrain\[security\]'"),

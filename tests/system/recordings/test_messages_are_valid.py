@@ -10,17 +10,15 @@ import zenoh
 from mcap.reader import make_reader
 
 from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario, Team
-from robrain.protocol.wire.schema.asyncapi import asyncapi_document
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import PUBLISHED, ROBOT_CALL, topic_of
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
-from tests.system.valid_messages import AJV, counts_by_ajv, counts_by_jsonschema, run_in_node
+from tests.system.valid_messages import counts_by_ajv, counts_by_jsonschema
 from tests.waiting import until
 
 pytestmark = pytest.mark.system
 
-ASYNCAPI = ("@asyncapi/specs@6.11.1", AJV)
 LATER_S = 40.0
 
 
@@ -121,8 +119,3 @@ def test_what_is_not_json_has_no_schema_and_says_what_it_is(recording: Path) -> 
             if known is not None and "json_schema" not in channel.metadata:
                 encodings[known[0].name, channel.message_encoding] += 1
     assert set(encodings) == {("robot_image", "image/png")}
-
-
-def test_the_asyncapi_document_is_valid_by_asyncapis_own_schema() -> None:
-    document = json.dumps(asyncapi_document())
-    assert json.loads(run_in_node("check_asyncapi.mjs", ASYNCAPI, stdin=document)) == []

@@ -1,1 +1,0 @@
-"""Joins two teams on purpose, by rules."""
