@@ -24,8 +24,6 @@ DEEPEST_M = 0.01
 SETTLE_S, WINDOW_S = 3.0, 8.0
 EXPLORING_CALLS, CROWD_CALLS, WAITING_CALLS = 7_000.0, 9_000.0, 7_000.0
 """Bounds on the Python function calls for each robot and simulated second."""
-CALLS_NOW = (9_000.0, 9_000.0, 6_600.0)
-"""What they are now, plus 1 to 3 % for different routes: no change may make more."""
 CROWD, CROWD_WINDOW_S = 64, 1.0
 
 

@@ -94,12 +94,6 @@ SECTIONS = {
         "`optimal` with 1500 iterations. An exchange is one ballot of every robot.",
         "tests.bench.consensus:measure",
     ),
-    "code": Section(
-        "The code",
-        "Lines without blank lines and docstrings; the files with functions that run only because of one visit, by one "
-        "robot, from its submission to the first wheel command.",
-        "tests.bench.code_size:measure",
-    ),
     "real_time_factor": Section(
         "Real-time factor",
         "Lockstep runs of 20 simulated seconds in the depot with 24 motes, one core, against the bare pymunk loop of "

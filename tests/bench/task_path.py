@@ -6,19 +6,15 @@ of the task: functions that an idle team enters as well are left out.
 
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
 from robrain import Point2D, Scenario, Task
-from robrain.deploy.bench.figure import Bound, Figure, deterministic
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 
 Functions = dict[str, set[str]]
 """Names of functions by the file that they are in."""
 PACKAGE = "/robrain/"
-FILES_MAX = 55
-COORDINATOR_FILES_MAX = 25
 SETTLE_S = 2.0
 IDLE_TICKS = 50
 TASK_TICKS = 500
@@ -51,15 +47,6 @@ def path_of_a_visit() -> Functions:
     return {file: names for file, names in sorted(only.items()) if names}
 
 
-def measure() -> Iterator[Figure]:
-    """Number of files on the path, and how many of them are the coordinator's."""
-    path = path_of_a_visit()
-    coordinator = sum(file.startswith("coordinator/") for file in path)
-    what = "one visit: files from submission to the first wheel command"
-    yield deterministic(what, len(path), "", Bound(at_most=FILES_MAX))
-    yield deterministic(f"{what}, of the coordinator", coordinator, "", Bound(at_most=COORDINATOR_FILES_MAX))
-
-
 def _entered(*, has_task: bool) -> Functions:
     with Scenario.builtin("arena_small").replace(robots=1, motes=0, seed=1).team() as team:
         run = team.transport.run
@@ -86,10 +73,8 @@ def main() -> None:
     for file, names in path.items():
         sys.stdout.write(f"{len(names):4}  {file}\n")
     shares = Counter(file.partition("/")[0] for file in path)
-    told = ", ".join(f"{package} {count}" for package, count in shares.most_common())
-    functions = sum(map(len, path.values()))
-    sys.stdout.write(f"{len(path)} files ({told}), {functions} functions; bound: {FILES_MAX} files, ")
-    sys.stdout.write(f"{COORDINATOR_FILES_MAX} of the coordinator\n")
+    packages = ", ".join(f"{package} {count}" for package, count in shares.most_common())
+    sys.stdout.write(f"{len(path)} files ({packages}), {sum(map(len, path.values()))} functions\n")
 
 
 if __name__ == "__main__":
