@@ -2,8 +2,11 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# One more than cores, for some tests mostly wait.
-WORKERS := $(shell $(PYTHON) -c "import os; print(min(os.cpu_count() or 1, 4) + 1)")
+DEMO_STAMP := $(VENV)/.installed-demo
+CORES := $(shell $(PYTHON) -c "import os; print(min(os.cpu_count() or 1, 4))")
+# One more than cores, for slow tests mostly wait.
+ALL_WORKERS := $(shell expr $(CORES) + 1)
+PYTEST = $(BIN)/python -m pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of processes: without byte code each of them compiles 400 modules.
 unexport PYTHONDONTWRITEBYTECODE
 export CARGO_TARGET_DIR ?= $(CURDIR)/.cache/rust-target
@@ -12,21 +15,31 @@ ZENOHD_VERSION := 1.10.2
 ZENOHD_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/robrain/zenohd-$(ZENOHD_VERSION)
 ZENOHD := $(ZENOHD_ROOT)/bin/zenohd
 
-.PHONY: demo test browser kernels ros2-interfaces test-rust check docs reference bench figures soak endurance mutants format install clean
+.PHONY: demo test test-all nightly browser kernels ros2-interfaces test-rust check docs reference bench figures soak endurance mutants format install clean
 
-demo: install ## a team explores, seen in the browser, recorded
+demo: $(DEMO_STAMP) ## a team explores, seen in the browser, recorded
 	@$(BIN)/robrain demo $(ARGS)
 
 install: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "installing robrain into $(VENV) (once, for some minutes)"
-	@$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e '.[all,dev,docs]'
+$(DEMO_STAMP): pyproject.toml constraints.txt
+	@test -x $(BIN)/uv || { $(PYTHON) -m venv $(VENV) && $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt uv; }
+	@echo "installing what the demo needs into $(VENV) (once)"
+	@$(BIN)/uv pip install --python $(BIN)/python -c constraints.txt -e '.[sim,team]'
 	@touch $@
 
-test: install browser kernels ## side by side on up to four cores, each file of tests in one process (ARGS="-n 0 tests/agent" for less)
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
+$(STAMP): $(DEMO_STAMP)
+	@echo "installing what the tests and checks need into $(VENV) (once)"
+	@$(BIN)/uv pip install --python $(BIN)/python -c constraints.txt -e '.[all,dev,docs]'
+	@touch $@
+
+test: install browser kernels ## the tests that are not marked slow, side by side: four minutes on two cores (ARGS="-n 0 tests/agent" for less)
+	$(PYTEST) --numprocesses $(CORES) -m "not slow" $(ARGS)
+
+test-all: install browser kernels ros2-interfaces ## all tests: twenty minutes on two cores
+	$(PYTEST) --numprocesses $(ALL_WORKERS) $(ARGS)
+
+nightly: mutants soak endurance bench ## what takes hours: mutants, soaks, endurance, all figures
 
 browser: ## Chromium for the dashboard's tests, from the distribution's packages where that is allowed
 	@if ! test -x /usr/bin/chromium && test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
@@ -63,6 +76,7 @@ check: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.ceilings
 
 docs: install ## the documentation site in site/, with all links checked; open site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet

@@ -170,7 +170,8 @@ def _become(what: dict[str, Any], files: list[int]) -> None:
     main.__spec__ = main.__file__ = None  # so that processes which multiprocessing spawns do not import this server
 
 
-def _import_everything() -> None:
+def import_everything() -> None:
+    """Import what commands use, and load the kernels."""
     from robrain.deploy.run.kernels import prepare_kernels
 
     for name in (
@@ -190,7 +191,7 @@ def _import_everything() -> None:
 
 
 def _main() -> NoReturn:
-    _import_everything()
+    import_everything()
     _serve()
     from robrain.cli import main
 
