@@ -23,7 +23,7 @@ demo: $(DEMO_STAMP) ## a team explores, seen in the browser, recorded
 install: $(STAMP)
 
 $(DEMO_STAMP): pyproject.toml constraints.txt
-	@test -x $(BIN)/uv || { $(PYTHON) -m venv $(VENV) && $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt uv; }
+	@test -x $(BIN)/uv || { $(PYTHON) -m venv $(VENV) && $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt uv; }
 	@echo "installing what the demo needs into $(VENV) (once)"
 	@$(BIN)/uv pip install --python $(BIN)/python -c constraints.txt -e '.[sim,team]'
 	@touch $@

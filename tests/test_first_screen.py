@@ -20,5 +20,5 @@ def test_installing_shows_its_progress() -> None:
     planned = subprocess.run(
         ["make", "--dry-run", "--always-make", "install"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-    assert ".venv/bin/python -m pip install" in planned
+    assert ".venv/bin/uv pip install" in planned
     assert "--quiet" not in planned
