@@ -13,7 +13,10 @@ RulesOption = Annotated[
     Path | None, typer.Option(help="TOML file with [[rules]], by which tasks are made from what is sensed.")
 ]
 JournalOption = Annotated[
-    Path | None, typer.Option(help="File for the tasks; default: TEAM.journal in this folder. With `up`: none is kept.")
+    Path | None,
+    typer.Option(
+        help="File for the tasks; default: TEAM.journal in this folder; with `up` of a scenario, a new one in runs/."
+    ),
 ]
 WitnessesOption = Annotated[
     str | None,

@@ -1,4 +1,4 @@
-"""Where a command records to."""
+"""Files in which a run is kept: its recording, its journal."""
 
 import re
 from pathlib import Path
@@ -13,12 +13,12 @@ def new_recording(path: Path | None) -> Path | None:
     return path
 
 
-def next_recording(folder: Path, name: str) -> Path:
+def next_file(folder: Path, name: str, suffix: str = ".mcap") -> Path:
     """`folder/name-N.mcap` with the number after the highest there is; creates the folder.
 
     Parts of split recordings count, also those whose first part was removed.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    numbered = re.compile(rf"{re.escape(name)}-(\d+)(_\w+)?\.mcap")
+    numbered = re.compile(rf"{re.escape(name)}-(\d+)(_\w+)?{re.escape(suffix)}.*")
     found = [numbered.fullmatch(path.name) for path in folder.iterdir()]
-    return folder / f"{name}-{1 + max((int(match[1]) for match in found if match), default=0)}.mcap"
+    return folder / f"{name}-{1 + max((int(match[1]) for match in found if match), default=0)}{suffix}"

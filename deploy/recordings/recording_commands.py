@@ -41,7 +41,7 @@ def record(
     """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
     from robrain.coordinator.recording.writer.recording_file import check_writable
     from robrain.coordinator.recording.writer.rotation import Rotation, own_recordings
-    from robrain.deploy.commands.recording_path import next_recording
+    from robrain.deploy.commands.recording_path import next_file
     from robrain.deploy.errors import UsageError
     from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
     from robrain.deploy.recordings.recording_display import record_display, show_recorded
@@ -72,7 +72,7 @@ def record(
             sys.stderr.write(f"robrain: {wrong_team(f'nobody of team {team} is there yet', wire)}\n")
         if output is None:
             Path("runs").mkdir(exist_ok=True)
-        path = output if output is not None else next_recording(Path("runs"), team)
+        path = output if output is not None else next_file(Path("runs"), team)
         rotation = None
         if keep is not None:
             rotation = Rotation(path.parent, own_recordings(path, is_given=output is not None), keep)

@@ -24,8 +24,7 @@ class Wanted(NamedTuple):
 
     parts: Sequence[str]
     """Names of stock parts and robots."""
-    journal: Path | None
-    """None keeps no journal beyond the run."""
+    journal: Path
     record: Path | None
     dashboard_port: Callable[[], int | None]
     on_dashboard: Callable[[str], None]
@@ -59,9 +58,8 @@ def scenario_parts(site: Site, scenario: Scenario, words: Sequence[str], wanted:
     options = ["--planning", str(write_planning(site.folder / "planning.toml", scenario.planning))]
     if scenario.rules:
         options += ["--rules", str(write_rules(site.folder / "rules.toml", scenario.rules))]
-    journal = wanted.journal if wanted.journal is not None else site.folder / "team.journal"
     first, stands_by = COORDINATOR in wanted.parts, STAND_BY in wanted.parts
-    parts += coordinator_parts(site, journal, options, first=first, stands_by=stands_by)
+    parts += coordinator_parts(site, wanted.journal, options, first=first, stands_by=stands_by)
     for robot in world.robots:
         if robot.name in wanted.parts and robot.name not in wanted.robot_files:
             parts.append(_robot_part(site, world, robot.name))

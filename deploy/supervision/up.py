@@ -60,6 +60,8 @@ class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag
     collisions: int
     recording: str | None
     messages: int
+    journal: str | None = None
+    """The coordinator's file; its backups are in the folder of that name with `.backups`."""
     map_accuracy: MapAccuracy | None = None
     """Accuracy of the team's map at the end."""
     pose_accuracy: dict[str, PoseAccuracy] = {}
@@ -85,6 +87,8 @@ class UpOptions(NamedTuple):
     until_explored: float | None = None
     time_limit_s: float | None = None
     record: Path | None = None
+    journal: Path | None = None
+    """Of the coordinator; None if none runs here."""
     parts: Sequence[str] = ()
     """Names of all parts that are started here."""
     is_secured: bool = False
@@ -107,6 +111,9 @@ class UpDisplay(Protocol):
             tls: folder of the operator's certificate, if the team is secured.
 
         """
+
+    def journal(self, path: Path) -> None:
+        """The coordinator keeps its tasks in this file, and its backups beside it."""
 
     def dashboard(self, url: str) -> None:
         """The page is served."""
@@ -208,6 +215,8 @@ def run_up(
                 return _result(name, "interrupted", None, supervisor, printed, options)
             endpoint = printed.endpoint
             display.hub(endpoint, taken, credentials.operator if credentials else None)
+        if options.journal is not None:
+            display.journal(options.journal)
         session = open_when_there("up", [endpoint], should_stop)
         if session is None:
             return _result(name, "interrupted", None, supervisor, printed, options)
@@ -336,6 +345,7 @@ def _result(
         collisions=sum(robot.collisions for robot in robots),
         recording=str(options.record) if options.record is not None else None,
         messages=printed.messages,
+        journal=str(options.journal) if options.journal is not None else None,
         map_accuracy=truth.map_accuracy if truth is not None else None,
         pose_accuracy={robot.robot: robot.accuracy for robot in robots if robot.accuracy is not None},
         serial_forwarders=printed.forwarders,

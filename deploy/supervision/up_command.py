@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from robrain.deploy.commands.recording_path import new_recording, next_recording
+from robrain.deploy.commands.recording_path import new_recording, next_file
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import LiveStop
+from robrain.deploy.processes.live_process import LiveStop, note
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY, STOCK_PARTS, Part
 from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts, dashboard_part, recorder_part
 from robrain.deploy.supervision.team_file import Host, TeamFile, read_team_file
@@ -59,9 +59,11 @@ def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, 
     wanted += [STAND_BY] if site.stand_by else []
     wanted += [RECORDER] if site.record is not None else []
     printed = Printed(site.dashboard_port)
+    journal = site.journal or _new_journal(site.team)
 
     def make(where: Site) -> list[Part]:
-        return _of_scenario(where, scenario, words, wanted, printed, options, site.journal, site.record, {})
+        kept = journal or where.folder / "team.journal"
+        return _of_scenario(where, scenario, words, wanted, printed, options, kept, site.record, {})
 
     up_options = UpOptions(
         team=site.team,
@@ -70,6 +72,7 @@ def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, 
         until_explored=options.until_explored,
         time_limit_s=options.time_limit_s,
         record=site.record,
+        journal=journal,
         parts=[HUB, *wanted],
         is_secured=site.secured or site.pki is not None,
         pki=site.pki,
@@ -123,12 +126,22 @@ def up_host(path: Path, host_name: str | None, options: UpWords) -> UpResult:
         until_explored=options.until_explored,
         time_limit_s=options.time_limit_s,
         record=record,
+        journal=journal if {COORDINATOR, STAND_BY} & set(host.parts) else None,
         parts=host.parts,
         is_secured=bool(team.pki),
         pki=folder / team.pki if team.pki else None,
         hosts=[team_file.hub_host.address],
     )
     return _run(host.name, make, up_options, printed, options)
+
+
+def _new_journal(team: str) -> Path | None:
+    """A new file in runs/; None, with a warning, if this folder cannot be written."""
+    try:
+        return next_file(Path("runs"), team, ".journal")
+    except OSError as error:
+        note(f"up: {error}: the journal and its backups end with the team; --journal FILE keeps them")
+        return None
 
 
 def _run(
@@ -148,7 +161,7 @@ def _of_scenario(
     parts: Sequence[str],
     printed: Printed,
     options: UpWords,
-    journal: Path | None,
+    journal: Path,
     record: Path | None,
     files: dict[str, Path],
 ) -> list[Part]:
@@ -194,7 +207,7 @@ def _recording(path: Path, team_file: TeamFile, host: Host) -> Path | None:
         return None
     if team_file.team.record:
         return new_recording(path.parent / team_file.team.record)
-    return next_recording(path.parent / "runs", team_file.team.name)
+    return next_file(path.parent / "runs", team_file.team.name)
 
 
 def _scenario_of(path: Path, name: str) -> tuple["Scenario", list[str]]:

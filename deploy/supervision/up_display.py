@@ -25,6 +25,12 @@ class HubEvent(msgspec.Struct, frozen=True, tag_field="event", tag="hub", omit_d
     """Folder of an operator's certificate, for `robrain --tls`; empty if the team is plain."""
 
 
+class JournalEvent(msgspec.Struct, frozen=True, tag_field="event", tag="journal"):
+    """Where the coordinator keeps its tasks."""
+
+    path: str
+
+
 class DashboardEvent(msgspec.Struct, frozen=True, tag_field="event", tag="dashboard"):
     """Where the page is served."""
 
@@ -49,6 +55,10 @@ class JsonLines:
         """Print where the hub listens; warn on stderr if that is not this machine's hub endpoint."""
         _warn_of_taken(endpoint, taken)
         _print(HubEvent(endpoint, "" if tls is None else str(tls)))
+
+    def journal(self, path: Path) -> None:
+        """Print where the journal is."""
+        _print(JournalEvent(str(path)))
 
     def dashboard(self, url: str) -> None:
         """Print where the page is."""
@@ -81,6 +91,10 @@ class PlainLines:
         _warn_of_taken(endpoint, taken)
         found = f"other commands: {_options(endpoint, tls)}"
         print_line(f"hub: {endpoint}  ({'found by other commands' if endpoint == hub_endpoint() else found})")
+
+    def journal(self, path: Path) -> None:
+        """Print where the journal is."""
+        print_line(f"journal: {path}")
 
     def dashboard(self, url: str) -> None:
         """Print where the page is."""
@@ -158,5 +172,5 @@ def _warn_of_taken(endpoint: str, taken: str) -> None:
         say(f"{taken} is in use: the hub of this team is at {endpoint}, other commands need --connect {endpoint}")
 
 
-def _print(event: HubEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult) -> None:
+def _print(event: HubEvent | JournalEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult) -> None:
     tell_json(event)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.commands.recording_path import next_recording
+from robrain.deploy.commands.recording_path import next_file
 
 
 @pytest.mark.parametrize(
@@ -18,4 +18,4 @@ def test_a_recording_has_a_number_that_no_part_of_another_has(tmp_path, there, e
     """Rotation may have removed the first part of one."""
     for name in there:
         (tmp_path / name).touch()
-    assert next_recording(tmp_path, "team").name == expected
+    assert next_file(tmp_path, "team").name == expected

@@ -2,6 +2,7 @@
 
 import json
 import signal
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +12,8 @@ from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskS
 from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import TASK_LIST, TASK_SUBMIT
 from tests.asking import until_answered
+from tests.system.conftest import Commands
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
@@ -47,6 +50,19 @@ def test_journal_is_backed_up_while_the_coordinator_runs_and_restored_when_it_is
     second = commands.start("coordinator", "--connect", endpoint, "--journal", str(journal))
     commands.line_with(second, UP)
     assert [record.task.id for record in until_answered(lambda: wire.ask(TASK_LIST, TaskFilter()))] == ["t1"]
+
+
+@pytest.mark.slow
+def test_backup_under_up_is_there_when_the_team_has_ended(commands: Commands, tmp_path: Path) -> None:
+    up = commands.start("up", "depot", "--robots", "1", "--no-dashboard")
+    journal = tmp_path / commands.line_with(up, "journal: ").split()[1]
+    made = commands.run_until(lambda ended: ended.returncode == 0, "journal", "backup", "--json")
+    up.send_signal(signal.SIGINT)
+    up.wait(PATIENCE_S)
+    backup = Path(json.loads(made.stdout)["path"])
+    assert backup.is_relative_to(f"{journal}.backups")
+    for file in (journal, backup):
+        assert commands.run("journal", "check", str(file)).returncode == 0
 
 
 def test_damaged_backup_is_told_and_ends_the_command_with_1(commands, tmp_path) -> None:
