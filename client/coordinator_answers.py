@@ -9,8 +9,8 @@ from robrain.client.submission import dry_submission_of
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun
-from robrain.protocol.wire.messages.team.standing_messages import LeadRequest
-from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD
+from robrain.protocol.wire.messages.team.standing_messages import LeadRequest, RobotRemoval
+from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.wire.topics import COORDINATOR_LEFT_NOW, TASK_DRY_RUN
 
 NO_FIELDS: Mapping[str, Any] = MappingProxyType({})
@@ -55,3 +55,12 @@ class CoordinatorAnswers:
 
         """
         return self._requests.coordinator(COORDINATOR_LEAD, LeadRequest(by=self.by if by is None else by)).left_out
+
+    def remove_robot(self, robot: str) -> None:
+        """Have the coordinator forget a robot that has gone; until then it is shown as gone.
+
+        Raises:
+            CallError: the robot is unknown, is there, or may still do a task.
+
+        """
+        self._requests.coordinator(COORDINATOR_REMOVE_ROBOT, RobotRemoval(robot=robot, by=self.by))

@@ -11,7 +11,6 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 `wait`, `wait_all`, `run_for`, `events`, `readings`, `halt` and `resume`.
 """
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self, overload
@@ -24,6 +23,7 @@ from robrain.client.fresh_ids import FreshIds
 from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.listening import Listening
 from robrain.client.members import team_found
+from robrain.client.person import operator_name
 from robrain.client.requests import ROBOT_TIMEOUT_S, Requests
 from robrain.client.standing import Standing
 from robrain.client.submission import submission_of
@@ -128,7 +128,7 @@ class Team(CoordinatorAnswers):
         Args:
             endpoint: of the team, `tcp/HOST:PORT`; None uses $ROBRAIN_CONNECT, else this machine's hub.
             team: its name.
-            by: name of the client; $USER if empty.
+            by: name of the client; `operator:USER` if empty.
             patience_s: how long to repeat a query that the coordinator does not answer, as during a restart.
 
         Raises:
@@ -137,8 +137,7 @@ class Team(CoordinatorAnswers):
             BadName: the team's name is invalid.
 
         """
-        who = by or os.environ.get("USER", "") or "script"
-        return cls(LiveTransport(endpoint, team=team, patience_s=patience_s), by=who)
+        return cls(LiveTransport(endpoint, team=team, patience_s=patience_s), by=by or operator_name())
 
     # -- time -------------------------------------------------------------------------------------------------
 

@@ -50,12 +50,12 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest
+from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest, RobotRemoval
 from robrain.protocol.wire.messages.team.team_messages import FrontierSummary, StandByStatus, TeamState
 from robrain.protocol.wire.reasons.idle import IdleReason, TeamHalted
 from robrain.protocol.wire.reasons.tasks import MinorityHeard, NotLeading, TakesOver
 from robrain.protocol.wire.reasons.words import told
-from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
+from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
@@ -148,6 +148,7 @@ class Coordinator:
         self.fence = OfferFence(self.roster, self.tasks.journal)
         lifecycle.reasons.held_back = self._why_held_back
         wire.answer(COORDINATOR_LEAD, self._lead, serve=Serve.IN_STEP)
+        wire.answer(COORDINATOR_REMOVE_ROBOT, self._remove_robot, serve=Serve.IN_STEP)
         self._term = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
         self.halts = HaltWatch(wire, self.roster)
         self.left = LeftDesk(wire, self.explorer, self.team_map, self.roster)
@@ -270,6 +271,11 @@ class Coordinator:
     def _lead(self, _request: Request[LeadRequest]) -> LeadReply:
         self._decide_due_ns = 0
         return LeadReply(left_out=self.fence.lead(self._now_ns))
+
+    def _remove_robot(self, request: Request[RobotRemoval]) -> None:
+        name = request.asked.robot
+        self.roster.remove_gone(name, [record.task.id for record in self.tasks.bound_to(name)])
+        self._summary_due_ns = 0
 
     def _new_id(self, kind: str) -> str:
         """An id for a task of the coordinator's own; whoever asked for a task may have named it alike."""

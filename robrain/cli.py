@@ -8,7 +8,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 
 from robrain.deploy.agents.agent_words import agent_words
@@ -38,7 +37,8 @@ from robrain.deploy.commands.scenario_options import (
     UntilOption,
 )
 from robrain.deploy.commands.scenarios_command import scenarios
-from robrain.deploy.commands.team_options import ConnectOption, JsonOption, RobotArgument, TeamOption, WireFormat
+from robrain.deploy.commands.team_commands import team_app
+from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, WireFormat, print_json
 from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.machine.machine_files import machine_files
 from robrain.deploy.observability.json_logs import set_up_logs
@@ -94,6 +94,7 @@ def options(
         os.environ[TLS_VARIABLE] = str(tls.expanduser().resolve())
 
 
+app.add_typer(team_app)
 app.add_typer(plugin_app, name="plugin")
 app.add_typer(task_app, name="task")
 app.add_typer(journal_app, name="journal")
@@ -157,7 +158,7 @@ def demo(
     port: PortOption = None,
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
-    from robrain.deploy.commands.recording_path import next_recording
+    from robrain.deploy.commands.recording_path import next_file
     from robrain.deploy.run.run_options import RunOptions
     from robrain.deploy.run.starting import start_run
 
@@ -168,7 +169,7 @@ def demo(
 
     options = RunOptions(
         speed=speed if speed is not None else 0.0 if headless else 1.0,
-        record=next_recording(Path("runs"), DEMO),
+        record=next_file(Path("runs"), DEMO),
         dashboard=not headless,
         port=port,
         stay=sys.stdin.isatty(),
@@ -296,100 +297,6 @@ app.command()(machine_files)
 app.command()(router)
 app.command()(scenarios)
 
-RobotOption = Annotated[str | None, typer.Option(help="The same as ROBOT.")]
-OneRobotArgument = Annotated[
-    str | None, typer.Argument(metavar="ROBOT", help="This robot only; default: the whole team.")
-]
-ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]
-
-
-@app.command()
-def halt(
-    one: OneRobotArgument = None,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    robot: RobotOption = None,
-    by: ByOption = None,
-    reason: Annotated[str, typer.Option(help="Reason, for the log.")] = "",
-) -> None:
-    """Emergency halt: stop all robots, and list those that have not stopped."""
-    from robrain.deploy.commands.halt_command import halt_command, one_robot
-
-    if failed := halt_command(connect, check_name("team", team), one_robot(one, robot), by, reason):
-        raise typer.Exit(failed)
-
-
-@app.command()
-def lead(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
-    """Have the coordinator offer tasks again: no other one leads the robots that it does not hear."""
-    from robrain.deploy.commands.lead_command import lead_command
-
-    lead_command(connect, check_name("team", team))
-
-
-@app.command()
-def resume(
-    one: OneRobotArgument = None,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    robot: RobotOption = None,
-    by: ByOption = None,
-) -> None:
-    """End an emergency halt; allowed to the one that halted, and to operators."""
-    from robrain.deploy.commands.halt_command import one_robot, resume_command
-
-    if failed := resume_command(connect, check_name("team", team), one_robot(one, robot), by):
-        raise typer.Exit(failed)
-
-
-@app.command()
-def shell(
-    robot: RobotArgument,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-) -> None:
-    """Call a robot's plugins interactively: call driver stop(), list, help driver."""
-    from robrain.client.team import Team
-    from robrain.deploy.commands.shell import run_shell
-
-    check_name("robot", robot)
-    with Team.connect(connect, team=team) as client:
-        failed = run_shell(client, robot, interactive=sys.stdin.isatty())
-    if failed:
-        raise typer.Exit(failed)
-
-
-@app.command(context_settings={"ignore_unknown_options": True})  # negative numbers are arguments
-def call(
-    robot: RobotArgument,
-    plugin: Annotated[str, typer.Argument(help="Name of the plugin.")],
-    function: Annotated[str, typer.Argument(help="Name of the function.")],
-    arguments: Annotated[
-        list[str] | None, typer.Argument(help="Arguments as VALUE or NAME=VALUE, or one JSON array or object.")
-    ] = None,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
-) -> None:
-    """Call a function of a robot's plugin, and print its result: call r1 localisation pose, call r1 driver drive 1."""
-    from robrain.deploy.commands.call_command import call_command
-    from robrain.deploy.commands.terminal import print_line
-
-    if said := call_command(connect, team, robot, plugin, function, arguments or [], as_json=as_json):
-        print_line(said)
-
-
-@app.command()
-def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
-    """List the members of a team that are present."""
-    from robrain.deploy.commands.status_command import show_status, status_of
-
-    found = status_of(connect, check_name("team", team))
-    if as_json:
-        _print_json(found)
-    else:
-        show_status(found)
-
 
 @app.command()
 def metrics(
@@ -435,14 +342,9 @@ def _run_agent(robot: Path, connect: str | None, team: str | None) -> None:
 
 def _finish(result: "RunResult", *, as_json: bool) -> None:
     if as_json:
-        _print_json(result)
+        print_json(result)
     if result.ended == "interrupted":
         raise typer.Exit(EXIT_INTERRUPTED)
-
-
-def _print_json(value: object) -> None:
-    sys.stdout.write(msgspec.json.encode(value).decode() + "\n")
-    sys.stdout.flush()
 
 
 @contextmanager

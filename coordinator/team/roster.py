@@ -1,10 +1,11 @@
 """The roster: which robots there are, and what they last said."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from msgspec import UNSET
 
 from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 from robrain.protocol.wire.presence import Change
@@ -102,17 +103,39 @@ class Roster:
         """Forget names that never had a token and have been silent for a while."""
         if not self._unseen:
             return
-        old = [
-            robot.name
-            for robot in self._by_name
-            if not robot.was_there and (robot.heard_ns is None or now_ns - robot.heard_ns > FORGET_UNSEEN_NS)
-        ]
-        for name in old:
-            del self.robots[name]
-        if old:
-            self._unseen -= len(old)
-            self._by_name = [self.robots[known] for known in sorted(self.robots)]
-            self._up_at_ns = None
+        for robot in self._by_name:
+            if not robot.was_there and (robot.heard_ns is None or now_ns - robot.heard_ns > FORGET_UNSEEN_NS):
+                self.remove(robot)
+
+    def remove_gone(self, name: str, tasks: Sequence[str]) -> None:
+        """Forget a robot that has gone.
+
+        Args:
+            name: of the robot.
+            tasks: that it may still do.
+
+        Raises:
+            CallError: it is unknown, is there, or may still do a task.
+
+        """
+        robot = self.robots.get(name)
+        if robot is None:
+            why = f"no such robot is known; there are: {', '.join(self.robots) or 'none'}"
+        elif robot.has_token:
+            why = "it is there"
+        elif tasks:
+            why = f"task {tasks[0]} may still run on it; ask again in a few seconds"
+        else:
+            self.remove(robot)
+            return
+        raise CallError(ErrorCode.REFUSED, f"{name} is not removed: {why}", why)
+
+    def remove(self, robot: Robot) -> None:
+        """Forget a robot without a token."""
+        del self.robots[robot.name]
+        self._unseen -= not robot.was_there
+        self._by_name = [self.robots[known] for known in sorted(self.robots)]
+        self._up_at_ns = None
 
     def note_state(self, state: RobotState, now_ns: int) -> None:
         """A robot said how it is."""

@@ -1,12 +1,18 @@
-"""`robrain status`: which members of a team are present, how its robots are, and what they have refused."""
+"""`robrain status`: the robots of a team, one line each, and what its members have refused."""
 
 import time
+from collections.abc import Iterator
 from enum import StrEnum
 
 import msgspec
+from rich.table import Table
 
 from robrain.client.members import team_found
-from robrain.deploy.processes.live_process import client_session, live_endpoint, tell
+from robrain.coordinator.drawing.natural_order import natural_key
+from robrain.coordinator.drawing.time_span import span_text
+from robrain.deploy.commands.terminal import cell, print_line, results
+from robrain.deploy.processes.live_process import client_session, live_endpoint
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
@@ -14,6 +20,7 @@ from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldSt
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.wire.messages.team.witness_messages import Lead
+from robrain.protocol.wire.reasons.robots import Gone
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 
 STATE_S = 1.0
@@ -25,6 +32,8 @@ COORDINATOR = "coordinator"
 class RobotCondition(StrEnum):
     """How a robot is; the first that holds."""
 
+    GONE = "gone"
+    """It has left the network; `robrain remove` has it forgotten."""
     HALTED = "halted"
     FAULTED = "faulted"
     LOST = "lost"
@@ -40,18 +49,30 @@ class RobotStanding(msgspec.Struct, frozen=True, kw_only=True):
     robot: str
     condition: RobotCondition
     why: str = ""
-    """In words; empty if it is up."""
+    """In words; empty if it is up, or if only `plugins_out` says more."""
+    soc: float | None = None
+    """State of charge, 0 to 1; None if unknown."""
+    place: Point2D | None = None
+    """Where it is, arena frame; None if unknown."""
+    task: str = ""
+    """Id of the task that it does; of a robot that has gone, the last one."""
+    behavior: str = ""
+    """The behavior that drives it."""
+    plugins_out: dict[str, list[str]] = {}
+    """Plugins that do not run, by the reason."""
+    silent_s: float | None = None
+    """Time since its last state; None if it is there."""
 
 
 class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The members of a team that are present."""
+    """The members of a team: those that are present, and robots that have gone."""
 
     team: str
     coordinator: bool
     robots: list[str]
-    """Names, sorted."""
+    """Names of those that are present, sorted."""
     standing: list[RobotStanding] = []
-    """How each robot is, in the same order."""
+    """How each robot is, by name; also of those that have gone and were not removed."""
     refused: dict[str, list[Refusal]] = {}
     """What the coordinator and the robots have refused, by `coordinator` and the robots' names; absent if nothing."""
     mote_field: MoteFieldState | None = None
@@ -79,11 +100,19 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         if not found.robots and not found.coordinator:
             raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
         refused, summary, states = _told(inbox, len(found.robots) + found.coordinator)
+    standing = {name: standing_of(name, states.get(name)) for name in found.robots}
+    standing |= {
+        robot.name: RobotStanding(
+            robot=robot.name, condition=RobotCondition.GONE, task=robot.task, soc=robot.soc, silent_s=robot.age_s
+        )
+        for robot in (() if summary is None else summary.robots)
+        if isinstance(robot.out, Gone) and robot.name not in standing
+    }
     return TeamStatus(
         team=team,
         coordinator=found.coordinator,
         robots=found.robots,
-        standing=[standing_of(name, states.get(name)) for name in found.robots],
+        standing=[standing[name] for name in sorted(standing, key=natural_key)],
         refused=refused,
         mote_field=None if summary is None else summary.mote_field or None,
         stand_by=None if summary is None else summary.stand_by or None,
@@ -93,40 +122,79 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
 
 
 def show_status(found: TeamStatus) -> None:
-    """Print which members of a team are present."""
-    tell(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
-    if found.unwritable:
-        tell(f"  the coordinator takes no tasks: {found.unwritable}")
-    if found.lead is not None:
-        tell(f"  {found.lead.words}")
-    if found.stand_by is not None:
-        tell(f"  {found.stand_by.words}")
+    """Print one line for each robot of a team, and below them the reasons, each once."""
+    print_line(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
+    table = Table(box=None, pad_edge=False)
+    for heading in ("robot", "state", "battery", "place", "task", "plugins out"):
+        table.add_column(heading, justify="right" if heading in ("battery", "plugins out") else "left", overflow="fold")
     for robot in found.standing:
-        tell(f"  {robot.robot} {robot.condition}{f': {robot.why}' if robot.why else ''}")
-    if found.mote_field is not None:
-        tell(f"  {found.mote_field.words}")
+        table.add_row(*map(cell, _cells(robot)))
+    if found.standing:
+        results().print(table)
+    reasons: dict[str, list[str]] = {}
+    for robot in found.standing:
+        for reason in _reasons(robot):
+            reasons.setdefault(reason, []).append(robot.robot)
+    for reason, robots in reasons.items():
+        print_line(f"{', '.join(robots)}: {reason}")
+    if found.unwritable:
+        print_line(f"the coordinator accepts no tasks: {found.unwritable}")
+    for part in (found.lead, found.stand_by, found.mote_field):
+        if part is not None:
+            print_line(part.words)
     for name, refused in found.refused.items():
         for one in refused:
-            tell(f"  {name} refused {one.words}")
+            print_line(f"{name} refused {one.words}")
+
+
+def _cells(robot: RobotStanding) -> list[str]:
+    out = sum(map(len, robot.plugins_out.values()))
+    gone = "" if robot.silent_s is None else f" {span_text(robot.silent_s)}"
+    return [
+        robot.robot,
+        f"{robot.condition}{gone}",
+        "–" if robot.soc is None else f"{robot.soc:.0%}",
+        "–" if robot.place is None else f"({robot.place.x_m:.1f}, {robot.place.y_m:.1f})",
+        robot.task or robot.behavior or "–",
+        str(out) if out else "–",
+    ]
+
+
+def _reasons(robot: RobotStanding) -> Iterator[str]:
+    if robot.why:
+        yield robot.why
+    for reason, plugins in robot.plugins_out.items():
+        verb = "does" if len(plugins) == 1 else "do"
+        yield f"{', '.join(plugins)} {verb} not run: {reason}"
 
 
 def standing_of(robot: str, state: RobotState | None) -> RobotStanding:
-    """How a robot is, by its last state."""
-    condition, why = RobotCondition.UP, ""
+    """How a robot that is present is, by its last state."""
     if state is None:
-        condition, why = RobotCondition.SILENT, f"it has published no state for {STATE_S:g} s"
-    elif state.halted:
-        condition, why = RobotCondition.HALTED, f"by {', '.join(state.halted_by) or 'the team'}"
+        why = f"no state published for {STATE_S:g} s"
+        return RobotStanding(robot=robot, condition=RobotCondition.SILENT, why=why)
+    condition, why = RobotCondition.UP, ""
+    if state.halted:
+        condition, why = RobotCondition.HALTED, f"halted by {', '.join(state.halted_by) or 'the team'}"
         if state.not_halted:
             why += f"; not stopped: {', '.join(state.not_halted)}"
     elif state.faulted:
-        condition, lines = RobotCondition.FAULTED, [fault.why.strip().rpartition("\n")[2] for fault in state.faulted]
-        why = "; ".join(
-            f"{fault.plugin} does not run: {line}" for fault, line in zip(state.faulted, lines, strict=True)
-        )
+        condition = RobotCondition.FAULTED
     elif state.lost:
-        condition, why = RobotCondition.LOST, state.lost
-    return RobotStanding(robot=robot, condition=condition, why=why)
+        condition, why = RobotCondition.LOST, f"lost: {state.lost}"
+    plugins_out: dict[str, list[str]] = {}
+    for fault in state.faulted:
+        plugins_out.setdefault(fault.why.strip().rpartition("\n")[2], []).append(fault.plugin)
+    return RobotStanding(
+        robot=robot,
+        condition=condition,
+        why=why,
+        soc=None if state.battery is None else state.battery.soc,
+        place=None if state.pose is None or state.lost else Point2D(state.pose.x_m, state.pose.y_m),
+        task="" if state.task is None or state.task.state.ended else state.task.id,
+        behavior=state.behavior,
+        plugins_out=plugins_out,
+    )
 
 
 _Told = tuple[dict[str, list[Refusal]], TeamState | None, dict[str, RobotState]]

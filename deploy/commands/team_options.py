@@ -14,7 +14,7 @@ ConnectOption = Annotated[
     typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default: $ROBRAIN_CONNECT, else this machine's hub."),
 ]
 TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
-RobotArgument = Annotated[str, typer.Argument(help="Name of a running robot.")]
+RobotArgument = Annotated[str, typer.Argument(help="Name of a robot.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 
 

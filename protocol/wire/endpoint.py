@@ -365,7 +365,11 @@ class Endpoint:
         key = self._signing.own(topic, plain_key)
         body = self._signing.body(topic, request)
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
-        selector = f"{key}?{BY}={check_name('asker', by)}" if by and not self._signing.covers(topic) else key
+        selector = key
+        if by and not self._signing.covers(topic):
+            for part in by.split(":"):  # ROLE:NAME
+                check_name("asker", part)
+            selector = f"{key}?{BY}={by}"
         replies = self._link.ask(selector, body, topic.urgency, timeout_s)
         if replies.from_outside:
             self.note_outside(selector, b"")

@@ -58,6 +58,16 @@ COORDINATOR_LEAD = Query(
     reply=standing_messages.LeadReply,
     urgency=Urgency.INTERACTIVE_HIGH,
 )
+COORDINATOR_REMOVE_ROBOT = Query(
+    name="coordinator_remove_robot",
+    pattern="coordinator/remove_robot",
+    doc="Forget a robot that has gone, which is shown as gone until then",
+    by=Role.COORDINATOR,
+    request=standing_messages.RobotRemoval,
+    reply=NoneType,
+    urgency=Urgency.DATA_HIGH,
+    errors=(ErrorCode.REFUSED,),
+)
 ROBOT_WITNESS = Query(
     name="robot_witness",
     pattern="robot/{robot}/witness",
@@ -73,5 +83,6 @@ STANDING_ROWS = (
     COORDINATOR_COPY,
     COORDINATOR_BACKUP,
     COORDINATOR_LEAD,
+    COORDINATOR_REMOVE_ROBOT,
     ROBOT_WITNESS,
 )

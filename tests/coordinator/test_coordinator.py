@@ -2,6 +2,7 @@
 
 import itertools
 import logging
+from types import NoneType
 
 import numpy as np
 import pytest
@@ -17,8 +18,12 @@ from robrain.protocol.wire.answers.trace import trace_of
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.wire.messages.team.standing_messages import RobotRemoval
 from robrain.protocol.wire.reasons.idle import PlanPending, TaskSoon
+from robrain.protocol.wire.reasons.robots import Gone
+from robrain.protocol.wire.standing_topics import COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,
     ROBOT_MAP,
@@ -209,6 +214,32 @@ def test_a_robot_that_nobody_answers_for_costs_its_task_only(team, caplog):
     refused = [event for event in team.heard if event.robot == "r2" and event.state is TaskState.CANCELLED]
     assert refused
     assert "nobody answers" in refused[0].why
+
+
+def test_robot_that_has_gone_is_listed_with_its_task_until_it_is_removed(team):
+    team.robot("r2", 5.0)
+    robot = team.robot("r1")
+    team.submit(Task(id="t1", kind="visit", place=Point2D(6.0, 4.0)))
+    team.run(1.0)
+
+    def remove(name):
+        team.ask(COORDINATOR_REMOVE_ROBOT, RobotRemoval(robot=name), NoneType)
+        team.run(0.1)
+
+    with pytest.raises(CallError, match="r1 is not removed: it is there"):
+        remove("r1")
+    robot.speaks = False
+    robot.leave()
+    team.run(1.0)
+    with pytest.raises(CallError, match="r1 is not removed: task t1 may still run on it"):
+        remove("r1")
+    team.run(60.0)
+    gone = {summary.name: summary for summary in team.summary.robots}["r1"]
+    assert (gone.out, gone.task, gone.age_s > 60.0) == (Gone(), "t1", True)
+    remove("r1")
+    assert [summary.name for summary in team.summary.robots] == ["r2"]
+    with pytest.raises(CallError, match="no such robot is known; there are: r2"):
+        remove("r1")
 
 
 # -- the map --------------------------------------------------------------------------------------------------

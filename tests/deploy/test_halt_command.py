@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.commands.halt_command import one_robot
+from robrain.deploy.commands.team_commands import one_robot
 from robrain.deploy.errors import UsageError
 
 

@@ -1,21 +1,70 @@
-"""`robrain status`: how each robot is, and the field of motes that the coordinator keeps alive."""
+"""`robrain status`: one line for each robot, each reason once, and robots that have gone."""
 
 import pytest
 
-from robrain.deploy.commands.status_command import RobotCondition, TeamStatus, show_status, standing_of
+from robrain.deploy.commands.status_command import RobotCondition, RobotStanding, TeamStatus, show_status, standing_of
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.robots.robot_messages import PluginFault, RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.wire.messages.team.witness_messages import Lead
 
 FIELD = MoteFieldState(motes=10, dead=1, delivery_ratio=0.968, age_s=5.2, oldest_s=34.4, coverage=0.961, on_duty=3)
 UP = [standing_of("r1", RobotState(robot="r1"))]
+BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.87, remaining_j=1.0)
+FAULTS = [PluginFault(plugin=name, why="Traceback:\nOSError: no bus") for name in ("mocdevice", "driver")]
+
+
+def _shown(capsys: pytest.CaptureFixture[str], *standing: RobotStanding) -> list[str]:
+    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=list(standing)))
+    return [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_robot_has_one_line_with_battery_place_and_task(capsys: pytest.CaptureFixture[str]) -> None:
+    task = TaskStatus(id="visit-3", epoch=1, state=TaskState.RUNNING)
+    state = RobotState(robot="r1", battery=BATTERY, pose=Pose2D(3.24, -4.0, 0.0), task=task)
+    standing = standing_of("r1", state)
+    assert (standing.soc, standing.place, standing.task) == (0.87, Point2D(3.24, -4.0), "visit-3")
+    assert _shown(capsys, standing) == [
+        "team default: coordinator up",
+        "robot state battery place task plugins out",
+        "r1 up 87% (3.2, -4.0) visit-3 –",
+    ]
+
+
+def test_ended_task_is_not_shown_and_a_lost_robot_has_no_place() -> None:
+    task = TaskStatus(id="visit-3", epoch=1, state=TaskState.DONE)
+    standing = standing_of("r1", RobotState(robot="r1", pose=Pose2D(1.0, 1.0, 0.0), lost="bumped", task=task))
+    assert (standing.task, standing.place) == ("", None)
+
+
+def test_one_reason_is_printed_once_for_all_robots_and_plugins(capsys: pytest.CaptureFixture[str]) -> None:
+    standing = [standing_of(name, RobotState(robot=name, faulted=FAULTS)) for name in ("r1", "r2")]
+    lines = _shown(capsys, *standing)
+    assert lines[2:] == [
+        "r1 faulted – – – 2",
+        "r2 faulted – – – 2",
+        "r1, r2: mocdevice, driver do not run: OSError: no bus",
+    ]
+
+
+def test_robot_that_has_gone_is_shown_with_its_last_task(capsys: pytest.CaptureFixture[str]) -> None:
+    gone = RobotStanding(robot="r2", condition=RobotCondition.GONE, task="visit-3", silent_s=400.0)
+    assert "r2 gone 7 min – – visit-3 –" in _shown(capsys, *UP, gone)
+
+
+def test_table_fits_into_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    state = RobotState(robot="transporter-12", battery=BATTERY, pose=Pose2D(-123.4, -123.4, 0.0), faulted=FAULTS)
+    show_status(
+        TeamStatus(team="default", coordinator=True, robots=[], standing=[standing_of("transporter-12", state)])
+    )
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
 
 
 def test_state_of_the_field_is_a_line_of_its_own(capsys) -> None:
     show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP, mote_field=FIELD))
-    assert capsys.readouterr().out.splitlines()[1:] == [
-        "  r1 up",
-        "  10 motes, 1 dead, 6 off duty; 97 % of the readings arrived, newest 5 s old (oldest 34 s); 96 % covered",
+    assert capsys.readouterr().out.splitlines()[3:] == [
+        "10 motes, 1 dead, 6 off duty; 97 % of the readings arrived, newest 5 s old (oldest 34 s); 96 % covered",
     ]
 
 
@@ -25,35 +74,23 @@ def test_a_field_that_the_coordinator_leaves_alone_is_not_mentioned(capsys) -> N
 
 
 @pytest.mark.parametrize(
-    ("state", "condition", "line"),
+    ("state", "condition", "why"),
     [
-        (None, RobotCondition.SILENT, "r1 silent: it has published no state for 1 s"),
-        (RobotState(robot="r1"), RobotCondition.UP, "r1 up"),
+        (None, RobotCondition.SILENT, "no state published for 1 s"),
+        (RobotState(robot="r1"), RobotCondition.UP, ""),
+        (RobotState(robot="r1", halted=True, halted_by=["ann", "bob"]), RobotCondition.HALTED, "halted by ann, bob"),
         (
-            RobotState(robot="r1", halted=True, halted_by=["ann", "bob"]),
+            RobotState(robot="r1", halted=True, not_halted=["driver"], lost="bumped"),
             RobotCondition.HALTED,
-            "r1 halted: by ann, bob",
+            "halted by the team; not stopped: driver",
         ),
-        (
-            RobotState(robot="r1", halted=True, not_halted=["driver"], lost="bumped", faulted=[]),
-            RobotCondition.HALTED,
-            "r1 halted: by the team; not stopped: driver",
-        ),
-        (
-            RobotState(
-                robot="r1", lost="bumped", faulted=[PluginFault(plugin="scan", why="Traceback:\nOSError: gone")]
-            ),
-            RobotCondition.FAULTED,
-            "r1 faulted: scan does not run: OSError: gone",
-        ),
-        (RobotState(robot="r1", lost="bumped"), RobotCondition.LOST, "r1 lost: bumped"),
+        (RobotState(robot="r1", lost="bumped", faulted=FAULTS), RobotCondition.FAULTED, ""),
+        (RobotState(robot="r1", lost="bumped"), RobotCondition.LOST, "lost: bumped"),
     ],
 )
-def test_each_robot_is_shown_as_it_is(capsys, state: RobotState | None, condition: RobotCondition, line: str) -> None:
+def test_each_robot_is_shown_as_it_is(state: RobotState | None, condition: RobotCondition, why: str) -> None:
     standing = standing_of("r1", state)
-    assert standing.condition is condition
-    show_status(TeamStatus(team="default", coordinator=False, robots=["r1"], standing=[standing]))
-    assert capsys.readouterr().out.splitlines()[1] == f"  {line}"
+    assert (standing.condition, standing.why) == (condition, why)
 
 
 def test_who_elected_the_coordinator_is_shown(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,8 @@
 """The mote field and the rules, as HTML. Every string from the wire is escaped."""
 
-from robrain.coordinator.dashboard.html.html_words import NONE, span_text, text, tile
+from robrain.coordinator.dashboard.html.html_words import NONE, text, tile
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.time_span import span_text
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.motes.mote_field_messages import GatewayCount, MoteFieldState
 from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus

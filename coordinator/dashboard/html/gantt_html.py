@@ -2,12 +2,13 @@
 
 from typing import NamedTuple
 
-from robrain.coordinator.dashboard.html.html_words import note, span_text, text
+from robrain.coordinator.dashboard.html.html_words import note, text
 from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.task_board import PLANNED_S, Span
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.drawing.palette import CHARGER_PLATE, css, look_of
+from robrain.coordinator.drawing.time_span import span_text
 from robrain.protocol.model.tasks.task import TaskState
 
 GANTT_S = 300.0

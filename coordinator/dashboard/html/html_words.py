@@ -100,14 +100,3 @@ def clock_text(time_s: float) -> str:
     minutes, seconds = divmod(int(time_s), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
-
-
-def span_text(time_s: float) -> str:
-    """A duration in s, min or h.
-
-    >>> span_text(42.0), span_text(500.0), span_text(9000.0)
-    ('42 s', '8 min', '2.5 h')
-    """
-    if time_s < 100:
-        return f"{time_s:.0f} s"
-    return f"{time_s / 60:.0f} min" if time_s < 6000 else f"{min(time_s / 3600, 9999):.1f} h"

@@ -16,7 +16,6 @@ from robrain.coordinator.dashboard.html.html_words import (
     figure,
     note,
     notice,
-    span_text,
     text,
     tile,
 )
@@ -28,6 +27,7 @@ from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, 
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.drawing.palette import battery_class, look_of, mote_class
+from robrain.coordinator.drawing.time_span import span_text
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.team.arena_messages import ArenaPreparation
 
@@ -136,7 +136,9 @@ def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:
         '<th class="rb-number" style="width: 27%">Battery, lasts</th>'
         '<th style="width: 31%; padding-left: 14px">Behavior</th></tr>'
     )
-    return _table("robots", head, [_robot_rows(view, robot, now_s, selected) for robot in robots[:ROWS]], len(robots))
+    longest_s = max((robot.endurance_s or 0.0 for robot in robots), default=0.0)
+    rows = [_robot_rows(view, robot, now_s, selected, longest_s) for robot in robots[:ROWS]]
+    return _table("robots", head, rows, len(robots))
 
 
 def motes_html(view: TeamView) -> str:
@@ -222,14 +224,16 @@ def _alerts(alerts: Sequence[Alert]) -> str:
     return f'<div data-testid="alerts">{"".join(lines)}</div>' if lines else ""
 
 
-def _robot_rows(view: TeamView, robot: RobotView, now_s: float, selected: str) -> str:
+def _robot_rows(view: TeamView, robot: RobotView, now_s: float, selected: str, longest_s: float) -> str:
     look = look_of(robot.index)
     name = text(robot.name)
     state = robot.state
     battery = NONE
     if state is not None and state.battery is not None:
         soc = state.battery.soc
-        lasts = "" if robot.endurance_s is None else f' <span class="rb-soft">{span_text(robot.endurance_s)}</span>'
+        lasts = ""
+        if robot.endurance_s is not None:
+            lasts = f' <span class="rb-soft">{span_text(robot.endurance_s, longest_s)}</span>'
         bolt = "⚡ " if state.battery.charging else ""
         battery = f'{bolt}<span class="rb-{battery_class(soc)}">{100 * soc:.0f} %</span>{lasts}'
     behavior = text(state.behavior) if state is not None and state.behavior else NONE
@@ -252,6 +256,9 @@ def task_text(robot: RobotView, view: TeamView) -> str:
     """The robot's task as it reports it, else as the coordinator does; escaped."""
     status = robot.state.task if robot.state is not None else None
     summary = robot.summary
+    if summary is not None and robot.has_gone:
+        task = LONG_ID.sub(r"\1", summary.task) or "no task"
+        return text(f"gone for {span_text(summary.age_s)}, with {task}")
     if status is not None:
         why = status.why or (summary.why if summary is not None else "")
         event = view.tasks.get(status.id)

@@ -10,7 +10,6 @@ from robrain.coordinator.dashboard.html.html_words import (
     condition_html,
     figure,
     note,
-    span_text,
     text,
     tile,
 )
@@ -18,6 +17,7 @@ from robrain.coordinator.dashboard.html.panel_html import task_text
 from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import battery_class, look_of
+from robrain.coordinator.drawing.time_span import span_text
 from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 

@@ -7,11 +7,11 @@ from robrain.coordinator.dashboard.html.html_words import (
     clock_text,
     figure,
     note,
-    span_text,
     task_state_html,
     text,
 )
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.coordinator.drawing.time_span import span_text
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskWhy

@@ -81,7 +81,7 @@ class ClientPage:
             self._view, self._drawn_s = view, None
             self.team.hurry()
             self.robot.hurry()
-        if not self.selected and view.robots:
+        if self.selected not in view.robots and view.robots:
             self.select(next(iter(view.robots)), by_person=False)
         self._mark.show(view.robots.get(self.selected), follows=self.follows)
         scene.keep_framed(self.client)

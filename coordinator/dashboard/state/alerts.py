@@ -97,7 +97,7 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     found: list[Alert] = []
     condition, state = robot.condition(now_s), robot.state
     if condition is Condition.LOST:
-        found.append(Alert(Level.BAD, robot.name, "is lost"))
+        found.append(Alert(Level.BAD, robot.name, "has gone" if robot.has_gone else "is lost"))
     elif condition is Condition.SILENT:
         found.append(Alert(Level.BAD, robot.name, "says nothing, though its process is there"))
     if state is None:

@@ -14,6 +14,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, Robo
 from robrain.protocol.wire.messages.team.arena_messages import RobotTruth, Scan
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.messages.team.team_messages import RobotSummary
+from robrain.protocol.wire.reasons.robots import Gone
 
 SILENT_AFTER_S = 3.0
 """A robot that is present but whose state is older than this may hang: its token would last 10 s more."""
@@ -86,6 +87,11 @@ class RobotView:
         if not self.poses or not stamp_ns:
             return self.pose
         return min(self.poses, key=lambda known: abs(known[0] - stamp_ns))[1]
+
+    @property
+    def has_gone(self) -> bool:
+        """Whether it has left the network, and the coordinator has said so."""
+        return not self.present and self.summary is not None and isinstance(self.summary.out, Gone)
 
     @property
     def pose(self) -> Pose2D | None:

@@ -295,6 +295,9 @@ class TeamView:
         for frontier in team.frontiers:
             _check_place(frontier.place)
         self.team, self.team_heard_s = team, now_s
+        listed = {summary.name for summary in team.robots}
+        for name in [name for name, view in self.robots.items() if name not in listed and view.has_gone]:
+            del self.robots[name]
         for summary in team.robots:
             self._robot(summary.name).summary = summary
 

@@ -5,7 +5,12 @@ from enum import StrEnum
 
 from robrain.protocol.wire.access.member import MEMBERS, MemberRole
 from robrain.protocol.wire.host_queries import HOST_HALT, HOST_QUERIES, HOST_VERB
-from robrain.protocol.wire.standing_topics import COORDINATOR_BACKUP, COORDINATOR_LEAD, STANDING_ROWS
+from robrain.protocol.wire.standing_topics import (
+    COORDINATOR_BACKUP,
+    COORDINATOR_LEAD,
+    COORDINATOR_REMOVE_ROBOT,
+    STANDING_ROWS,
+)
 from robrain.protocol.wire.topic import Query, Role, Topic, WireKey
 from robrain.protocol.wire.topics import (
     ARENA_CAN,
@@ -83,6 +88,7 @@ ASKS: dict[str, Roles] = {
     **{row.name: _COORDINATOR for row in STANDING_ROWS if isinstance(row, Query)},
     COORDINATOR_BACKUP.name: _OPERATOR,
     COORDINATOR_LEAD.name: _OPERATOR,
+    COORDINATOR_REMOVE_ROBOT.name: _OPERATOR,
 }
 """Who asks queries that not everybody may ask."""
 ANSWERS: dict[str, Roles] = {REPLAY_CONTROL.name: _OPERATOR}

@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.coordinator.dashboard.html.panel_html import task_text
 from robrain.coordinator.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, Contact, RobotView
 from robrain.coordinator.dashboard.state.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -17,6 +18,7 @@ from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
 from robrain.protocol.wire.messages.team.team_messages import Halt, RobotSummary, TeamState
 from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.robots import Gone
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import (
     ARENA_CLOCK,
@@ -292,6 +294,14 @@ def test_known_area_is_the_coordinators_while_it_is_up(view: TeamView) -> None:
     view.coordinator_up = True
     assert view.known_area_m2 == pytest.approx(9.0)
     assert view.robots["r1"].summary is not None
+
+
+def test_robot_that_has_gone_stays_until_the_coordinator_lists_it_no_more(view: TeamView) -> None:
+    gone = RobotSummary(name="r1", up=False, age_s=400.0, task="visit-3", out=Gone())
+    tell(view, COORDINATOR_STATE, TeamState(robots=[gone]))
+    assert task_text(view.robots["r1"], view) == "gone for 7 min, with visit-3"
+    tell(view, COORDINATOR_STATE, TeamState(robots=[]))
+    assert not view.robots
 
 
 def test_scan_belongs_to_its_robot(view: TeamView) -> None:

@@ -109,6 +109,14 @@ class LeadReply(msgspec.Struct, frozen=True, kw_only=True):
     """Silent robots that count no more until they are heard again, sorted; none if tasks were offered before."""
 
 
+class RobotRemoval(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot that has gone is to be forgotten."""
+
+    robot: Name
+    by: Text = ""
+    """Who asks."""
+
+
 class CopyRequest(msgspec.Struct, frozen=True, kw_only=True):
     """A page of the coordinator's journal."""
 

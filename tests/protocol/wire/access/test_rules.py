@@ -39,6 +39,7 @@ ORDERS: dict[str, set[MemberRole]] = {
     "coordinator_objective": {OP},
     "coordinator_backup": {OP},
     "coordinator_lead": {OP},
+    "coordinator_remove_robot": {OP},
     "replay_control": {OP},
     "host_load": {OP},
     "host_unload": {OP},

@@ -1,0 +1,148 @@
+"""Commands to a running team and its robots: halts, calls, and the state of the team."""
+
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robrain.deploy.commands.team_options import (
+    ConnectOption,
+    JsonOption,
+    RobotArgument,
+    TeamOption,
+    connect_team,
+    print_json,
+    say,
+)
+from robrain.deploy.errors import UsageError
+from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+
+if TYPE_CHECKING:
+    from robrain.client.halting import HaltReport
+
+EXIT_DISOBEYED = 1
+"""Exit status of `halt` and `resume` if a robot has not confirmed in time."""
+
+team_app = typer.Typer(rich_markup_mode=None)
+
+RobotOption = Annotated[str | None, typer.Option(help="The same as ROBOT.")]
+OneRobotArgument = Annotated[
+    str | None, typer.Argument(metavar="ROBOT", help="This robot only; default: the whole team.")
+]
+ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]
+
+
+@team_app.command()
+def halt(
+    one: OneRobotArgument = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    robot: RobotOption = None,
+    by: ByOption = None,
+    reason: Annotated[str, typer.Option(help="Reason, for the log.")] = "",
+) -> None:
+    """Emergency halt: stop all robots, and list those that have not stopped."""
+    name = one_robot(one, robot)
+    with connect_team(connect, team) as client:
+        _end(client.halt(name, reason=reason, by=by), None if name else team)
+
+
+@team_app.command()
+def lead(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
+    """Have the coordinator offer tasks again: no other one leads the robots that it does not hear."""
+    with connect_team(connect, team) as client:
+        skipped = client.lead()
+    if skipped:
+        say(f"the coordinator offers tasks again; silent robots that count no more: {', '.join(skipped)}")
+    else:
+        say("the coordinator was not holding tasks back")
+
+
+@team_app.command()
+def remove(robot: RobotArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
+    """Remove a robot that has gone: status and page show it as gone until then."""
+    with connect_team(connect, team) as client:
+        client.remove_robot(check_name("robot", robot))
+    say(f"{robot}: removed")
+
+
+@team_app.command()
+def resume(
+    one: OneRobotArgument = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    robot: RobotOption = None,
+    by: ByOption = None,
+) -> None:
+    """End an emergency halt; allowed to the one that halted, and to operators."""
+    name = one_robot(one, robot)
+    with connect_team(connect, team) as client:
+        _end(client.resume(name, by=by), None if name else team)
+
+
+@team_app.command()
+def shell(
+    robot: RobotArgument,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Call a robot's plugins interactively: call driver stop(), list, help driver."""
+    from robrain.deploy.commands.shell import run_shell
+
+    check_name("robot", robot)
+    with connect_team(connect, team) as client:
+        failed = run_shell(client, robot, interactive=sys.stdin.isatty())
+    if failed:
+        raise typer.Exit(failed)
+
+
+@team_app.command(context_settings={"ignore_unknown_options": True})  # negative numbers are arguments
+def call(
+    robot: RobotArgument,
+    plugin: Annotated[str, typer.Argument(help="Name of the plugin.")],
+    function: Annotated[str, typer.Argument(help="Name of the function.")],
+    arguments: Annotated[
+        list[str] | None, typer.Argument(help="Arguments as VALUE or NAME=VALUE, or one JSON array or object.")
+    ] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Call a function of a robot's plugin, and print its result: call r1 localisation pose, call r1 driver drive 1."""
+    from robrain.deploy.commands.call_command import call_command
+
+    if said := call_command(connect, team, robot, plugin, function, arguments or [], as_json=as_json):
+        say(said)
+
+
+@team_app.command()
+def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
+    """Show each robot of a team in one line: state, battery, place, task, and plugins that do not run."""
+    from robrain.deploy.commands.status_command import show_status, status_of
+
+    found = status_of(connect, check_name("team", team))
+    if as_json:
+        print_json(found)
+    else:
+        show_status(found)
+
+
+def one_robot(argument: str | None, option: str | None) -> str | None:
+    """The robot of a command that has it as ROBOT and as --robot (UsageError if they name two)."""
+    if argument is not None and option is not None and argument != option:
+        raise UsageError(f"--robot {option}: expected one robot, got {argument} as well")
+    name = argument if argument is not None else option
+    return name if name is None else check_name("robot", name)
+
+
+def _end(report: "HaltReport", team: str | None) -> None:
+    """Print which robots have obeyed and which have not, and end the command."""
+    done = "halted" if report.halted else "resumed"
+    lines = dict.fromkeys(report.confirmed, done)
+    lines |= {name: f"NOT {done}: {why}" for name, why in report.unconfirmed.items()}
+    for name, text in sorted(lines.items()):
+        say(f"{name}: {text}")
+    if team is not None:
+        say(f"team {team}: {len(report.confirmed)} of {len(lines)} robots {done}")
+    if report.unconfirmed:
+        raise typer.Exit(EXIT_DISOBEYED)
