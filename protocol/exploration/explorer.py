@@ -20,7 +20,7 @@ from robrain.protocol.exploration.situation import (
     is_avoided,
 )
 from robrain.protocol.exploration.strategies import Strategy
-from robrain.protocol.exploration.trials import Trials
+from robrain.protocol.exploration.trials import Attempts, Trials
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m, mapped_gap_cells
 from robrain.protocol.wire.clock import to_ns
@@ -50,8 +50,6 @@ GAP_M = (0.0, 10.0)
 AVOID_NS = to_ns(15.0)
 BEYOND_M = 2.0
 """Unknown floor within this distance of a frontier, by rows and columns, is what the frontier promises."""
-LOOK_M = 0.6
-"""Robots judge a frontier by the unknown cells within 0.5 m of it; this adds the edge."""
 
 
 class KnownFloor(Protocol):
@@ -115,8 +113,7 @@ class Explorer:
         self._failures: list[_Failure] = []
         self._vain: _Question | None = None
         """What was last asked with nothing found: the same question has the same answer."""
-        self._visited: dict[Point2D, int] = {}
-        """What was unknown around each frontier when a robot had been there, in cells."""
+        self._attempts = Attempts()
         self.idle: dict[str, IdleReason] = {}
         """Why each robot got no goal at the last decision."""
         self._fields = FrontierFields()
@@ -132,6 +129,8 @@ class Explorer:
         """A robot could not get to a place: others may, it shuns the place for a while."""
         self._failures.append(_Failure(robot, place, now_ns + AVOID_NS))
         self._trials.note_failure(place)
+        if self._map.grid is not None:
+            self._attempts.note_failure(place, self._map.grid)
         if place in self._narrow_goals:
             self._narrow_goals.remove(place)
             self._narrow.note_failure(place)
@@ -147,8 +146,7 @@ class Explorer:
         self._narrow_goals.discard(place)
         grid = self._map.grid
         if grid is not None:
-            self._visited = {place: cells for place, cells in self._visited.items() if self._is_spent(place)}
-            self._visited[place] = _unknown_around(grid, place)
+            self._attempts.note_visit(place, grid)
             self._vain = None
 
     @property
@@ -183,10 +181,10 @@ class Explorer:
             return []
         self.idle = {name: why for name, why in self.idle.items() if any(name == seeker.name for seeker in seekers)}
         self.idle |= {scout.name: PlaceUnknown() for scout in scouts if scout.place is None}
-        navigation = self._look(needed_m)
-        if navigation is None:
+        grid, navigation = self._map.grid, self._look(needed_m)
+        if grid is None or navigation is None:
             return []
-        candidates = [candidate for candidate in self.candidates if not self._is_spent(candidate.place)]
+        candidates = [candidate for candidate in self.candidates if not self._attempts.is_spent(candidate.place, grid)]
         paths = FrontierPaths(navigation, candidates)
         between = self._fields.costs_between(paths, navigation, now_ns)
         situation = Situation(
@@ -225,7 +223,7 @@ class Explorer:
             gaps=list(self._narrow.gaps),
             failures=self._trials.failures,
             been=self._trials.been,
-            spent=[place for place in self._visited if self._is_spent(place)],
+            spent=self._attempts.visited(grid),
         )
         return exploration_left(grid.classes(), grid.geometry, evidence)
 
@@ -284,7 +282,9 @@ class Explorer:
         return [
             one
             for one in found
-            if navigation.snap(one.place, near_m) and not (self._is_spent(one.place) and one.place in self._seen_again)
+            if navigation.snap(one.place, near_m)
+            and not self._attempts.is_given_up(one.place, grid)
+            and not (one.place in self._seen_again and self._attempts.is_spent(one.place, grid))
         ]
 
     def _why_idle(
@@ -333,11 +333,6 @@ class Explorer:
 
         return MapLook(grid, candidates)
 
-    def _is_spent(self, place: Point2D) -> bool:
-        """Whether a robot has been at a place, and nobody has seen more there since."""
-        before = self._visited.get(place)
-        return before is not None and self._map.grid is not None and before == _unknown_around(self._map.grid, place)
-
     def _avoided_places(self, robot: str) -> tuple[Point2D, ...]:
         return tuple(failure.place for failure in self._failures if failure.robot == robot)
 
@@ -359,11 +354,3 @@ def _candidate(classes: NDArray[np.int8], geometry: "GridGeometry", found: "Fron
     unknown_m2 = unknown_beyond(classes, found.row, found.column, reach) * geometry.resolution_m**2
     place = geometry.center_of(found.row, found.column)
     return Candidate(place, found.cells * geometry.resolution_m, unknown_m2)
-
-
-def _unknown_around(grid: "OccupancyGrid", place: Point2D) -> int:
-    """How many of the cells around a place nobody has seen."""
-    row, column = grid.geometry.cell_of(place.x_m, place.y_m)
-    reach = round(LOOK_M / grid.geometry.resolution_m)
-    box = np.s_[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
-    return int(np.count_nonzero(grid.log_odds[box] == 0))

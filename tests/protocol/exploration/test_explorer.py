@@ -6,6 +6,7 @@ import pytest
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.exploration.explorer import Explorer, Scout
 from robrain.protocol.exploration.situation import Busy
+from robrain.protocol.exploration.trials import Attempts
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
@@ -293,25 +294,70 @@ def test_a_robot_with_a_goal_is_no_longer_idle():
      (7, 0, False), (-7, 0, False), (0, 7, False), (0, -7, False)],
 )  # fmt: skip
 def test_a_place_is_worth_another_visit_when_more_is_seen_within_sixty_centimetres_of_it(column, row, is_seen):
-    floor = Floor((2.0, 2.0, 2.1, 2.1))
-    explorer = Explorer(floor.team_map)
+    floor, attempts = Floor((2.0, 2.0, 2.1, 2.1)), Attempts()
     place = Point2D(5.05, 3.05)
-    explorer.note_visit(place)
-    assert explorer._is_spent(place)
+    attempts.note_visit(place, floor.team_map.grid)
+    assert attempts.is_spent(place, floor.team_map.grid)
     x_m, y_m = 5.0 + 0.1 * column, 3.0 + 0.1 * row
     floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
-    assert explorer._is_spent(place) is not is_seen
+    assert attempts.is_spent(place, floor.team_map.grid) is not is_seen
 
 
 @pytest.mark.parametrize("place", [Point2D(0.05, 0.05), Point2D(9.95, 5.95)])
 def test_at_the_edge_of_the_map_only_cells_of_the_map_count(place):
-    floor = Floor((2.0, 2.0, 2.1, 2.1))
-    explorer = Explorer(floor.team_map)
-    explorer.note_visit(place)
-    assert explorer._is_spent(place)
+    floor, attempts = Floor((2.0, 2.0, 2.1, 2.1)), Attempts()
+    attempts.note_visit(place, floor.team_map.grid)
+    assert attempts.is_spent(place, floor.team_map.grid)
     x_m, y_m = round(place.x_m - 0.05, 1), round(place.y_m - 0.05, 1)
     floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
-    assert not explorer._is_spent(place)
+    assert not attempts.is_spent(place, floor.team_map.grid)
+
+
+def attempts_until_rest(attempt):
+    """Frontiers to which a robot is sent within ten minutes, while the edge of the floor moves each time."""
+    floor, sent = corridor(), []
+    floor.draw(1.9, 1.9, 2.0, 3.6, OCCUPIED)
+    explorer = Explorer(floor.team_map)
+    for turn in range(600):
+        for choice in explorer.choose([robot("r1", 7.0)], [], to_ns(turn)):
+            sent.append(choice.place)
+            attempt(explorer, choice.place, to_ns(turn))
+        # A wall cell that comes and goes moves the middle of the frontier, and uncovers nothing.
+        floor.draw(7.9, 2.0, 8.0, 2.1 + 0.1 * (turn % 5), OCCUPIED)
+        floor.draw(7.9, 2.1 + 0.1 * (turn % 5), 8.0, 3.5)
+    return sent
+
+
+def visit(explorer, place, _now_ns):
+    explorer.note_visit(place)
+
+
+def fail(explorer, place, now_ns):
+    explorer.note_failure("r1", place, now_ns)
+
+
+@pytest.mark.parametrize("attempt", [visit, fail])
+def test_a_frontier_that_moves_with_each_change_of_the_map_is_tried_a_few_times_only(attempt):
+    sent = attempts_until_rest(attempt)
+    assert 1 <= len(sent) <= 8
+    assert len(set(sent)) > 1
+
+
+@pytest.mark.parametrize("attempt", [visit, fail])
+@pytest.mark.parametrize("loses_floor", [True, False])
+def test_a_place_that_was_given_up_is_tried_again_when_more_is_seen_or_floor_is_lost_there(attempt, loses_floor):
+    floor = corridor()
+    floor.draw(1.9, 1.9, 2.0, 3.6, OCCUPIED)
+    explorer = Explorer(floor.team_map)
+    for turn in range(300):
+        for choice in explorer.choose([robot("r1", 6.0)], [], to_ns(turn)):
+            attempt(explorer, choice.place, to_ns(turn))
+    assert explorer.choose([robot("r1", 6.0)], [], to_ns(999.0)) == []
+    if loses_floor:  # as when the submaps of a robot are gone
+        floor.team_map.grid.erase(20, 73, 35, 80)
+    else:
+        floor.draw(8.0, 2.0, 8.3, 3.5)
+    assert explorer.choose([robot("r1", 6.0)], [], to_ns(1000.0))
 
 
 def test_robot_is_sent_to_no_frontier_from_which_its_energy_does_not_last_to_a_charger():
