@@ -365,7 +365,7 @@ class Coordinator:
             refusals.note(ROBOT_MAP.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
 
     def _note_strategy(self, name: str, why: str) -> None:
-        self._wire.refusals.note("exploration_strategy", name, RefusalCode.FAILED, why)
+        self._wire.refusals.note_failure("exploration_strategy", name, why)
 
     def take_held_map(self) -> None:
         """Merge the patches held back while the map's kernels were loading; hold none from now on."""

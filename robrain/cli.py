@@ -115,6 +115,12 @@ def run(
     motes: MotesOption = None,
     seed: SeedOption = None,
     near: NearOption = None,
+    strategy: Annotated[
+        str | None, typer.Option(help="Exploration strategy: a name such as joint, or FILE.py:NAME.")
+    ] = None,
+    method: Annotated[
+        str | None, typer.Option(help="Allocator of tasks: a name such as auction, or FILE.py:NAME.")
+    ] = None,
     until: UntilOption = None,
     time_limit: TimeLimitOption = None,
     speed: Annotated[
@@ -134,7 +140,7 @@ def run(
     def choose() -> "Scenario":
         from robrain.deploy.commands.options import choose_scenario
 
-        return choose_scenario(scenario, map_file, robots, motes, seed, near)
+        return choose_scenario(scenario, map_file, robots, motes, seed, near, strategy=strategy, method=method)
 
     options = RunOptions(
         until=until,

@@ -1,7 +1,8 @@
 """What can go wrong in the simulator.
 
 RobrainError
-└── ScenarioError             a scenario cannot be run; names file and key
+├── ScenarioError             a scenario cannot be run; names file and key
+└── RunFailed                 a strategy, allocator or other replaceable part failed during a run
 
 MapError (a ValueError, in `sim/maps/errors.py`) becomes a ScenarioError where a scenario is read.
 """
@@ -11,3 +12,7 @@ from robrain.protocol.wire.errors import RobrainError
 
 class ScenarioError(RobrainError):
     """A scenario cannot be read or built; the text names file, key and what was expected."""
+
+
+class RunFailed(RobrainError):
+    """Code failed during a run, for which something else stood in; the text names the part and the line of its file."""

@@ -138,7 +138,8 @@ class AgentHost:
         self._wires: list[Endpoint] = []
         self._wires_looked_at = WIRES_MIN
         """Number of wires at which closed ones are looked for."""
-        self._refusals = Refusals(clock)
+        self.refusals = Refusals(clock)
+        """What all its wires have refused, and failures of replaceable parts."""
         """Of the host and all plugins."""
         bytes_per_s = robot_file.zenoh.telemetry_bytes_per_s
         self.thinning = None if not bytes_per_s else Thinning(bytes_per_s, clock)
@@ -306,7 +307,7 @@ class AgentHost:
                 loaded=self._loaded(),
                 goes_on_s=msgspec.UNSET if self._consensus is None else GOES_ON_S,
                 changes_heard=msgspec.UNSET if self._consensus is None else self._consensus.changes_heard,
-                refused=most_refused(self._refusals) if self._refusals.total else msgspec.UNSET,
+                refused=most_refused(self.refusals) if self.refusals.total else msgspec.UNSET,
                 led=self.witness.led or msgspec.UNSET,
                 left_out=(self.thinning.total if self.thinning is not None else 0) or msgspec.UNSET,
                 faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
@@ -405,7 +406,7 @@ class AgentHost:
             self.clock,
             self.drive,
             on_outside=self._on_outside,
-            refusals=self._refusals,
+            refusals=self.refusals,
             party=self.name,
             thinning=self.thinning,
         )

@@ -100,5 +100,6 @@ ALLOCATORS: Registry[Callable[[Objective], Allocator]] = Registry(
         AUCTION: "robrain.coordinator.allocation.auction:AuctionAllocator",
         GREEDY: "robrain.coordinator.allocation.auction:GreedyAllocator",
     },
+    has_files=True,
 )
 """Each entry makes an allocator for an objective."""

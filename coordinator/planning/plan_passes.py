@@ -1,14 +1,13 @@
 """Refinement passes: functions, found by name, that take a plan and return a preferred one.
 
 `[planning] passes` of a scenario or a planning file lists them in the order in which they are applied. A pass of
-another distribution is checked: if it raises, or its plan is not feasible, the failure is counted and reported, and the
-plan before it stays.
+another distribution is checked: if it raises, or its plan is not feasible, the failure is counted and reported with the
+line of its file, and the plan before it stays. A lockstep run ends with the failure.
 
     [project.entry-points."robrain.plan_passes"]
     rest_at_noon = "my_team.rest:rest_at_noon"
 """
 
-import logging
 from collections.abc import Mapping, Sequence
 from typing import Final, Protocol
 
@@ -18,9 +17,7 @@ from robrain.coordinator.allocation.allocator import Allocator
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.registry import Registry
-
-logger = logging.getLogger(__name__)
+from robrain.protocol.registry import Registry, failure_text
 
 STABILITY: Final = "stability"
 CHARGING_ROBOTS: Final = "charging_robots"
@@ -85,21 +82,22 @@ PASSES: Registry[Pass] = Registry(
         CHARGING_ROBOTS: "robrain.coordinator.planning.stock_passes:charging_robots",
         EARLY_START: "robrain.coordinator.planning.stock_passes:early_start",
     },
+    has_files=True,
 )
 
 
 def refined(draft: PlanDraft, passes: Sequence[str]) -> PlanDraft:
-    """Apply the named passes in order (UnknownEntry for an unknown name)."""
+    """Apply the named passes in order; one that fails is skipped."""
     for name in passes:
-        refine = PASSES.get(name)
-        if PASSES.is_stock(name):
-            draft = refine(draft)
-            continue
+        refine = None
         try:
-            draft = draft.with_plan(_checked(draft, refine(draft)))
-        except Exception as error:  # noqa: BLE001 - foreign code
-            logger.warning("pass %s is left out: %s: %s", name, type(error).__name__, error)
-            draft = draft.with_failure("plan_pass", name, f"{type(error).__name__}: {error}")
+            refine = PASSES.get(name)
+            made = refine(draft)
+            draft = made if PASSES.is_stock(name) else draft.with_plan(_checked(draft, made))
+        except Exception as error:
+            if PASSES.is_stock(name):
+                raise
+            draft = draft.with_failure("plan_pass", name, failure_text(refine, error))  # foreign code
     return draft
 
 

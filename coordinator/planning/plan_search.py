@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from robrain.coordinator.allocation.allocator import Searching
-from robrain.coordinator.allocation.checked_allocator import BadPlan, allocator_of
+from robrain.coordinator.allocation.checked_allocator import CheckedAllocator, allocator_of
 from robrain.coordinator.allocation.plan import Plan
 from robrain.coordinator.allocation.problem import Problem
 from robrain.coordinator.allocation.warm_up import warm_up
@@ -245,7 +245,6 @@ class PlanSolver:
         """Number of searches so far."""
         self.failures: tuple[PlanFailure, ...] = ()
         """Failures of other distributions' code when `plan` was last read."""
-        self._failures: tuple[PlanFailure, ...] = ()
         first = allocator_of(method, objective)
         self.problem = problem
         """The problem as posed; after `plan` was read, the problem that it solves."""
@@ -266,14 +265,9 @@ class PlanSolver:
         fruitless = 0
         while self._search is not None and fruitless < FRUITLESS:
             yield
-            try:
-                found = self._search.plan(
-                    self._problem, iterations=self._iterations, seed=self._seed + self.rounds, warm_start=self._best
-                )
-            except BadPlan as error:  # the plan before the search is valid
-                logger.warning("the plan is not searched any further: %s", error)
-                self._failures += (PlanFailure("allocator", self._method, cut(str(error))),)
-                return
+            found = self._search.plan(
+                self._problem, iterations=self._iterations, seed=self._seed + self.rounds, warm_start=self._best
+            )
             self.rounds += 1
             fruitless = 0 if found.rank < self._best.rank else fruitless + 1
             self._best = min(self._best, found, key=lambda plan: plan.rank)
@@ -288,10 +282,11 @@ class PlanSolver:
             orders=self._orders,
             gain_min=self._gain_min,
             allocator=self._allocator,
-            failures=self._failures,
         )
         draft = refined(draft, self._passes)
         self.problem, self.failures = draft.problem, draft.failures
+        if isinstance(self._allocator, CheckedAllocator):
+            self.failures += tuple(PlanFailure("allocator", self._method, cut(why)) for why in self._allocator.failures)
         return draft.plan
 
 

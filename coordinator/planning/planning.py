@@ -34,7 +34,6 @@ from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
@@ -124,6 +123,7 @@ class Planning:
         self._costs = TaskCosts(wire, capabilities)
         self._trigger = ReplanTrigger()
         self._planner = _planner_of(wire)
+        self._why_failed = ""
         self._plan: PlanInForce | None = None
         self._number = 0
         self._told: dict[str, tuple[str, ...]] = {}
@@ -235,11 +235,14 @@ class Planning:
 
     def _take(self, now_ns: int) -> bool:
         made = self._planner.take()
+        if self._planner.why_failed not in ("", self._why_failed):
+            self._wire.refusals.note_failure("planner", self.policy.method, self._planner.why_failed)
+        self._why_failed = self._planner.why_failed
         for plan in made:
             self._plan = plan
             self._say_problem.put(plan.problem)
             for failure in plan.failures:
-                self._wire.refusals.note(failure.what, failure.name, RefusalCode.FAILED, failure.why)
+                self._wire.refusals.note_failure(failure.what, failure.name, failure.why)
             for decision in plan.decisions:
                 self._told.pop(decision.task, None)
                 self._told[decision.task] = decision.robots

@@ -2,7 +2,8 @@
 
 import math
 from enum import StrEnum
-from typing import Final
+from pathlib import Path
+from typing import Final, Self
 
 import msgspec
 
@@ -11,9 +12,9 @@ from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.exploration.strategies import AUTO, JOINT, STRATEGIES
 from robrain.protocol.exploration.strategies import NEAREST as NEAREST_STRATEGY
-from robrain.protocol.model.ranges import Name
+from robrain.protocol.model.ranges import Text
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.registry import UnknownEntry
+from robrain.protocol.registry import IN_FILE, UnknownEntry, absolute_name
 
 NEAREST: Final = "nearest"
 """The method without plans, for comparison: each task goes to the nearest idle robot."""
@@ -37,15 +38,16 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     objective: Objective = Objective.ENERGY
     """What plans are optimised for."""
-    method: Name = OPTIMAL
-    """Name of the allocator that makes the plans, stock or an entry point `robrain.allocators`; `nearest` for none."""
-    exploration: Name = AUTO
-    """Name of the exploration strategy: stock, or an entry point `robrain.exploration_strategies`."""
+    method: Text = OPTIMAL
+    """Name of the allocator that makes the plans: stock, an entry point `robrain.allocators`, or `FILE.py:NAME`;
+    `nearest` for none."""
+    exploration: Text = AUTO
+    """Name of the exploration strategy: stock, an entry point `robrain.exploration_strategies`, or `FILE.py:NAME`."""
     revise_s: float = 1.0
     """Period, seconds, in which the exploring robots of a team of two or more may be given another goal; 0: a robot
     keeps its goal, as one alone always does."""
-    passes: tuple[Name, ...] = STOCK_PASSES
-    """Names of the refinement passes, in order: stock, or entry points `robrain.plan_passes`."""
+    passes: tuple[Text, ...] = STOCK_PASSES
+    """Names of the refinement passes, in order: stock, entry points `robrain.plan_passes`, or `FILE.py:NAME`."""
     seed: int = 0
     """Seed of the searches."""
     prize_j: float = 1e6
@@ -113,6 +115,25 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
                 raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
         if self.tasks_max < 1:
             raise ValueError(f"expected tasks_max >= 1, got {self.tasks_max}")
+
+    def with_files_of(self, base: Path) -> Self:
+        """The policy with absolute paths for all parts `FILE.py:NAME`; relative ones are relative to `base`."""
+        method, exploration, *passes = (
+            absolute_name(part, base) for part in (self.method, self.exploration, *self.passes)
+        )
+        return msgspec.structs.replace(self, method=method, exploration=exploration, passes=tuple(passes))
+
+    def part_files(self) -> list[Path]:
+        """The files of its parts `FILE.py:NAME`."""
+        parts = (self.method, self.exploration, *self.passes)
+        return [Path(found["file"]) for part in parts if (found := IN_FILE.fullmatch(part)) is not None]
+
+    def import_parts(self) -> None:
+        """Import the parts that are not robrain's own (UnknownEntry if that fails)."""
+        for registry, names in ((STRATEGIES, [self.exploration]), (ALLOCATORS, [self.method]), (PASSES, self.passes)):
+            for name in names:
+                if not registry.is_stock(name) and name != NEAREST:
+                    registry.get(name)
 
     def iterations_for(self, visits: int) -> int:
         """Iterations of one search for a number of visits, so that it takes less than some tenths of a second."""

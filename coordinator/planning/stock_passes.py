@@ -4,13 +4,11 @@
 the jobs that the ready ones leave over. `early_start` moves jobs earlier where that does not make the plan worse.
 """
 
-import logging
 from collections.abc import Mapping, Sequence
 
 import msgspec
 
 from robrain.coordinator.allocation.allocator import Allocator
-from robrain.coordinator.allocation.checked_allocator import BadPlan
 from robrain.coordinator.allocation.explain import reasons
 from robrain.coordinator.allocation.plan import Plan, Route, Stop, Unassigned, make_plan
 from robrain.coordinator.allocation.problem import Problem, make_arrays
@@ -18,8 +16,6 @@ from robrain.coordinator.allocation.repair import keep, repaired
 from robrain.coordinator.allocation.validate import validate
 from robrain.coordinator.planning.plan_passes import PlanDraft
 from robrain.protocol.model.tasks.objective import Objective
-
-logger = logging.getLogger(__name__)
 
 LOOK_AHEAD = 8
 """Number of later jobs that are tried in place of one that a robot would wait for."""
@@ -51,11 +47,7 @@ def charging_robots(draft: PlanDraft) -> PlanDraft:
     For an objective in joules, a robot that is free in five minutes is as good as one that is free now. So the plan is
     made first for the robots that are ready (`for_ready_robots`).
     """
-    try:
-        problem, plan = with_charging_robots(draft.asked, draft.plan, draft.orders, draft.allocator)
-    except BadPlan as error:  # the plan of the ready robots is valid
-        logger.warning("robots that charge get no tasks in this plan: %s", error)
-        return draft.with_failure("allocator", error.method, str(error))
+    problem, plan = with_charging_robots(draft.asked, draft.plan, draft.orders, draft.allocator)
     return msgspec.structs.replace(draft, problem=problem, plan=plan)
 
 

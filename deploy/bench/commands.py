@@ -163,7 +163,8 @@ def exploration(
     robots: RobotsOption = "1,2,4,8",
     seeds: SeedsOption = "1-10",
     strategies: Annotated[
-        str | None, typer.Option(help="Names of exploration strategies, separated by commas; default: all.")
+        str | None,
+        typer.Option(help="Names of exploration strategies, or FILE.py:NAME, separated by commas; default: all."),
     ] = None,
     motion: Annotated[
         str, typer.Option(help="full (the whole stack), ideal (points at top speed, exact poses), or both.")

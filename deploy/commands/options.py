@@ -3,6 +3,8 @@
 import math
 from pathlib import Path
 
+import msgspec
+
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.placement import Starts
@@ -29,6 +31,9 @@ def choose_scenario(
     motes: int | None,
     seed: int | None,
     near: str | None = None,
+    *,
+    strategy: str | None = None,
+    method: str | None = None,
 ) -> Scenario:
     """Load the scenario of a command line.
 
@@ -39,6 +44,8 @@ def choose_scenario(
         motes: overrides the scenario's.
         seed: overrides the scenario's.
         near: X,Y, around which the robots start together; overrides the scenario's starts.
+        strategy: name of an exploration strategy, or FILE.py:NAME; overrides the scenario's.
+        method: name of an allocator, or FILE.py:NAME; overrides the scenario's.
 
     Raises:
         UsageError, ScenarioError: in one sentence.
@@ -57,6 +64,14 @@ def choose_scenario(
         lowest = 1 if option == "robots" else 0
         if value is not None and value < lowest:
             raise UsageError(f"--{option} {value}: expected at least {lowest}")
+    for option, key, part in (("strategy", "exploration", strategy), ("method", "method", method)):
+        if part is not None:
+            try:
+                policy = msgspec.structs.replace(scenario.planning, **{key: part}).with_files_of(Path())
+                policy.import_parts()
+            except ValueError as error:
+                raise UsageError(f"--{option} {part}: {error}") from error
+            scenario = scenario.replace(planning=policy)
     around = place_of("--near", near)
     if around is not None:
         scenario = scenario.replace(near=around, starts=Starts.TOGETHER)

@@ -25,7 +25,7 @@ def read_planning(path: Path, option: str = "--planning") -> PlanningPolicy:
     found = read_tables(path, _Tables, option).planning
     if found is None:
         raise UsageError(f"{option} {path}: expected a table [planning]")
-    return found
+    return found.with_files_of(path.parent)
 
 
 def write_planning(path: Path, policy: PlanningPolicy) -> Path:

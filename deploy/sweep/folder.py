@@ -26,7 +26,7 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     varied: dict[str, str]
     settings: dict[str, str]
     """SHA-256 of each setting's scenario file, by the setting's label."""
-    floors: dict[str, str]
+    inputs: dict[str, str]
     record: bool
     versions: dict[str, str]
 

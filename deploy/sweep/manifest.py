@@ -52,7 +52,7 @@ class SweepManifest(msgspec.Struct, frozen=True, kw_only=True):
     varied: dict[str, list[Value]]
     settings: dict[str, str]
     """SHA-256 of each scenario file below `settings/`, by its name."""
-    floors: dict[str, str]
+    inputs: dict[str, str]
     versions: dict[str, str]
     sessions: list[Session]
     files: dict[str, str] = {}
@@ -67,7 +67,7 @@ def identity_of(plan: SweepPlan, *, record: bool) -> Identity:
         seeds=",".join(map(str, plan.seeds)),
         varied={name: ",".join(map(str, values)) for name, values in plan.varied.items()},
         settings={setting.label: setting.sha256 for setting in plan.settings},
-        floors=plan.floors,
+        inputs=plan.inputs,
         record=record,
         versions=all_versions(),
     )
@@ -102,7 +102,7 @@ def write_manifest(
         seeds=list(plan.seeds),
         varied=plan.varied,
         settings={f"{setting.name}.toml": setting.sha256 for setting in plan.settings},
-        floors=plan.floors,
+        inputs=plan.inputs,
         versions=dict(versions),
         sessions=list(sessions),
         files={name: hashlib.sha256(data).hexdigest() for name, data in files.items()},

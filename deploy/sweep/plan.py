@@ -11,11 +11,20 @@ from typing import Any
 import msgspec
 
 from robrain.deploy.errors import UsageError
-from robrain.deploy.sweep.variables import SHORT, Value, checked_seeds, column_of, full_key, value_at, with_values
+from robrain.deploy.sweep.variables import (
+    IN_FILES,
+    Value,
+    checked_seeds,
+    column_of,
+    full_key,
+    value_at,
+    with_values,
+)
+from robrain.protocol.registry import UnknownEntry
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.scenarios.scenario_document import document_toml, scenario_document
+from robrain.sim.scenarios.scenario_file import document_toml
 
 DEFAULT_LIMIT = 1000
 """Runs of a sweep at the most, unless another limit is given."""
@@ -58,8 +67,9 @@ class SweepPlan(msgspec.Struct, frozen=True, kw_only=True):
     varied: dict[str, list[Value]]
     """Values by column, in the order given."""
     settings: tuple[Setting, ...]
-    floors: dict[str, str]
-    """SHA-256 of the cells of each floor, by the map's path or the drawing's digest."""
+    inputs: dict[str, str]
+    """SHA-256 of the cells of each floor, by the map's path or the drawing's digest, and of each Python file that the
+    settings name, by its path."""
 
     def runs(self) -> list[PlannedRun]:
         """All runs, by setting and seed."""
@@ -86,8 +96,8 @@ def make_plan(
         ScenarioError: a setting cannot be simulated.
 
     """
-    base = scenario_document(scenario)
-    keys = {full_key(key, base): list(values) for key, values in vary.items()}
+    base = scenario.document()
+    keys = {full_key(key): list(values) for key, values in vary.items()}
     if len(keys) < len(vary):
         raise UsageError(f"--vary: expected each key once, got {', '.join(vary)}")
     in_order = checked_seeds(seeds)
@@ -97,40 +107,51 @@ def make_plan(
             f"--limit {limit}: these are {count * len(in_order)} runs ({count} settings × {len(in_order)} seeds); "
             "raise the limit, or vary less"
         )
-    floors: dict[str, str] = {}
+    inputs: dict[str, str] = {}
     settings: list[Setting] = []
     for number, combined in enumerate(itertools.product(*keys.values()), 1):
-        settings.append(_setting(number, count, scenario.name, base, dict(zip(keys, combined, strict=True)), floors))
+        settings.append(_setting(number, count, scenario.name, base, dict(zip(keys, combined, strict=True)), inputs))
     varied = {column_of(key): _distinct(column_of(key), settings, keys[key]) for key in keys}
-    return SweepPlan(scenario=scenario.name, seeds=in_order, varied=varied, settings=tuple(settings), floors=floors)
+    return SweepPlan(scenario=scenario.name, seeds=in_order, varied=varied, settings=tuple(settings), inputs=inputs)
 
 
 def _setting(
-    number: int, count: int, name: str, base: Mapping[str, Any], given: Mapping[str, Any], floors: dict[str, str]
+    number: int, count: int, name: str, base: Mapping[str, Any], given: Mapping[str, Any], inputs: dict[str, str]
 ) -> Setting:
     document = with_values(base, given)
     told = ", ".join(f"{column_of(key)}={value}" for key, value in given.items())
     try:
         scenario = Scenario.from_toml(document_toml(document), f"--vary {told}" if given else name)
-        document = scenario_document(scenario)
+        document = scenario.document()
     except ScenarioError as error:
         raise UsageError(str(error)) from error
     try:
-        _note_floor(scenario, floors)
-    except ScenarioError as error:
+        _note_inputs(scenario, inputs)
+    except (ScenarioError, UnknownEntry) as error:
         raise UsageError(f"--vary {told}: {error}" if given else str(error)) from error
-    values = {column_of(key): str(given[key]) if key == SHORT["map"] else value_at(document, key) for key in given}
+    values = {
+        column: _as_given(given[key]) if column in IN_FILES else value_at(document, key)
+        for key in given
+        for column in [column_of(key)]
+    }
     label = ", ".join(f"{column}={value}" for column, value in values.items()) or name
     slug = re.sub(r"[^\w.=,+-]+", "-", label.replace(", ", ","))[:NAME_LENGTH]
     digits = len(str(count))
     return Setting(name=f"{number:0{digits}d}-{slug}", label=label, values=values, toml=document_toml(document))
 
 
-def _note_floor(scenario: Scenario, floors: dict[str, str]) -> None:
+def _note_inputs(scenario: Scenario, inputs: dict[str, str]) -> None:
     drawn = hashlib.sha256(msgspec.json.encode(scenario.floor, enc_hook=str)).hexdigest()[:12]
     key = str(scenario.floor) if isinstance(scenario.floor, Path) else f"drawing {drawn}"
-    if key not in floors:
-        floors[key] = _digest_of(scenario.plan())
+    if key not in inputs:
+        inputs[key] = _digest_of(scenario.plan())
+    scenario.planning.import_parts()
+    for path in scenario.planning.part_files():
+        inputs[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _as_given(value: Any) -> str:
+    return value if isinstance(value, str) else ", ".join(map(str, value))
 
 
 def _digest_of(plan: FloorPlan) -> str:

@@ -1,7 +1,6 @@
 """What a sweep varies: seeds, and keys of the scenario with their values."""
 
 import copy
-import difflib
 import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +12,9 @@ import msgspec
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.errors import BadToml
 from robrain.protocol.wire.toml_text import parse_toml
+from robrain.sim.file_mistakes import nearest
 from robrain.sim.scenarios.scenario import MAX_SEED
+from robrain.sim.scenarios.scenario_file import ScenarioTables
 
 Value = str | int | float | bool
 """A value in a table: that of a key, or its JSON text if it is a list or a table."""
@@ -34,7 +35,10 @@ NOT_VARIED = {
     "seed": SEEDS_ELSEWHERE,
     "scenario.seed": SEEDS_ELSEWHERE,
     "scenario.name": "it does not change what a run does",
+    "scenario.about": "it does not change what a run does",
 }
+IN_FILES = ("map", "strategy", "method", "planning.passes")
+"""Columns whose values may be paths: a table shows them as they were given."""
 RANGE = re.compile(r"(\d{1,19})\.\.(\d{1,19})")
 MOST_VALUES = 100_000
 
@@ -105,58 +109,63 @@ def column_of(key: str) -> str:
     return next((short for short, full in SHORT.items() if key == full), key)
 
 
-def known_keys(document: Mapping[str, Any]) -> list[str]:
-    """Every key of a scenario document that can be varied, as TABLE.KEY."""
-    return [key for key in _leaves(document) if key not in NOT_VARIED]
-
-
-def full_key(key: str, document: Mapping[str, Any]) -> str:
-    """The key of the scenario file that a given name stands for.
+def full_key(key: str) -> str:
+    """The key of the scenario file that a given name stands for, such as `links.range_m` or `tasks.0.priority`.
 
     Raises:
-        UsageError: there is none; the text lists those there are.
+        UsageError: there is none, or it is not varied. The keys of tables are checked where the values are.
 
     """
     full = SHORT.get(key, key)
     if full in NOT_VARIED:
         raise UsageError(f"--vary {key}: {NOT_VARIED[full]}")
-    known = known_keys(document)
-    if full == SHORT["map"] or full in known:
-        return full
-    names = [*SHORT, *known]
-    close = difflib.get_close_matches(key, names, n=1)
-    meant = f"; did you mean {close[0]}?" if close else ""
-    table = key.rpartition(".")[0]
-    inside = [name for name in known if table and name.startswith(f"{table}.")]
-    if inside:
-        raise UsageError(f"--vary {key}: expected one of {', '.join(inside)}{meant}")
-    tables = sorted({name.rpartition(".")[0] for name in known if "." in name})
-    raise UsageError(
-        f"--vary {key}: expected one of {', '.join(SHORT)}, or KEY of a table of the scenario file: "
-        f"{', '.join(f'{name}.KEY' for name in tables)}{meant}"
-    )
+    if "." not in full and full not in ScenarioTables.__struct_fields__:
+        known = [*SHORT, *ScenarioTables.__struct_fields__]
+        raise UsageError(
+            f"--vary {key}: expected one of {', '.join(SHORT)}, or TABLE.KEY of a scenario file{nearest(key, known)}"
+        )
+    return full
 
 
 def with_values(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a document with other values; keys are those of the scenario file."""
+    """A copy of a document with other values; keys are those of the scenario file, and tables are added for them.
+
+    Raises:
+        UsageError: a key leads through something that is no table, or a list that is too short.
+
+    """
     changed = copy.deepcopy(dict(document))
     for key, value in values.items():
         if key == SHORT["map"]:
             changed["floor"], changed["map"] = None, {"file": str(Path(str(value)).resolve())}
             continue
         *tables, name = key.split(".")
-        table = changed
+        table: Any = changed
         for step in tables:
-            table = table[step]
-        table[name] = value
+            inside = _inside(table, step, key)
+            inside = {} if inside is None else list(inside) if isinstance(inside, tuple) else inside
+            table[int(step) if isinstance(table, list) else step] = inside
+            table = inside
+        _inside(table, name, key)
+        table[int(name) if isinstance(table, list) else name] = value
     return changed
+
+
+def _inside(table: Any, step: str, key: str) -> Any:
+    """What a table or list holds; None if a table does not hold it."""
+    if isinstance(table, Mapping):
+        return table.get(step)
+    if isinstance(table, list | tuple) and step.isdecimal() and int(step) < len(table):
+        return table[int(step)]
+    what = f"a number below {len(table)}" if isinstance(table, list | tuple) else "no more keys"
+    raise UsageError(f"--vary {key}: expected {what} where {step} is")
 
 
 def value_at(document: Mapping[str, Any], key: str) -> Value:
     """A value of a document as a table has it."""
     found: Any = document
     for step in key.split("."):
-        found = found[step]
+        found = _inside(found, step, key)
     return found if isinstance(found, (str, int, float, bool)) else msgspec.json.encode(found).decode()
 
 
@@ -193,12 +202,3 @@ def _toml_value(text: str) -> Any:
         return parse_toml(f"value = {text}")["value"]
     except (BadToml, KeyError):
         return text
-
-
-def _leaves(document: Mapping[str, Any], path: str = "") -> Iterable[str]:
-    for key, value in document.items():
-        name = f"{path}.{key}" if path else key
-        if isinstance(value, Mapping):
-            yield from _leaves(value, name)
-        elif value is not None or path:
-            yield name

@@ -1,7 +1,8 @@
 """Exploration strategies by name: which idle robot is sent to which frontier.
 
 `[planning] exploration` of a scenario or a planning file chooses one. One of another distribution is checked: if it
-fails, or chooses what it may not, that is counted and told, and `joint` stands in.
+fails, or chooses what it may not, that is counted and reported with the line of its file, and `joint` stands in. A
+lockstep run ends with the failure.
 """
 
 import math
@@ -11,7 +12,7 @@ from typing import Final, Protocol
 from robrain.protocol.exploration.joint import joint
 from robrain.protocol.exploration.situation import Choice, Situation
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.registry import Registry
+from robrain.protocol.registry import Registry, failure_text
 
 NEAREST: Final = "nearest"
 """Each robot in turn the frontier nearest to it (Yamauchi 1998)."""
@@ -53,6 +54,7 @@ STRATEGIES: Registry[Strategy] = Registry(
         TOURS: "robrain.protocol.exploration.tours:tours",
         ROOMS: "robrain.protocol.exploration.rooms:rooms",
     },
+    has_files=True,
 )
 
 
@@ -74,11 +76,13 @@ def strategy_of(name: str, on_failure: Callable[[str, str], None]) -> Strategy:
 def _checked(name: str, strategy: Strategy, on_failure: Callable[[str, str], None]) -> Strategy:
     def choose(situation: Situation) -> list[Choice]:
         try:
-            made = list(strategy(situation))
+            made: object = strategy(situation)
+            if not isinstance(made, list):
+                raise TypeError(f"expected a list of Choice, got {type(made).__name__}")
             if why := _why_bad(made, situation):
                 raise ValueError(why)
         except Exception as error:  # noqa: BLE001 - foreign code
-            on_failure(name, f"{type(error).__name__}: {error}")
+            on_failure(name, failure_text(strategy, error))
             return joint(situation)
         return made
 
@@ -93,7 +97,13 @@ def _why_bad(made: Sequence[object], situation: Situation) -> str:
     places: set[Point2D] = set()
     for choice in made:
         if not isinstance(choice, Choice):
-            return f"expected choices, got {type(choice).__name__}"
+            return f"expected a list of Choice, got one of {type(choice).__name__}"
+        place: object = choice.place
+        cost_m: object = choice.cost_m
+        if not isinstance(place, Point2D):
+            return f"expected the place of {choice.robot} to be a Point2D, got {type(place).__name__}"
+        if not isinstance(cost_m, float | int) or not math.isfinite(cost_m):
+            return f"expected a finite cost_m for {choice.robot}, got {cost_m!r}"
         if choice.robot not in rows or choice.robot in robots:
             return f"{choice.robot} is not idle, or is chosen twice"
         if choice.place not in columns or choice.place in places:

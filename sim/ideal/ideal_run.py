@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.exploration.strategies import strategy_of
+from robrain.sim.errors import RunFailed
 from robrain.sim.ideal.ideal_team import IdealTeam
 from robrain.sim.scenarios.driving import MILESTONES_PERCENT
 from robrain.sim.scenarios.scenario import Scenario
@@ -31,9 +32,13 @@ def run_ideal(scenario: Scenario) -> IdealResult:
         scenario: its floor, robots, seed, starts, lidar, radius and `planning` count.
 
     Raises:
-        RobrainError: the scenario cannot be placed, in words.
+        RobrainError: the scenario cannot be placed, or its strategy failed; in words.
 
     """
+
+    def fail(name: str, why: str) -> None:
+        raise RunFailed(f"the run ended at {team.time_s:.2f} s: exploration strategy {name} failed: {why}")
+
     world = scenario.world()
     policy, hardware = scenario.planning, scenario.hardware
     team = IdealTeam(
@@ -41,7 +46,7 @@ def run_ideal(scenario: Scenario) -> IdealResult:
         [robot.start for robot in world.robots],
         hardware.radius_m,
         hardware.lidar,
-        strategy_of(policy.exploration, lambda _name, _why: None),
+        strategy_of(policy.exploration, fail),
         policy.revise_s,
         np.random.default_rng([scenario.seed, 1]),
     )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
+from robrain.agent.plugin import PluginState
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import Provenance, RunSetup
@@ -37,6 +38,7 @@ from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.sim.disturbance import Disturbance
+from robrain.sim.errors import RunFailed
 from robrain.sim.faults.fault_checks import check_faults_alone
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
@@ -338,7 +340,12 @@ class LockstepRun:
         self.has_coordinator = True
 
     def tick(self) -> None:
-        """Move the run on by one tick."""
+        """Move the run on by one tick.
+
+        Raises:
+            RunFailed: a replaceable part failed, or a stage of a component's step.
+
+        """
         self._ticks += 1
         self.clock.advance_to(to_ns(self._ticks * TICK_S))
         self.arena.step()
@@ -359,6 +366,28 @@ class LockstepRun:
             if endpoint.has_waiting:
                 endpoint.serve()
         self._recorder.step()
+        self._end_on_defect()
+
+    def _end_on_defect(self) -> None:
+        """Raise RunFailed if something stood in for code that failed: what the run measures is not what was asked."""
+        if self.has_coordinator and self._coordinator_wire.refusals.defect:
+            raise RunFailed(self._failed(self._coordinator_wire.refusals.defect))
+        for host in self.hosts:
+            if host.refusals.defect:
+                raise RunFailed(self._failed(f"{host.name}: {host.refusals.defect}"))
+            if self._distributions and not self.world.faults and self._ticks % TRUTH_TICKS == 0:
+                self._end_on_fault(host)
+
+    def _end_on_fault(self, host: AgentHost) -> None:
+        """The same for plugins of installed distributions, where nothing else makes plugins fault."""
+        for plugin in host.manager.plugins.values():
+            is_foreign = any(plugin.manifest.path.is_relative_to(place) for place, _ in self._distributions)
+            if is_foreign and plugin.state is PluginState.FAULTED and plugin.raised.where and not plugin.needs:
+                failed = f"{host.name}: plugin {plugin.name} failed: {plugin.raised.where}: {plugin.why}"
+                raise RunFailed(self._failed(failed))
+
+    def _failed(self, what: str) -> str:
+        return f"the run ended at {self.sim_time_s:.2f} s: {what}"
 
     def _step_with_faults(self, faults: TeamFaults, now_ns: int) -> None:
         pauses = {robot.name: steps for robot, steps in zip(self.world.robots, self._pauses, strict=True)}

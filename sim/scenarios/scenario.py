@@ -48,10 +48,11 @@ from robrain.sim.scenarios.scenario_file import (
     ScenarioTables,
     TeamTable,
     builtin_folder,
+    document_toml,
     parse_scenario,
     read_builtin,
     read_scenario_file,
-    written_scenario,
+    scenario_document,
 )
 from robrain.sim.traffic.specs import TrafficSpec
 from robrain.sim.traffic.traffic import plan_traffic
@@ -182,7 +183,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             hardware=tables.robot,
             network=tables.network,
             chargers=tables.chargers,
-            planning=tables.planning,
+            planning=tables.planning.with_files_of(base),
             rules=tables.rules,
             faults=tables.faults,
             surfaces=tables.surfaces,
@@ -198,11 +199,20 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def to_toml(self) -> str:
         """The scenario as a scenario file with every key; a floor from a map file is named `map.yaml` in it."""
+        return document_toml(self.document(Path(MAP_YAML_ATTACHMENT)))
+
+    def document(self, map_file: Path | None = None) -> dict[str, Any]:
+        """The tables of a scenario file with every key, as plain values; None stands for an absent key.
+
+        Args:
+            map_file: names the floor if it is from a map file; None: its absolute path.
+
+        """
         near_m = (self.near.x_m, self.near.y_m) if self.near is not None else None
         tables = ScenarioTables(
             scenario=ScenarioTable(self.name, self.about, self.seed, self.until_explored, self.time_limit_s),
             floor=None if isinstance(self.floor, Path) else self.floor,
-            map=MapTable(MAP_YAML_ATTACHMENT) if isinstance(self.floor, Path) else None,
+            map=MapTable(str(map_file or self.floor.resolve())) if isinstance(self.floor, Path) else None,
             team=TeamTable(self.robots, near_m, self.starts, self.starts_known),
             motes=MotesTable(
                 count=self.motes,
@@ -225,7 +235,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             links=self.links,
             robots=self.roster,
         )
-        return written_scenario(tables)
+        return scenario_document(tables)
 
     def replace(self, **changes: Any) -> Self:
         """The same scenario with some fields changed: `scenario.replace(robots=8, seed=2)`."""
@@ -445,6 +455,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             KeyboardInterrupt: `should_stop` returned True.
 
         """
+        self.planning.import_parts()
         map_yaml = world.map_yaml() if isinstance(self.floor, Path) else ""
         setup = RunSetup(toml=self.to_toml(), map_yaml=map_yaml, is_script=is_script, fork=fork or {})
         return LockstepRun(

@@ -147,9 +147,16 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return SensorNetwork(motes=spec, radio=self.radio, field=self.field)
 
 
-def written_scenario(tables: ScenarioTables) -> str:
-    """Scenario TOML with every key, from which `parse_scenario` makes the same tables again."""
-    return msgspec.toml.encode(_without_none(msgspec.to_builtins(tables, enc_hook=_plain_number))).decode()
+def scenario_document(tables: ScenarioTables) -> dict[str, Any]:
+    """Scenario tables as dictionaries, lists and plain values; None stands for an absent key."""
+    found = msgspec.to_builtins(tables, enc_hook=_plain_number)
+    assert isinstance(found, dict)
+    return found
+
+
+def document_toml(document: dict[str, Any]) -> str:
+    """The TOML text of a document, from which `parse_scenario` makes the same tables again."""
+    return msgspec.toml.encode(_without_none(document)).decode()
 
 
 def _plain_number(value: Any) -> Any:

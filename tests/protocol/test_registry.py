@@ -61,5 +61,5 @@ def test_a_name_that_two_distributions_offer_is_refused_with_both(shapes, instal
 
 def test_an_entry_that_cannot_be_imported_is_refused_with_its_distribution(shapes, install):  # noqa: F811
     install("bad-shapes", {"star": "bad_shapes:Star"}, {"bad_shapes.py": "raise RuntimeError('no stars')\n"}, GROUP)
-    with pytest.raises(UnknownEntry, match="shape star of bad-shapes cannot be imported: no stars"):
+    with pytest.raises(UnknownEntry, match=r"star of bad-shapes cannot be .*bad_shapes.py:1 in <module>: RuntimeErr"):
         shapes.get("star")

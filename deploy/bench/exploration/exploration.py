@@ -30,8 +30,10 @@ from robrain.deploy.bench.mapping.mapping_plan import (
     numbers_of,
 )
 from robrain.deploy.commands.terminal import print_line, say
+from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.exploration.strategies import STRATEGIES
+from robrain.protocol.registry import UnknownEntry
 from robrain.sim.scenarios.scenario import MAX_SEED
 from robrain.sim.scenarios.scenario_file import MAX_ROBOTS
 
@@ -95,8 +97,12 @@ def choose(
 
     """
     chosen, absent = choose_maps(maps, map_folder)
-    known = STRATEGIES.names
-    names = known if strategies is None else names_of("--strategies", strategies, known)
+    names = STRATEGIES.names if strategies is None else names_of("--strategies", strategies)
+    for name in names:
+        try:
+            STRATEGIES.get(name)
+        except UnknownEntry as error:
+            raise UsageError(f"--strategies {name}: {error}") from error
     moves = names_of("--motion", motions, MOTIONS)
     counts = numbers_of("--robots", robots, 1, MAX_ROBOTS)
     drawn = numbers_of("--seeds", seeds, 0, MAX_SEED)

@@ -9,6 +9,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.protocol.model.navigation.path_planning import distance_field
 from robrain.protocol.wire.errors import RobrainError
+from robrain.sim.errors import RunFailed
 from robrain.sim.ideal.ideal_run import IdealResult, run_ideal
 from robrain.sim.ideal.ideal_team import SPEED_M_S
 from robrain.sim.lockstep.result import RunResult
@@ -81,10 +82,12 @@ class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run_case(case: ExplorationCase) -> ExplorationRun:
-    """Make one run; if it cannot be made, `why_not` gives the reason."""
+    """Make one run; if it cannot be made, `why_not` gives the reason (RunFailed if its strategy fails)."""
     try:
         with errors_alone():
             return _ideal(case) if case.motion == IDEAL else _full(case)
+    except RunFailed:
+        raise
     except RobrainError as error:
         return ExplorationRun(case=case, why_not=str(error))
 

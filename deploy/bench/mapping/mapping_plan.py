@@ -195,11 +195,11 @@ def _words(option: str, text: str) -> list[str]:
     return words
 
 
-def names_of(option: str, text: str, those: Collection[str]) -> list[str]:
-    """The names of a text such as `exact,slipping`, each of `those` (UsageError if one is not)."""
+def names_of(option: str, text: str, those: Collection[str] | None = None) -> list[str]:
+    """The names of a text such as `exact,slipping`, each of `those` if given (UsageError if one is not)."""
     words = _words(option, text)
     for word in words:
-        if word not in those:
+        if those is not None and word not in those:
             raise UsageError(f"{option} {word}: expected {' or '.join(those)}")
     return words
 

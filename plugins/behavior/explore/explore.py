@@ -22,7 +22,6 @@ from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers
 from robrain.protocol.model.ranges import Name, Share
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NoPath
@@ -265,7 +264,7 @@ class ExploreBehavior(Behavior):
             self._team.note_gap(Point2D(pose.x_m, pose.y_m), (result or {}).get(GAP), now_ns)
 
     def _note_strategy(self, name: str, why: str) -> None:
-        self.env.wire.refusals.note("exploration_strategy", name, RefusalCode.FAILED, why)
+        self.env.wire.refusals.note_failure("exploration_strategy", name, why)
 
     def _accept(self, task: Task) -> TaskAnswer:
         if (lost := self._travel.position_lost) is not None:

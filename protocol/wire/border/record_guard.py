@@ -4,8 +4,9 @@ import logging
 from collections.abc import Callable, Iterable, Sequence
 from typing import ParamSpec, TypeVar
 
+from robrain.protocol.registry import failure_text
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
+from robrain.protocol.wire.border.refusals import Refusals
 
 logger = logging.getLogger(__name__)
 
@@ -78,5 +79,5 @@ class RecordGuard:
             return otherwise
 
     def _set_aside(self, topic: str, name: str, error: BaseException) -> None:
-        self._refusals.note(topic, name, RefusalCode.FAILED, f"{type(error).__name__}: {error}")
+        self._refusals.note_failure(topic, name, failure_text(None, error))
         logger.debug("%s of %s was set aside", topic, name, exc_info=error)

@@ -72,6 +72,8 @@ class Refusal(msgspec.Struct, frozen=True, kw_only=True):
         sender = self.key.partition("/")[2].partition("/")[2] or self.key
         if self.code == RefusalCode.LOST:
             return f"{self.count} × {self.topic} from {sender} lost: {self.why}"
+        if self.code == RefusalCode.FAILED:
+            return f"{self.topic} {self.key} failed {self.count} ×: {self.why}"
         return f"{self.count} × {self.topic} from {sender} ({self.code}): {self.why}"
 
 
@@ -85,6 +87,8 @@ class Refusals:
 
     def __init__(self, clock: Clock) -> None:
         self.total = 0
+        self.defect = ""
+        """The first failure of code, in words; a lockstep run ends with it."""
         self._clock = clock
         self._found: dict[tuple[str, str, str], Refusal] = {}
         self._told: dict[tuple[str, str, str], int] = {}
@@ -120,6 +124,18 @@ class Refusals:
             text = self._due(self._clock.now_ns())
         if text:
             logger.warning("%s", text)
+
+    def note_failure(self, what: str, name: str, why: str) -> None:
+        """Count a failure of code that something else stands in for: of a replaceable part, or of a stage of a step.
+
+        Args:
+            what: the kind of part in one word.
+            name: its name.
+            why: the error in words, with the line of its file.
+
+        """
+        self.defect = self.defect or f"{what.replace('_', ' ')} {name} failed: {why}"
+        self.note(what, name, RefusalCode.FAILED, why)
 
     def counts(self, most: int | None = None) -> list[Refusal]:
         """All refusals so far, or the `most` frequent ones, largest count first."""

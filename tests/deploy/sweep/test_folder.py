@@ -11,7 +11,7 @@ from robrain.deploy.sweep.run_outcome import RunRecord, RunState
 from tests.deploy.sweep.conftest import done
 
 IDENTITY = Identity(
-    scenario="depot", seeds="1,2", varied={"robots": "1,2"}, settings={"robots=1": "aa"}, floors={}, record=False,
+    scenario="depot", seeds="1,2", varied={"robots": "1,2"}, settings={"robots=1": "aa"}, inputs={}, record=False,
     versions={"python": "3.11", "robrain": "0.1"},
 )  # fmt: skip
 

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Charge, Count, Name, Names, Quantity, Seconds, Stamp, Text
+from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
@@ -46,7 +46,7 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     asked_ns: Stamp
     """Time of the team's state that the plan starts from, by the run's clock: the problem's time 0."""
     objective: Objective
-    method: Name
+    method: Text
     """Which allocator."""
     seed: Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
     """Seed of the search."""
@@ -64,7 +64,7 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     """Robots and their tasks in order, as planned now; tasks already begun come first."""
     cause: Text = ""
     """What caused the plan to be made."""
-    passes: Names | None = None
+    passes: Annotated[list[Text], Most] | None = None
     """Names of the refinement passes, in their order; null in recordings from before they could be chosen."""
 
 
@@ -114,7 +114,7 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     """How the coordinator plans."""
 
     objective: Objective
-    method: Name
+    method: Text
     """How plans are made."""
     plans: Count = 0
     """Made so far."""
