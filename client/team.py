@@ -23,12 +23,11 @@ from robrain.client.fresh_ids import FreshIds
 from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.listening import Listening
 from robrain.client.members import team_found
-from robrain.client.person import operator_name
 from robrain.client.requests import ROBOT_TIMEOUT_S, Requests
 from robrain.client.standing import Standing
 from robrain.client.submission import submission_of
 from robrain.client.task_stream import TaskStream
-from robrain.client.transport import PATIENCE_S, LiveTransport, Transport
+from robrain.client.transport import PATIENCE_S, LiveTransport, Transport, operator_name
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH

@@ -1,11 +1,15 @@
 """A client's connection to a team: a session, and how time passes."""
 
+import getpass
+import os
+import re
 import time
 from pathlib import Path
 from typing import Protocol
 
 import zenoh
 
+from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, OPERATOR
 from robrain.protocol.wire.clock import Clock, WallClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import NobodyThere
@@ -125,3 +129,12 @@ def open_client_session(connect: str | None) -> zenoh.Session:
         return open_session(mode="client", connect=where)
     except NobodyThere as error:
         raise NobodyThere(nobody_answers(where)) from error
+
+
+def operator_name() -> str:
+    """`operator:USER`, or `operator:uid-1000` where no account has that number."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a container's user without an account
+        user = f"uid-{os.getuid()}"
+    return f"{OPERATOR}:{re.sub(r'[^A-Za-z0-9_.-]', '_', user)}"[:NAME_LENGTH]

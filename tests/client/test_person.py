@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.client.person import operator_name
+from robrain.client.transport import operator_name
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH
 
 ACCOUNT = ("LOGNAME", "USER", "LNAME", "USERNAME")
