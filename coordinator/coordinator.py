@@ -166,6 +166,8 @@ class Coordinator:
             self.capabilities,
             reasons.explain,
             DryRuns(self.tasks, self.roster, reasons),
+            self.motes.table.motes,
+            self.planning.chargers.of,
         )
         if self.tasks.journal.copied_by or self.mandate is not None:
             self._begin_feed()  # the process that has a copy may be leading: offers are held back as before

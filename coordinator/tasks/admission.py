@@ -1,17 +1,29 @@
 """Refuses tasks that can never be done. Pure: depends on the task and on what the coordinator knows.
 
-A task is refused only if that is certain. A robot that has not announced its plugins may have the required one, an
-unknown place may be free, and a required predecessor may be submitted later.
+A task is refused only if that is certain. A robot that has not announced its plugins may have the required one, and an
+unknown place may be free. Names that a task refers to must be known when it is submitted.
 """
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from robrain.coordinator.motes.mote_registry import Mote
 from robrain.coordinator.tasks.announced_parameters import check_announced
-from robrain.protocol.model.tasks.stock_kinds import check_parameters
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.stock_kinds import (
+    COLLECT,
+    MONITOR,
+    RECHARGE,
+    RELAY,
+    REPLACE,
+    SEEK,
+    SENSE,
+    check_parameters,
+)
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
+from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
@@ -32,6 +44,11 @@ if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 
 NO_SCHEMAS: Mapping[str, Sequence[JsonSchema]] = MappingProxyType({})
+KINDS_WITH_MOTE = (COLLECT, RELAY, REPLACE, SENSE)
+KINDS_WITH_QUANTITY = (MONITOR, SEEK, SENSE)
+AT_CHARGER_M = 1.0
+"""A place that is no farther from a charger means that charger (chosen)."""
+LISTED = 10
 GATHERING = "visit"
 """Plugin that robots need in addition, to gather for a task for several."""
 
@@ -65,6 +82,39 @@ def why_impossible(
         or told(why_nobody_can(task, plugins) or why_dependency_ended(task, others))
         or _why_waits_for_itself(task, others)
     )
+
+
+def why_unknown(task: Task, tasks: Container[str], motes: Mapping[str, Mote], chargers: Collection[Point2D]) -> str:
+    """Describe in words what the task names and the team does not have; empty if it has all of it.
+
+    Args:
+        task: a new one.
+        tasks: ids of all known tasks.
+        motes: that were ever heard, by name; if none was, any may be there.
+        chargers: places of those that robots know; if none is known, one may be anywhere.
+
+    """
+    for name in task.after:
+        if name not in tasks:
+            return f"it is to wait for task {name}, and there is none of that name"
+    mote = task.parameters.get("mote") if task.kind in KINDS_WITH_MOTE else None
+    if mote and motes and mote not in motes:
+        return f"no mote {mote} was ever heard; known are {_listed(motes)}"
+    quantity = task.parameters.get("quantity") if task.kind in KINDS_WITH_QUANTITY else None
+    known = {each.wire_name for each in Quantity} | {one.latest.quantity for one in motes.values()}
+    if quantity and quantity not in known:
+        return f"no board senses {quantity}; known are {_listed(known)}"
+    if task.kind == RECHARGE and chargers and min(task.place.distance_m(one) for one in chargers) > AT_CHARGER_M:
+        x_m, y_m = task.place.x_m, task.place.y_m
+        places = _listed(f"({one.x_m:g}, {one.y_m:g})" for one in chargers)
+        return f"no robot knows a charger at ({x_m:g}, {y_m:g}); known are {places}"
+    return ""
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Some of the names, in order."""
+    found = sorted(set(names), key=lambda name: (len(name), name))
+    return ", ".join(found[:LISTED]) + (" and more" if len(found) > LISTED else "")
 
 
 def needed_plugins(task: Task) -> tuple[str, ...]:

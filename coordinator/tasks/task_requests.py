@@ -1,14 +1,16 @@
 """Answers queries about tasks: submit, dry run, cancel, list, get, why."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 import msgspec
 
+from robrain.coordinator.charging.chargers import Charger
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.motes.mote_registry import Mote
 from robrain.coordinator.standing.journal_feed import JournalFeed
-from robrain.coordinator.tasks.admission import why_impossible
+from robrain.coordinator.tasks.admission import why_impossible, why_unknown
 from robrain.coordinator.tasks.dry_run import DryRuns
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
@@ -53,6 +55,8 @@ class TaskRequests:
         capabilities: what robots of the team offer.
         explain: why a task stands as it does.
         dry_runs: what would follow from a task.
+        motes: that were ever heard, by name.
+        chargers: those that each robot knows.
 
     """
 
@@ -64,6 +68,8 @@ class TaskRequests:
         capabilities: Capabilities,
         explain: Callable[[TaskRecord, int], TaskWhy],
         dry_runs: DryRuns,
+        motes: Mapping[str, Mote],
+        chargers: Mapping[str, Sequence[Charger]],
     ) -> None:
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
@@ -78,6 +84,8 @@ class TaskRequests:
         self._capabilities = capabilities
         self._explain = explain
         self._dry_runs = dry_runs
+        self._motes = motes
+        self._chargers = chargers
         wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
         wire.answer(TASK_DRY_RUN, self._dry_run, serve=Serve.IN_STEP)
         wire.answer(TASK_CANCEL, self._cancel, serve=Serve.IN_STEP)
@@ -117,7 +125,7 @@ class TaskRequests:
                 task=known.task, known=known.state, refused="" if another is None else cut(another[0], TEXT_MAX)
             )
         task = self._stamped(asked)
-        if why := self.why_impossible(task):
+        if why := self._refusal(task):
             return TaskDryRun(task=task, refused=cut(why, TEXT_MAX))
         return self._dry_runs.of(task, asked.by or request.by, self._clock.now_ns())
 
@@ -151,8 +159,7 @@ class TaskRequests:
 
         """
         task = self._stamped(asked)
-        why = self.why_impossible(task)
-        if why:
+        if why := self._refusal(task):
             raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {why}", why)
         try:
             record = self._book.add(task, by=by, asked=word, reason=reason, alarm=alarm)
@@ -178,6 +185,12 @@ class TaskRequests:
                 self.feed.when_kept(lambda: journal.when_on_disk(told), not_kept)
 
         return Deferred(record, when)
+
+    def _refusal(self, task: Task) -> str:
+        """Why a task is refused at its submission, in words; empty if it is accepted."""
+        after = [name for name in task.after if self._book.find(name) is not None]
+        chargers = [charger.place for known in self._chargers.values() for charger in known]
+        return self.why_impossible(task) or why_unknown(task, after, self._motes, chargers)
 
     def why_impossible(self, task: Task) -> str:
         """Why a task can never be done, in words; empty if it may be possible."""

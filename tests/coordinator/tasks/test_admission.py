@@ -1,17 +1,20 @@
 """What can never be done is refused at once, with the reason; what may be possible is not."""
 
 import itertools
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.tasks.admission import why_dependency_ended, why_impossible
+from robrain.coordinator.motes.mote_registry import Mote
+from robrain.coordinator.tasks.admission import why_dependency_ended, why_impossible, why_unknown
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import AfterEnded
@@ -77,7 +80,6 @@ def test_what_is_not_known_is_not_held_against_a_task(grid) -> None:
     assert why(visit(8000.0, 1.0), None) == ""  # there is no map yet
     assert why(visit(needs=("arm",)), plugins={}) == ""  # there is no robot yet
     assert why(visit(needs=("arm",)), plugins={**ALL, "r3": None}) == ""  # r3 has not said what it has
-    assert why(visit(after=("later",))) == ""  # somebody may ask for it yet
 
 
 @pytest.mark.parametrize("state", [TaskState.FAILED, TaskState.CANCELLED])
@@ -135,3 +137,47 @@ def test_the_difference_of_two_submissions_is_told_field_by_field() -> None:
         'deadline_in_s is 5.0, not unset, needs is ["camera"], not unset, place.y_m is 1.0, not 2.0,'
         " priority is 2.0, not unset"
     )
+
+
+READING = MoteReading(
+    mote="m1", place=None, via="r1", quantity="radiation_usv", value=1.0, voltage_v=3.0, rssi_dbm=-50.0
+)
+MOTES = {
+    "m1": Mote(
+        MoteReading(
+            mote="m1", place=None, via="r1", quantity="radiation_usv", value=1.0, voltage_v=3.0, rssi_dbm=-50.0
+        ),
+        NOW_NS,
+    )
+}
+CHARGERS = [Point2D(1.0, 2.0)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "words"),
+    [
+        ("visit", {"after": ("t8", "t9")}, "it is to wait for task t9, and there is none of that name"),
+        ("visit", {"after": ("t8",)}, ""),
+        ("collect", {"parameters": {"mote": "m9"}}, "no mote m9 was ever heard; known are m1"),
+        ("collect", {"parameters": {"mote": "m1"}}, ""),
+        ("relay", {"parameters": {"mote": "m9", "duration_s": 1.0}}, "no mote m9 was ever heard; known are m1"),
+        ("relay", {"parameters": {"robot": "r1", "duration_s": 1.0}}, ""),
+        ("sense", {"parameters": {"quantity": "beauty"}}, "no board senses beauty; known are light_lx, humidity_pct,"),
+        ("seek", {"parameters": {"quantity": "radiation_usv"}}, ""),
+        ("monitor", {"parameters": {"duration_s": 1.0, "quantity": "mood"}}, "no board senses mood"),
+        ("sense", {}, ""),
+        ("recharge", {"place": Point2D(6.0, 4.0)}, "no robot knows a charger at (6, 4); known are (1, 2)"),
+        ("recharge", {"place": Point2D(1.3, 2.3)}, ""),
+        ("lift", {"parameters": {"mote": "m9", "quantity": "mood"}}, ""),
+    ],
+)
+def test_task_that_names_what_the_team_does_not_have_is_refused(kind: str, fields: dict[str, Any], words: str) -> None:
+    task = Task(**{"id": "t1", "kind": kind, "place": Point2D(1.0, 1.0), **fields})
+    assert why_unknown(task, {"t8"}, MOTES, CHARGERS).startswith(words)
+    assert bool(words) == bool(why_unknown(task, {"t8"}, MOTES, CHARGERS))
+
+
+def test_any_mote_and_charger_may_be_there_before_one_is_known() -> None:
+    collect = Task(id="t1", kind="collect", place=Point2D(1.0, 1.0), parameters={"mote": "m9"})
+    recharge = Task(id="t1", kind="recharge", place=Point2D(1.0, 1.0))
+    assert [why_unknown(task, (), {}, ()) for task in (collect, recharge)] == ["", ""]
