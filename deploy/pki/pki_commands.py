@@ -75,7 +75,10 @@ def renew(
     if not role:
         if team is not None or days is not None:
             raise UsageError("--team, --days: expected ROLE and NAME beside them")
-        for one in issuing.renew_due(pki, datetime.now(UTC)):
+        renewed = issuing.renew_due(pki, datetime.now(UTC))
+        if not renewed:
+            say(f"{pki}: no certificate ends soon; `robrain pki show` lists them")
+        for one in renewed:
             say(f"{folder_of(pki, one.member)}: {one.member.common_name} until {one.not_after:%Y-%m-%d %H:%M} UTC")
         return
     if not name:

@@ -1,5 +1,6 @@
 """`robrain up`: a team, or its parts on one machine, as processes that are watched and started again."""
 
+import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -24,7 +25,7 @@ from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.clock import WallClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import PortTaken, RobrainError
-from robrain.protocol.wire.hub import hub_endpoint
+from robrain.protocol.wire.hub import HUB_VARIABLE, hub_endpoint
 from robrain.protocol.wire.session import check_endpoint, check_port_free, is_loopback, is_secured
 
 LOOK_PERIOD_S = 0.1
@@ -206,7 +207,7 @@ def run_up(
             closing.enter_context(credentials.as_operator())
         endpoint = options.connect
         if endpoint is None:
-            listen, taken = (options.listen or ANY_SECURED_PORT, "") if credentials else choose_endpoint(options.listen)
+            listen, taken = choose_endpoint(options.listen, is_secured=credentials is not None)
             printed.endpoint = ""
             make_hub = router_part if credentials else hub_part
             hub = make_hub(lambda: printed.endpoint or listen, printed.on_hub)
@@ -268,8 +269,10 @@ def _prepared(options: UpOptions, folder: Path) -> Credentials | None:
     return credentials
 
 
-def choose_endpoint(listen: str | None) -> tuple[str, str]:
+def choose_endpoint(listen: str | None, *, is_secured: bool = False) -> tuple[str, str]:
     """Where the hub is to listen, and this machine's hub endpoint if another process has that, else "".
+
+    A secured team listens at the host and port of ROBRAIN_HUB, or else at a free port.
 
     Raises:
         PortTaken: another process listens at `listen`.
@@ -279,11 +282,15 @@ def choose_endpoint(listen: str | None) -> tuple[str, str]:
     if listen is not None:
         check_port_free(check_endpoint(listen))
         return listen, ""
+    wanted, free = hub_endpoint(), ANY_PORT
+    if is_secured:
+        free = ANY_SECURED_PORT
+        wanted = f"tls/{wanted.partition('/')[2]}" if os.environ.get(HUB_VARIABLE) else free
     try:
-        check_port_free(hub_endpoint())
+        check_port_free(wanted)
     except PortTaken:
-        return ANY_PORT, hub_endpoint()
-    return hub_endpoint(), ""
+        return free, wanted
+    return wanted, ""
 
 
 def _await_hub(supervisor: Supervisor, printed: Printed, should_stop: Callable[[], bool]) -> bool:
@@ -300,8 +307,7 @@ def _await_hub(supervisor: Supervisor, printed: Printed, should_stop: Callable[[
 
 def _status(watch: TeamWatch, supervisor: Supervisor, printed: Printed) -> TeamStatus:
     robots = watch.robots()
-    stations = {name: f", base station {address}" for name, address in printed.forwarders.items()}
-    words = {robot.name: robot.words + stations.get(robot.name, "") for robot in robots}
+    words = {robot.name: robot.words for robot in robots}
     now_s = time.monotonic()
     truth = watch.truth
     return TeamStatus(

@@ -95,6 +95,12 @@ def test_renewal_without_a_member_names_whom_it_has_renewed(pki: Path, capsys: p
     assert line.startswith(f"{folder_of(pki, ROBOT)}: robot:blue:r1 until 20")
 
 
+def test_renewal_with_nothing_to_do_says_so(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    issue(pki, ROUTER, datetime.now(UTC))
+    app(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
+    assert "no certificate ends soon" in capsys.readouterr().out
+
+
 def test_revoked_member_is_in_no_rules_and_gets_no_other_certificate(pki: Path) -> None:
     issue(pki, ROUTER, NOW)
     issue(pki, ROBOT, NOW)

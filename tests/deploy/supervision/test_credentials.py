@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import socket
 import stat
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -13,7 +14,9 @@ from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, read_members
 from robrain.deploy.pki.issuing import DAYS, renew, revoke
 from robrain.deploy.supervision.credentials import Credentials
 from robrain.deploy.supervision.part import Part
+from robrain.deploy.supervision.up import choose_endpoint
 from robrain.protocol.wire.access.identity import KEY, TLS_VARIABLE, read_identity
+from robrain.protocol.wire.hub import HUB_VARIABLE
 
 NOW = datetime.now(UTC)
 PARTS = ("hub", "arena", "coordinator", "stand-by", "recorder", "dashboard", "r1")
@@ -30,6 +33,18 @@ def made(tmp_path: Path) -> Credentials:
 
 def serials(credentials: Credentials) -> dict[str, str]:
     return {str(one.member): one.serial for one in read_members(credentials.pki / MEMBERS_FILE).members}
+
+
+@pytest.mark.parametrize(("hub", "wanted"), [("", "tls/127.0.0.1:0"), ("tcp/127.0.0.1:", ""), ("tls/127.0.0.1:", "")])
+def test_secured_team_listens_at_the_port_of_the_hub_variable(
+    monkeypatch: pytest.MonkeyPatch, hub: str, wanted: str
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        monkeypatch.setenv(HUB_VARIABLE, hub and f"{hub}{port}")
+        taken = f"tls/127.0.0.1:{port}"
+        assert choose_endpoint(None, is_secured=True) == ("tls/127.0.0.1:0", taken if hub else "")
+    assert choose_endpoint(None, is_secured=True) == (wanted or taken, "")
 
 
 def test_each_part_gets_a_certificate_of_its_role_and_a_key_that_nobody_else_can_read(made: Credentials) -> None:
