@@ -12,6 +12,7 @@ from robrain.protocol.wire.border.safe_text import safe_text
 
 COLOURS = {Phase.UP: "green", Phase.GIVEN_UP: "red", Phase.KILLED: "red"}
 UNKNOWN = "–"
+TITLES = ("part", "process", "CPU", "memory", "messages", "restarts", "state")
 
 
 def drawn(heading: str, parts: Sequence[PartView]) -> Group:
@@ -22,32 +23,31 @@ def drawn(heading: str, parts: Sequence[PartView]) -> Group:
 def table_of(parts: Sequence[PartView]) -> Table:
     """One line for each process; unknown figures are dashes."""
     table = Table(box=None, pad_edge=False)
-    for title in ("part", "is", "process", "CPU", "memory", "messages", "started again", ""):
-        table.add_column(title, justify="left" if title in ("part", "is", "") else "right", no_wrap=True)
+    for title in TITLES:
+        is_text = title in ("part", "state")
+        table.add_column(title, justify="left" if is_text else "right", no_wrap=not is_text, overflow="fold")
     for part in parts:
-        colour = COLOURS.get(part.phase, "yellow")
-        name, phase, *cells, words = map(escape, cells_of(part))
-        table.add_row(name, f"[{colour}]{phase}[/]", *cells, f"[dim]{words}[/]")
+        *cells, state = map(escape, cells_of(part))
+        table.add_row(*cells, f"[{COLOURS.get(part.phase, 'yellow')}]{state}[/]")
     return table
 
 
 def cells_of(part: PartView) -> list[str]:
     """The cells of a line; texts from elsewhere are made safe for a terminal."""
+    is_up = part.phase is Phase.UP
     return [
         safe_text(part.name),
-        part.phase.value,
         UNKNOWN if part.pid is None else str(part.pid),
         UNKNOWN if part.cpu_share is None else f"{part.cpu_share:.0%}",
         UNKNOWN if part.memory_mb is None else f"{part.memory_mb:.0f} MB",
         safe_text(part.messages) or UNKNOWN,
         UNKNOWN if part.restarts is None else str(part.restarts),
-        safe_text(part.words),
+        (safe_text(part.words) if is_up else "") or part.phase.value,
     ]
 
 
 def lines_of(parts: Sequence[PartView]) -> list[str]:
     """The same as lines of text, for a file or a pipe."""
-    titles = ["part", "is", "process", "CPU", "memory", "messages", "started again", ""]
-    rows = [titles, *map(cells_of, parts)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(titles))]
+    rows = [list(TITLES), *map(cells_of, parts)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

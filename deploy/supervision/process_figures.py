@@ -56,6 +56,30 @@ class ProcessFigures:
         return self._last
 
 
+def commands_beside(pid: int, proc: Path = PROC) -> list[tuple[int, list[str]]]:
+    """The `robrain` processes with the same parent as a process: process ids and arguments.
+
+    Args:
+        pid: id of the process.
+        proc: the folder /proc.
+
+    """
+    found = []
+    with suppress(OSError, ValueError, IndexError):
+        parent = _parent(proc / str(pid))
+        for folder in proc.iterdir():
+            with suppress(OSError, ValueError, IndexError):  # it may end meanwhile
+                if folder.name.isdigit() and _parent(folder) == parent:
+                    words = (folder / "cmdline").read_text().rstrip("\0").split("\0")
+                    program = [Path(word).name in ("robrain", "robrain.cli") for word in words].index(True)
+                    found.append((int(folder.name), words[program + 1 :]))
+    return found
+
+
+def _parent(folder: Path) -> int:
+    return int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+
+
 class CoreWait:
     """How long a process could not run because other processes had the cores.
 

@@ -1,7 +1,8 @@
 """`robrain top`: the processes of a running team, seen from outside.
 
-Robots and the coordinator answer which process they are. CPU and memory are read from /proc for those on this machine;
-for the others they are unknown, as are the restarts, which only `robrain up` counts.
+Robots and the coordinator answer which process they are. Hub, arena, recorder and dashboard are found among the
+processes beside them, if all were started by one `robrain up` on this machine. CPU and memory are read from /proc; on
+other machines they are unknown, as are the restarts, which only `robrain up` counts.
 """
 
 import socket
@@ -14,9 +15,9 @@ from rich.live import Live
 
 from robrain.deploy.commands.terminal import console, print_line
 from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, tell_json
-from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER, PartView
+from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, PartView
 from robrain.deploy.supervision.part_table import drawn, lines_of
-from robrain.deploy.supervision.process_figures import ProcessFigures
+from robrain.deploy.supervision.process_figures import ProcessFigures, commands_beside
 from robrain.deploy.supervision.restarts import Phase
 from robrain.deploy.supervision.team_watch import TeamWatch
 from robrain.protocol.wire.answers.later import Later
@@ -30,8 +31,8 @@ PERIOD_S = 0.1
 ASK_AGAIN_S = 2.0
 """Between two questions to a member which process it is."""
 ASK_TIMEOUT_S = 2.0
-NAMELESS = (ARENA, RECORDER)
-"""Members that do not say which process they are."""
+STARTED_AS = {"hub": HUB, "router": HUB, "arena": ARENA, "record": RECORDER, "dashboard": DASHBOARD}
+"""Commands of the parts that do not report which process they are, with the names of these parts."""
 ONCE_S = 2.5
 """Time to hear a team before its table is printed once."""
 
@@ -76,6 +77,9 @@ class Top:
         self._ask_s: dict[str, float] = {}
         self._known: dict[str, ProcessInfo] = {}
         self._figures: dict[int, ProcessFigures] = {}
+        self._beside: dict[str, ProcessInfo] = {}
+        """Parts that `robrain up` has started on this machine beside a known member."""
+        self._beside_s = 0.0
 
     def look(self, now_s: float) -> None:
         """Take in what has arrived, and ask who is not known.
@@ -97,14 +101,18 @@ class Top:
                 if info is not None:
                     del self._asked[name]
                     self._known[name] = info
-            elif name not in NAMELESS and now_s >= self._ask_s.get(name, 0.0):
+            elif name not in STARTED_AS.values() and now_s >= self._ask_s.get(name, 0.0):
                 self._ask_s[name] = now_s + ASK_AGAIN_S
                 self._asked[name] = self._ask(name)
         for gone in set(self._ask_s) - set(names):
             del self._ask_s[gone]
             self._asked.pop(gone, None)
             self._known.pop(gone, None)
-        pids = {info.pid for info in self._known.values()}
+        here = next((info.pid for info in self._known.values() if info.host == self._host), None)
+        if here is not None and now_s >= self._beside_s:
+            self._beside_s = now_s + ASK_AGAIN_S
+            self._beside = self._find_beside(here)
+        pids = {info.pid for info in (*self._known.values(), *self._beside.values())}
         self._figures = {pid: figures for pid, figures in self._figures.items() if pid in pids}
 
     def members(self, now_s: float) -> list[Member]:
@@ -114,8 +122,16 @@ class Top:
 
     def _names(self) -> list[str]:
         names = [COORDINATOR] if self.watch.has_coordinator else []
-        others = [name for name in (ARENA, RECORDER) if self.watch.messages(name)]
-        return [*names, *others, *(robot.name for robot in self.watch.robots())]
+        names += [name for name in STARTED_AS.values() if name in self._beside or self.watch.messages(name)]
+        return [*dict.fromkeys(names), *(robot.name for robot in self.watch.robots())]
+
+    def _find_beside(self, pid: int) -> dict[str, ProcessInfo]:
+        found = {}
+        for other, words in commands_beside(pid):
+            command = next((word for word in words if word in STARTED_AS), "")
+            if command and ("--team" not in words or self._wire.team in words):
+                found[STARTED_AS[command]] = ProcessInfo(self._host, other, "")
+        return found
 
     def _ask(self, name: str) -> Later[ProcessInfo]:
         if name == COORDINATOR:
@@ -123,7 +139,7 @@ class Top:
         return self._wire.ask_later(ROBOT_WHO, timeout_s=ASK_TIMEOUT_S, robot=name)
 
     def _member(self, name: str, words: str, now_s: float) -> Member:
-        info = self._known.get(name)
+        info = self._known.get(name) or self._beside.get(name)
         messages = self.watch.messages(name) or None
         if info is None:
             return Member(name, words, messages=messages)

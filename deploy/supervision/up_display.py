@@ -113,6 +113,9 @@ class PlainLines:
             if self._before.get(name) != seen:
                 self._before[name] = seen
                 say(f"{name}: {seen}")
+        self._show_forwarders(status)
+
+    def _show_forwarders(self, status: TeamStatus) -> None:
         for robot, address in status.forwarders.items():
             if self._before.get(address) != robot:
                 self._before[address] = robot
@@ -146,6 +149,7 @@ class DrawnTable(PlainLines):
 
     def show(self, status: TeamStatus) -> None:
         """Draw the team's status."""
+        self._show_forwarders(status)
         heading = f"{status.explored_fraction:.1%} explored, {clock_of(status.sim_time_s)}; Ctrl-C stops the team"
         self._live.update(drawn(heading, status.parts))
 

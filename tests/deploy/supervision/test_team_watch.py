@@ -102,12 +102,22 @@ def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> No
         PartView("arena", Phase.UP, 12, 0.254, 281.6, "5.0 truths/s", 0),
         PartView("r1", Phase.WAITING, None, None, None, "", None, "\x1b[31mred"),
     ]
-    assert cells_of(parts[0]) == ["arena", "up", "12", "25%", "282 MB", "5.0 truths/s", "0", ""]
-    assert cells_of(parts[1])[2:7] == ["–"] * 5
+    assert cells_of(parts[0]) == ["arena", "12", "25%", "282 MB", "5.0 truths/s", "0", "up"]
+    assert cells_of(parts[1])[1:] == [*["–"] * 5, "waiting"]
     assert not any("\x1b" in line for line in lines_of(parts))
-    console = Console(record=True, width=120, file=io.StringIO())
+    console = Console(record=True, width=80, file=io.StringIO())
     console.print(drawn("12.0% [b]explored", parts))
     heading, titles, *rows = console.export_text().splitlines()
     assert heading == "12.0% [b]explored"
-    assert titles.split() == ["part", "is", "process", "CPU", "memory", "messages", "started", "again"]
-    assert rows[0].split() == ["arena", "up", "12", "25%", "282", "MB", "5.0", "truths/s", "0"]
+    assert titles.split() == ["part", "process", "CPU", "memory", "messages", "restarts", "state"]
+    assert rows[0].split() == ["arena", "12", "25%", "282", "MB", "5.0", "truths/s", "0", "up"]
+
+
+def test_table_of_long_words_is_whole_at_80_columns() -> None:
+    words = "position lost: scans do not agree with the map"
+    part = PartView("transporter-12", Phase.UP, 4194304, 1.5, 1024.0, "130.5 states/s", 12, words)
+    console = Console(record=True, width=80, file=io.StringIO())
+    console.print(drawn("", [part]))
+    _, titles, *rows = console.export_text().splitlines()
+    assert all(cell in rows[0] for cell in cells_of(part)[:-1])
+    assert " ".join(row[titles.index("state") :].strip() for row in rows) == words
