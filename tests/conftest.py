@@ -40,8 +40,12 @@ def pytest_unconfigure() -> None:
     _HUB.close()
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Spread the files with system tests evenly among all but the last fifth of the others."""
+    """Mark system tests as slow, and spread their files evenly among all but the last fifth of the others."""
+    for item in items:
+        if item.get_closest_marker("system"):
+            item.add_marker("slow")
     files: dict[str, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.nodeid.partition("::")[0], []).append(item)

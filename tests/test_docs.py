@@ -52,6 +52,7 @@ def test_plugin_of_the_tutorial_runs(tmp_path: Path) -> None:
     assert msgspec.json.decode(said) in page
 
 
+@pytest.mark.slow
 def test_scenario_of_the_tutorial_runs_as_printed(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "tutorial" / "your-own-scenario.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)

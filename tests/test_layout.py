@@ -59,12 +59,14 @@ def test_every_folder_with_code_is_a_package() -> None:
     assert [_name_of(folder) for folder in sorted(codes) if not (folder / "__init__.py").is_file()] == []
 
 
+@pytest.mark.slow
 def test_no_file_is_too_long() -> None:
     texts = {_name_of(path): path.read_text(encoding="utf-8") for path in _own_files(".py", ".md")}
     lengths = {name: len(text.splitlines()) for name, text in texts.items() if name not in MAY_GROW}
     assert {name: lines for name, lines in lengths.items() if lines > MAX_LINES} == {}
 
 
+@pytest.mark.slow
 def test_no_module_imports_itself_by_way_of_others() -> None:
     circles = {
         " → ".join(circle)
@@ -117,6 +119,7 @@ def _circles(imports: dict[str, set[str]]) -> list[list[str]]:
             return found
 
 
+@pytest.mark.slow
 def test_every_document_that_is_mentioned_exists() -> None:
     missing = []
     for path in _own_files(".py", ".md", ".toml"):
@@ -127,6 +130,7 @@ def test_every_document_that_is_mentioned_exists() -> None:
     assert missing == []
 
 
+@pytest.mark.slow
 def test_every_link_between_documents_leads_somewhere() -> None:
     missing = []
     for path in _own_files(".md"):

@@ -95,6 +95,7 @@ SUPPORTED: list[tuple[Any, st.SearchStrategy[Any]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hint", "values"), SUPPORTED, ids=lambda value: str(value)[:20])
 def test_what_is_printed_is_read_as_the_same_value_again(hint, values):
     @given(values)
@@ -180,6 +181,7 @@ def test_text_that_means_nothing_is_refused_in_words(text, hint, complaint):
     assert complaint in str(refusal.value)
 
 
+@pytest.mark.slow
 @given(st.text(), st.sampled_from([hint for hint, _ in SUPPORTED]))
 def test_any_text_is_a_value_or_a_value_error(text, hint):
     with contextlib.suppress(ValueError):
@@ -330,6 +332,7 @@ def test_what_is_no_command_is_refused_in_words(text, complaint):
     assert complaint in str(refusal.value)
 
 
+@pytest.mark.slow
 @given(st.text() | st.text("call ()[]{}\"'\\,= a1").map(lambda text: f"call a b{text}"))
 def test_any_text_is_a_command_or_bad_arguments(text):
     def outcome():
@@ -341,6 +344,7 @@ def test_any_text_is_a_command_or_bad_arguments(text):
     assert outcome() is ErrorCode.BAD_ARGUMENTS or isinstance(outcome(), (Call, Question))
 
 
+@pytest.mark.slow
 @given(st.lists(st.text(max_size=20), min_size=1, max_size=5))
 def test_quoted_arguments_arrive_as_they_were_meant(texts):
     call = parse_call(f"call a b({', '.join(map(json.dumps, texts))})")

@@ -98,6 +98,7 @@ def test_a_table_that_cannot_be_is_refused_with_its_file_and_key(tmp_path, table
 word = st.from_regex(r"[A-Za-z0-9_.\-]{1,8}", fullmatch=True)
 
 
+@pytest.mark.slow
 @given(st.dictionaries(word, word, max_size=5), st.lists(word, max_size=8))
 def test_words_of_both_directions_come_back_as_they_went_in(both, words):
     try:

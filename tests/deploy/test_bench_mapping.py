@@ -191,6 +191,7 @@ def test_figures_are_worst_and_median_beside_their_bounds() -> None:
     assert found["slipping wheels: robots lost at the end"].value == 2
 
 
+@pytest.mark.slow
 def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_path: Path, capsys) -> None:
     file = tmp_path / "told.json"
     plan = Plan(cases=[SMALL, msgspec.structs.replace(SMALL, wheels="slipping")], jobs=1, absent=["attic"])

@@ -102,8 +102,10 @@ def last_equal_s(one: Path, two: Path) -> tuple[int, float]:
     return same, difference.time_s + 0.02  # the first message is recorded at the end of the first tick
 
 
-@pytest.mark.parametrize("at_s", [0.0, 4.0, 9.5])
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "at_s"), [("explored", 0.0), ("explored", 4.0), ("scripted", 4.0), ("scripted", 9.5), ("map_file", 4.0)]
+)
 def test_part_before_is_equal_and_the_rest_is_not(
     recordings: dict[str, Path], tmp_path: Path, name: str, at_s: float
 ) -> None:
@@ -124,6 +126,7 @@ def test_part_before_is_equal_and_the_rest_is_not(
     assert {"r2", "r1"} >= {robot.robot for robot in compare_runs(recordings[name], output).second.robots} - {"r3"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_fork_without_changes_has_the_digest_of_the_whole_run(
     recordings: dict[str, Path], tmp_path: Path, name: str
@@ -136,6 +139,7 @@ def test_fork_without_changes_has_the_digest_of_the_whole_run(
     assert first_difference(recordings[name], output)[0] is None
 
 
+@pytest.mark.slow
 def test_robot_that_is_switched_off_does_nothing_more_and_its_team_goes_on(
     recordings: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -150,6 +154,7 @@ def test_robot_that_is_switched_off_does_nothing_more_and_its_team_goes_on(
     assert max(message.log_time_ns for message in states) <= 5.0e9
 
 
+@pytest.mark.slow
 def test_task_policy_and_fault_of_a_fork_take_effect_at_its_moment(recordings: dict[str, Path], tmp_path: Path) -> None:
     at_s = 4.0
     output = tmp_path / "fork.mcap"
@@ -169,6 +174,7 @@ def test_task_policy_and_fault_of_a_fork_take_effect_at_its_moment(recordings: d
     assert (after["r3"].distance_m or 0.0) < 0.7 * (before["r3"].distance_m or 0.0)
 
 
+@pytest.mark.slow
 def test_strategy_of_a_fork_explores_otherwise(recordings: dict[str, Path], tmp_path: Path) -> None:
     output = tmp_path / "fork.mcap"
     policy = PlanningPolicy(exploration="nearest")
@@ -178,6 +184,7 @@ def test_strategy_of_a_fork_explores_otherwise(recordings: dict[str, Path], tmp_
     assert after_s > 2.0
 
 
+@pytest.mark.slow
 def test_objective_of_a_fork_is_that_of_its_plans(recordings: dict[str, Path], tmp_path: Path) -> None:
     output = tmp_path / "fork.mcap"
     task = AddTask(at_s=5.0, kind="visit", fields={"place": [13.0, 9.9]})
@@ -188,6 +195,7 @@ def test_objective_of_a_fork_is_that_of_its_plans(recordings: dict[str, Path], t
     assert not any(b'"objective":"makespan"' in message.payload for message in read_messages(recordings["explored"]))
 
 
+@pytest.mark.slow
 def test_fork_of_a_fork_repeats_the_changes_of_its_parent(recordings: dict[str, Path], tmp_path: Path) -> None:
     parent, child = tmp_path / "parent.mcap", tmp_path / "child.mcap"
     task = AddTask(at_s=3.0, kind="visit", fields={"place": [2.0, 2.0]})
@@ -199,6 +207,7 @@ def test_fork_of_a_fork_repeats_the_changes_of_its_parent(recordings: dict[str, 
     assert result.same_whole is None
 
 
+@pytest.mark.slow
 def test_where_a_run_is_not_that_of_the_recording_is_told(tmp_path: Path) -> None:
     path = tmp_path / "poked.mcap"
     with Scenario.builtin("arena_small").replace(seed=3).team(record=path) as team:
@@ -216,6 +225,7 @@ def test_where_a_run_is_not_that_of_the_recording_is_told(tmp_path: Path) -> Non
     assert early.same_whole is False
 
 
+@pytest.mark.slow
 def test_calls_of_other_processes_are_repeated_in_their_tick(tmp_path: Path) -> None:
     path = tmp_path / "outside.mcap"
     scenario = Scenario.builtin("arena_small").replace(seed=4)
@@ -235,6 +245,7 @@ def test_calls_of_other_processes_are_repeated_in_their_tick(tmp_path: Path) -> 
     assert result.digest == summary.digest
 
 
+@pytest.mark.slow
 def test_run_by_radio_is_repeated_unless_a_script_has_called_its_team(tmp_path: Path) -> None:
     scenario = Scenario.builtin("arena_small").replace(robots=2, links=LinkSpec(range_m=4.0, loss=0.1))
     path = tmp_path / "radio.mcap"
@@ -258,6 +269,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("at_s", "changes", "said"),
     [
@@ -278,6 +290,7 @@ def test_fork_that_cannot_be_made_is_refused_and_leaves_no_file(
     assert not output.exists()
 
 
+@pytest.mark.slow
 def test_existing_file_is_not_replaced_unless_asked(short: Path, tmp_path: Path) -> None:
     output = tmp_path / "fork.mcap"
     output.write_bytes(b"precious")
@@ -291,6 +304,7 @@ def test_existing_file_is_not_replaced_unless_asked(short: Path, tmp_path: Path)
         fork_run(recorded, 0.5, output=short, overwrite=True)
 
 
+@pytest.mark.slow
 def test_recording_without_its_scenario_as_run_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "old.mcap"
     LockstepRun(Scenario.builtin("arena_small").world(), record=path).close()
@@ -298,6 +312,7 @@ def test_recording_without_its_scenario_as_run_is_refused(tmp_path: Path) -> Non
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("toml", ["", "[scenario", "[scenario]\nname = 'x'\n[map]\nfile = '/etc/passwd'\n", "x = 1\n"])
 def test_recording_with_a_bad_setup_is_refused(tmp_path: Path, toml: str) -> None:
     path = tmp_path / "bad.mcap"

@@ -396,6 +396,7 @@ json_values = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.sampled_from(sorted(FUNCTIONS)), st.binary() | json_values.map(lambda value: json.dumps(value).encode()))
 def test_any_payload_is_a_result_or_bad_arguments(name, payload):
     def attempt() -> str:
@@ -404,11 +405,13 @@ def test_any_payload_is_a_result_or_bad_arguments(name, payload):
     assert outcome(attempt) in (None, ErrorCode.BAD_ARGUMENTS)
 
 
+@pytest.mark.slow
 @given(st.sampled_from(sorted(FUNCTIONS)), st.lists(st.text(max_size=10), max_size=4))
 def test_any_words_are_a_result_or_bad_arguments(name, words):
     assert outcome(lambda: FUNCTIONS[name].call_text(FOO, words)) in (None, ErrorCode.BAD_ARGUMENTS)
 
 
+@pytest.mark.slow
 @given(st.integers() | st.text())
 def test_json_and_text_choose_the_same_overload(argument):
     assert call_text("foo", json.dumps(argument)) == print_value(call("foo", [argument]))

@@ -307,6 +307,7 @@ def by_the_frames_of_an_error(env, handle):
     return denied.traceback[-1].frame.f_locals["self"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "way",
     [

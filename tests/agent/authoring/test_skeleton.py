@@ -45,6 +45,7 @@ def test_the_checker_has_nothing_to_say_of_a_skeleton(tmp_path):
     assert check_plugins(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_the_tests_of_skeletons_pass_and_are_as_the_linter_wants_them(tmp_path):
     write_skeleton("lamp", "unit", tmp_path, active=True)
     write_skeleton("line_follower", "behavior", tmp_path, hidden=True)

@@ -99,6 +99,7 @@ def test_a_running_one_is_ended_at_whatever_robot_it_is_cancelled(lost: LostTeam
     assert lost.states()["t1"] is TaskState.CANCELLED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tenths", range(20, 40))
 def test_one_that_is_done_at_that_moment_is_either_cancelled_or_done_as_the_client_is_told(
     lost: LostTeam, tenths: int

@@ -181,6 +181,7 @@ def test_period_may_be_set_when_it_starts(bench):
     assert vision.period_s == 0.75
 
 
+@pytest.mark.slow
 def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench):
     ranger = bench.env.others["ranger"] = Ranger()
     vision = bench.start(
@@ -281,6 +282,7 @@ def test_what_it_raises_is_raised_here(bench, raised, kind, text):
     assert vision.works()
 
 
+@pytest.mark.slow
 def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_called_it(bench):
     class OutOfReach(Exception):
         pass
@@ -462,6 +464,7 @@ def is_nobody_there(operator):
     return False
 
 
+@pytest.mark.slow
 def test_it_has_a_place_of_its_own_on_the_wire(bench):
     with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub:
         operator = Endpoint(hub, "default", WallClock(), Drive.LIVE)

@@ -303,6 +303,7 @@ def census(bench):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cycle", ["reload", "load and unload", "reload that fails"])
 def test_two_hundred_cycles_leave_no_threads_entities_objects_or_memory_behind(lab, cycle):
     lab.manager.load("shade")

@@ -16,6 +16,7 @@ def never():
     raise AssertionError("the clock is not read where only iterations count")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("robots", "tasks"), SIZES)
 @pytest.mark.parametrize(
@@ -37,6 +38,7 @@ def test_optimal_is_within_half_a_percent_of_the_exact_optimum(robots, tasks, se
     assert exact.value * (1 - 1e-5) <= plan.value <= exact.value * 1.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", [Objective.MAKESPAN, Objective.LIFETIME])
 @pytest.mark.parametrize("seed", range(2))
 def test_makespan_and_lifetime_are_near_the_exact_optimum(objective, seed):

@@ -99,6 +99,7 @@ def _killed_in_the_middle(path: Path, target: Path) -> None:
         write_backup(journal.database, path, target, lambda: os.kill(os.getpid(), signal.SIGKILL))
 
 
+@pytest.mark.slow
 def test_kill_in_the_middle_of_a_backup_leaves_nothing_under_its_name(path, tmp_path) -> None:
     with closing(Journal(path)) as journal:
         fill(journal, 0, 600)

@@ -177,6 +177,7 @@ def test_a_robot_that_is_low_charges_first_and_then_does_what_was_left_out(team)
     assert records.find(robot.offers[0].task.id).own
 
 
+@pytest.mark.slow
 def test_robots_take_turns_at_a_charger(team):
     robots = [team.robot(f"r{number}", 4.0 + number) for number in range(3)]
     workers = []
@@ -239,6 +240,7 @@ def test_a_decision_has_each_robots_bid(team, ears):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_what_a_plan_was_made_from_is_told_with_it_and_makes_it_again(team, ears):
     robots = [team.robot(f"r{number}", 4.0 + 2.0 * number) for number in range(3)]
     workers = [Worker(robot, remaining_j=CAPACITY_J, dearer=1.0 + index) for index, robot in enumerate(robots)]

@@ -294,6 +294,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(JSON, JSON)
 def test_values_differ_exactly_when_their_json_does(one: Any, two: Any) -> None:
     same = json.dumps(one, sort_keys=True) == json.dumps(two, sort_keys=True)
@@ -398,6 +399,7 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [["info"], ["check"], ["diff"], ["info", "--json"], ["check", "--json"]])
 def test_nothing_in_a_recording_can_steer_the_terminal(hostile: Path, tmp_path: Path, words: list[str]) -> None:
     others = [str(write(tmp_path / "other.mcap", states(3)))] if words[0] == "diff" else []
@@ -411,6 +413,7 @@ def test_nothing_in_a_recording_can_steer_the_terminal(hostile: Path, tmp_path: 
         assert "[bold red]markup[/]" in said
 
 
+@pytest.mark.slow
 def test_exit_statuses_tell_good_from_bad(run: Path, tmp_path: Path) -> None:
     other = str(write(tmp_path / "other.mcap", states(3)))
     gap = str(write(tmp_path / "gap.mcap", [(STATE, 0.0, state(0)), (STATE, 0.1, state(5))]))
@@ -423,6 +426,7 @@ def test_exit_statuses_tell_good_from_bad(run: Path, tmp_path: Path) -> None:
     assert "nosuch.mcap" in missing.stderr
 
 
+@pytest.mark.slow
 def test_recover_names_its_file_and_tells_what_it_saved(run: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(run.read_bytes()[:-5000])
@@ -433,6 +437,7 @@ def test_recover_names_its_file_and_tells_what_it_saved(run: Path, tmp_path: Pat
     assert told["messages"] == sum(recording_info(tmp_path / "cut_recovered.mcap").counts.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["csv", "parquet", "html", "foxglove"])
 def test_export_writes_beside_the_recording_and_overwrites_nothing(run: Path, tmp_path: Path, form: str) -> None:
     path = tmp_path / "run.mcap"
@@ -448,6 +453,7 @@ def test_export_writes_beside_the_recording_and_overwrites_nothing(run: Path, tm
     assert sizes == {file: file.stat().st_size for file in files}
 
 
+@pytest.mark.slow
 def test_report_says_where_its_page_is(run: Path, tmp_path: Path) -> None:
     done = command("report", str(run), "--output", str(tmp_path / "out"), "--json")
     assert done.returncode == 0, done.stderr
@@ -456,6 +462,7 @@ def test_report_says_where_its_page_is(run: Path, tmp_path: Path) -> None:
     assert all(Path(figure).exists() for figure in told["figures"])
 
 
+@pytest.mark.slow
 def test_a_form_that_there_is_not_is_told_with_those_that_there_are(run: Path) -> None:
     done = command("export", str(run), "--to", "xlsx")
     assert done.returncode == 2

@@ -323,6 +323,7 @@ def test_a_run_in_which_something_else_was_said_has_another_digest(
     assert say(session, other) != say(session, SAID)
 
 
+@pytest.mark.slow
 @given(st.lists(st.binary(max_size=6), max_size=4), st.lists(st.binary(max_size=6), max_size=4))
 def test_digests_are_equal_exactly_when_the_payloads_are(
     session: zenoh.Session, one: list[bytes], two: list[bytes]

@@ -375,6 +375,7 @@ def test_alarms_of_rules_that_are_gone_leave_the_journal(begin):
     assert {alarm.rule for alarm in sensed.journal.alarms()} == {"other"}
 
 
+@pytest.mark.slow
 def test_a_flood_of_readings_costs_bounded_work_and_memory(begin):
     sensed = begin(rule(cooldown_s=0.0))
     desk = sensed.team.coordinator.rules

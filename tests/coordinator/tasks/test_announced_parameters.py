@@ -135,6 +135,7 @@ words = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from(["type", "properties", "anyOf", "$defs", "$ref", "required"]), words), words)
 def test_no_schema_of_a_stranger_ends_anything(schema: dict, value: object) -> None:
     assert isinstance(why("sweep", {"a": value}, schema), str)

@@ -187,6 +187,7 @@ def test_a_refused_task_stays_and_is_offered_again_with_growing_pauses(team):
     assert team.states() == {"t1": TaskState.RUNNING}
 
 
+@pytest.mark.slow
 def test_a_task_that_every_robot_refuses_again_and_again_fails_with_what_each_said(team):
     robots = [team.robot("r1"), team.robot("r2", 7.0)]
     other = team.robot("r3", 5.0)

@@ -18,6 +18,7 @@ def encoders(*tables: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {"mocdevice": {"frames": {"encoders": list(tables)}}}
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_as_its_file_says_has_nothing_wrong_and_its_file_is_not_touched(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {})
     before = robot.path.read_bytes()
@@ -32,6 +33,7 @@ def test_a_robot_that_is_as_its_file_says_has_nothing_wrong_and_its_file_is_not_
     assert value(report, Found.RIGHT, "rate_hz") == pytest.approx(50.0, abs=2.0)
 
 
+@pytest.mark.slow
 def test_all_four_faults_at_once_are_named_and_corrected_and_a_second_run_finds_nothing_wrong(tmp_path: Path) -> None:
     robot = BroughtUp(
         tmp_path,
@@ -62,6 +64,7 @@ def test_all_four_faults_at_once_are_named_and_corrected_and_a_second_run_finds_
     assert said["scan"]["mount"]["yaw_rad"] == pytest.approx(math.pi / 2, abs=math.radians(1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tables", "expected"),
     [
@@ -80,6 +83,7 @@ def test_encoders_that_are_swapped_or_inverted_are_put_right(
     assert wrong(robot.run(AIR)) == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("signals", "signs", "answers", "expected"),
     [
@@ -102,6 +106,7 @@ def test_motors_that_are_swapped_or_inverted_are_known_by_what_the_person_sees(
     assert wrong(robot.run(AIR)) == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("signs", "command_signs", "answers", "expected"),
     [
@@ -123,6 +128,7 @@ def test_signs_of_a_base_that_speaks_lines_are_put_right(
     assert wrong(robot.run(AIR)) == set()
 
 
+@pytest.mark.slow
 def test_with_three_wheels_a_rotated_order_and_a_wrong_number_of_counts_are_put_right(tmp_path: Path) -> None:
     table = {"frame": "WheelEncoders", "signals": ["wheel_2_ticks", "wheel_3_ticks", "wheel_1_ticks"]}
     wheels = {"frames": {"encoders": [table]}, "base": {"encoder_ticks_per_turn": 1024}}
@@ -135,6 +141,7 @@ def test_with_three_wheels_a_rotated_order_and_a_wrong_number_of_counts_are_put_
     assert wrong(robot.run(AIR)) == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mount", "expected"),
     [
@@ -160,6 +167,7 @@ def test_however_the_lidar_is_mounted_it_is_found_out(
     assert said["upside_down"] == mount.get("upside_down", False)
 
 
+@pytest.mark.slow
 def test_a_mounting_that_the_file_has_wrong_is_corrected_from_what_it_says(tmp_path: Path) -> None:
     hardware = {"lidar": {"mount": {"x_m": 0.1, "yaw_rad": 1.0, "upside_down": True}}}
     robot = BroughtUp(tmp_path, {"scan": {"mount": {"x_m": 0.05, "yaw_rad": -0.5, "upside_down": False}}}, hardware)
@@ -173,6 +181,7 @@ def test_a_mounting_that_the_file_has_wrong_is_corrected_from_what_it_says(tmp_p
     assert said["upside_down"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("true", "said", "expected", "tolerance"),
     [
@@ -196,6 +205,7 @@ def test_each_wrong_size_of_the_base_is_named_and_measured(
         assert squares[1] < 0.3 * squares[0]
 
 
+@pytest.mark.slow
 def test_the_distance_of_three_wheels_from_the_centre_is_found_by_turning(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_distance_m": 0.14}}}, type=RobotType.OMNI)
     assert wrong(robot.run(NO_SQUARES)) == {Found.WRONG_TRACK}
@@ -203,6 +213,7 @@ def test_the_distance_of_three_wheels_from_the_centre_is_found_by_turning(tmp_pa
     assert base["wheel_distance_m"] == pytest.approx(0.155, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_person_may_measure_where_the_squares_end(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {})
     person = Watcher()
@@ -213,6 +224,7 @@ def test_a_person_may_measure_where_the_squares_end(tmp_path: Path) -> None:
     assert value(report, Found.UNEQUAL_WHEELS, "leg_rad") == pytest.approx(0.05, abs=0.01)
 
 
+@pytest.mark.slow
 def test_without_write_the_file_stays_although_later_steps_use_what_was_found(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, encoders(RIGHT, LEFT))
     before = robot.path.read_bytes()
@@ -246,6 +258,7 @@ def test_a_person_who_sees_no_wheel_turn_ends_it(tmp_path: Path) -> None:
     assert report.findings[-1].step is Step.WHEELS
 
 
+@pytest.mark.slow
 def test_a_lidar_on_a_serial_line_is_found_out_as_well(tmp_path: Path) -> None:
     lidar = {"protocol": "ld19", "mount": {"yaw_rad": math.pi / 2, "upside_down": True}}
     robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_radius_m": 0.045}}}, {"lidar": lidar})
@@ -264,6 +277,7 @@ def test_a_lidar_that_never_sends_a_turn_ends_the_steps_on_the_floor(tmp_path: P
     assert wrong(report) == {Found.NO_SCANS}
 
 
+@pytest.mark.slow
 def test_a_base_in_another_plugin_that_takes_velocities_alone_is_measured_on_the_floor(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_radius_m": 0.06}}})
     place = tmp_path / "plugins"

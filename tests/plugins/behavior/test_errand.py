@@ -38,6 +38,7 @@ def behavior(run: Errands) -> str:
 # -- one task -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
     run = errands("visit")
     battery = run.hosts["r1"].board.battery
@@ -51,6 +52,7 @@ def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
     assert behavior(run) == "idle"
 
 
+@pytest.mark.slow
 def test_what_a_way_has_cost_is_a_lesson_for_the_next_one(errands):
     run = errands("visit")
     energy, told = run.hosts["r1"].manager.get("energy").live_plugin(), []
@@ -87,6 +89,7 @@ def test_the_priority_of_a_task_is_that_of_its_right_of_way(errands, task):
     assert paths.drain()[-1].message.claim.priority == 7
 
 
+@pytest.mark.slow
 def test_the_energy_of_a_task_is_that_which_the_battery_gave(errands):
     run = errands("visit")
     before_j = run.arena.truth.robots[0].energy_j
@@ -106,6 +109,7 @@ def test_the_wheels_turn_at_once_and_the_path_is_told(errands):
     assert run.call("visit", "doing") == "v"
 
 
+@pytest.mark.slow
 def test_a_task_that_must_not_begin_yet_waits_at_its_place(errands):
     run = errands("visit")
     begin_ns = 20_000_000_000
@@ -143,6 +147,7 @@ def test_a_robot_that_nobody_talks_to_sleeps(errands):
 # -- ends before its time -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_task_that_is_withdrawn_is_let_go_and_the_robot_stands(errands):
     run = errands("visit")
     run.offer(Task(id="v", kind="visit", place=FAR))
@@ -186,6 +191,7 @@ def test_a_halt_that_ends_before_the_next_step_ends_the_task_too(errands):
     assert run.finish(Task(id="again", kind="visit", place=FAR)).state is TaskState.DONE
 
 
+@pytest.mark.slow
 def test_a_task_whose_deadline_passes_has_failed(errands):
     run = errands("visit")
     assert run.offer(Task(id="v", kind="visit", place=FAR, deadline_ns=run.clock.now_ns() + 12_000_000_000)).accepted
@@ -303,6 +309,7 @@ def test_of_two_visits_the_later_one_is_done(errands):
     assert run.pose().distance_m(Point2D(2.5, 1.0)) < 0.15
 
 
+@pytest.mark.slow
 def test_a_second_visit_that_is_refused_leaves_the_first_as_it_is(errands):
     run = errands("visit")
     run.offer(Task(id="first", kind="visit", place=FAR))

@@ -216,6 +216,7 @@ def test_a_robot_whose_way_is_found_closed_gives_the_task_back(stage, room):
     assert one.truth().collisions == 0
 
 
+@pytest.mark.slow
 def test_with_no_word_from_a_coordinator_for_three_seconds_the_robot_chooses_for_itself(stage, room):
     one = stage(room(*TWO_ROOMS), r1=Pose2D(1.5, 2.0, 0.0))
     host = one.host("explore")

@@ -93,6 +93,7 @@ def test_a_turn_on_the_spot_turns_the_odometry_alone(stage):
     assert pose.yaw_rad == pytest.approx(1.0, rel=0.02)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(start=COUNTS, turns=st.lists(TURNS, min_size=1, max_size=8))
 def test_odometry_does_not_depend_on_where_the_counters_stand(stage, start, turns):

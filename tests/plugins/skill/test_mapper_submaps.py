@@ -244,6 +244,7 @@ def test_a_mates_scan_on_an_own_submap_moves_it_and_the_team_is_told(stage):
     assert part.variance_rad2 == pytest.approx(host.board.local_map.variances[2])
 
 
+@pytest.mark.slow
 def test_the_graph_is_solved_every_two_seconds_at_most(stage):
     one, host = mapping(stage)
     scanned(one, 1.2)
@@ -257,6 +258,7 @@ def test_the_graph_is_solved_every_two_seconds_at_most(stage):
     assert places == sorted(places)
 
 
+@pytest.mark.slow
 def test_a_mate_that_moves_its_submap_takes_along_what_is_closed_with_it(stage):
     one, host = mapping(stage)
     scanned(one, 1.2)

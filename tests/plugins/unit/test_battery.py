@@ -180,6 +180,7 @@ def test_what_is_left_travels_in_the_robots_state(pack):
     assert (battery.charging, battery.implausible) == (False, "")
 
 
+@pytest.mark.slow
 def test_the_state_of_charge_follows_the_battery_to_its_end(pack):
     one = pack(
         told={"capacity_wh": 2.0, "rate_loss_s": 30.0, "drive_current_a": 0.3}, capacity_wh=2.0, capacity_fade=0.1
@@ -202,6 +203,7 @@ def test_a_known_charge_at_the_start_is_taken_and_then_held_against_the_voltage(
     assert one.run(30.0)["soc"] == pytest.approx(one.battery.soc, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_battery_that_is_charged_says_so_and_fills(pack):
     one = pack(soc_at_start=0.5)
     before = one.run(5.0)
@@ -211,6 +213,7 @@ def test_a_battery_that_is_charged_says_so_and_fills(pack):
     assert after["implausible"] == ""
 
 
+@pytest.mark.slow
 def test_low_and_cut_off_are_told_once_each_and_again_after_a_charge(pack):
     one = pack(told={"capacity_wh": 1.0}, capacity_wh=1.0, soc_at_start=0.4)
     low, cut_off = (one.stage.inbox(ROBOT_EVENT, plugin="battery", event=name) for name in ("low", "cut_off"))

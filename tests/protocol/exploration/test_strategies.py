@@ -199,6 +199,7 @@ def test_what_a_foreign_strategy_may_not_choose_is_told_and_the_stock_one_stands
     assert said in told[0]
 
 
+@pytest.mark.slow
 def test_a_team_explores_a_floor_by_the_nearest_frontier() -> None:
     scenario = Scenario.builtin("arena_small").replace(seed=3, robots=2, planning=PlanningPolicy(exploration=NEAREST))
     run = scenario.run()

@@ -48,6 +48,7 @@ def test_turn_ends_where_the_sensor_passes_its_front() -> None:
     assert between[0][0] > between[-1][0]  # clockwise
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=40), st.data())
 def test_points_are_the_same_in_whatever_parts_the_bytes_come(parts: list[int], data: st.DataObject) -> None:
@@ -64,6 +65,7 @@ def test_points_are_the_same_in_whatever_parts_the_bytes_come(parts: list[int], 
         assert other.counts.bad_checksums == other.counts.stray_bytes == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.binary(max_size=200), st.integers(0, 37), st.binary(min_size=1, max_size=30))
 def test_noise_costs_no_more_than_the_packets_that_it_hits(before: bytes, where: int, noise: bytes) -> None:
@@ -124,6 +126,7 @@ def test_rplidar_nodes_are_clockwise_degrees_and_quarters_of_a_millimetre() -> N
     assert decoder.counts.stray_bytes == 2
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.integers(5, 170), st.binary(min_size=1, max_size=14))
 def test_rplidar_finds_its_nodes_again_after_noise(where: int, noise: bytes) -> None:
@@ -144,6 +147,7 @@ def test_rplidar_that_scans_already_is_heard_without_its_descriptor(cut: int) ->
     assert {range_m for _, range_m in points} == {2.0}
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.lists(st.binary(max_size=300), max_size=20))
 def test_no_bytes_at_all_break_a_decoder_or_fill_its_memory(chunks: list[bytes]) -> None:

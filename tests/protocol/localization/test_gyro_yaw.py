@@ -48,6 +48,7 @@ class Base:
         return self.run(seconds, rad_s, 0.0, rolls=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late_ns", [0, 5_000_000, 37_000_000])
 @pytest.mark.parametrize("by_wheels", [0.8, 1.0, 1.3, 0.0])
 def test_the_robot_turns_as_its_gyroscope_says_however_late(late_ns: int, by_wheels: float) -> None:

@@ -292,6 +292,7 @@ def test_walls_that_were_drawn_from_an_unsure_place_keep_that():
     assert localiser.covariance[0, 0] - sure.covariance[0, 0] == pytest.approx(0.04 + 4.1**2 * 0.0025, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2001, 2018, 2042])
 def test_a_robot_whose_map_has_turned_with_it_says_how_far_off_it_may_be(seed):
     """Walls drawn while its yaw was wrong by 5°: 10 m from where that began, the robot is nearly 1 m off."""

@@ -99,6 +99,7 @@ def test_nowhere_in_a_corridor_is_the_way_along_it_believed(x_m, y_m, yaw_rad, d
     assert offset(fit)[1] == pytest.approx(dy_m, abs=0.04)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_known_nothing_is_said():
     unknown = np.zeros(GEOMETRY.shape, np.int8)
     fit = match_scan(unknown, GEOMETRY, Pose2D(2, 2, 0), beam_ends(ANGLES_RAD, seen(ROOM, Pose2D(2, 2, 0)), RANGE_M))

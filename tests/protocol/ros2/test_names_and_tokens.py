@@ -87,6 +87,7 @@ QOS = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(domain=st.integers(0, 232), name=PATHS)
 def test_a_key_is_read_back(domain, name):
     assert parse_data_key(data_key(domain, name, TRIGGER.name, TRIGGER.type_hash)) == (
@@ -211,6 +212,7 @@ def test_a_node_has_a_token_without_a_topic():
     assert (Entity.parse(token).token, node.full_name) == (token, "/fleet/r1/driver")
 
 
+@pytest.mark.slow
 @given(
     kind=st.sampled_from([EntityKind.PUBLISHER, EntityKind.SUBSCRIPTION, EntityKind.SERVER, EntityKind.CLIENT]),
     namespace=st.just("/") | PATHS,
@@ -258,6 +260,7 @@ def test_another_token_is_refused(token):
         Entity.parse(token)
 
 
+@pytest.mark.slow
 @given(st.text(max_size=60))
 def test_whatever_follows_the_space_it_is_read_or_refused(text):
     with suppress(BadToken):

@@ -89,6 +89,7 @@ def composed(atlas):
     return classes
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60)
 @given(histories(), st.randoms(use_true_random=False))
 def test_in_whatever_order_robots_are_heard_the_map_is_the_same(history, random):
@@ -100,6 +101,7 @@ def test_in_whatever_order_robots_are_heard_the_map_is_the_same(history, random)
     assert np.array_equal(one.grid.stamp_ms, other.grid.stamp_ms)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=40)
 @given(histories(), st.randoms(use_true_random=False))
 def test_the_map_is_what_the_rule_says_of_all_submaps_where_they_lie(history, random):
@@ -110,6 +112,7 @@ def test_the_map_is_what_the_rule_says_of_all_submaps_where_they_lie(history, ra
     assert atlas.grid.known_count == np.count_nonzero(atlas.grid.classes() != UNKNOWN)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=40)
 @given(histories(), PLACE)
 def test_a_submap_that_is_moved_there_and_back_leaves_the_map_as_it_was(history, there):
@@ -124,6 +127,7 @@ def test_a_submap_that_is_moved_there_and_back_leaves_the_map_as_it_was(history,
         assert np.array_equal(atlas.grid.classes(), before)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60)
 @given(histories(), st.dictionaries(st.tuples(st.sampled_from(ROBOTS), st.integers(0, 2)), PLACE, max_size=6))
 def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, places):
@@ -140,6 +144,7 @@ def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, pla
     }
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=40)
 @given(histories())
 def test_a_map_without_a_submap_is_the_map_of_the_others(history):
@@ -257,6 +262,7 @@ def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
     assert atlas.submaps["r1", 0].evidence.size == 4 * BLOCK_CELLS**2
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(boxes(), boxes())
 def test_a_submap_holds_what_it_was_told_last(first, second):

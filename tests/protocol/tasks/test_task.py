@@ -117,11 +117,13 @@ def test_what_is_no_task_of_the_old_form_is_left_as_it_is(payload):
     assert upgraded(["task"]) == ["task"]
 
 
+@pytest.mark.slow
 @given(tasks)
 def test_what_is_encoded_decodes_as_the_same_task(example):
     assert msgspec.json.decode(msgspec.json.encode(example), type=Task) == example
 
 
+@pytest.mark.slow
 @given(parameters)
 def test_parameters_are_read_as_they_were_given(given_parameters):
     assert parameters_of(task("any", given_parameters), type(given_parameters)) == given_parameters

@@ -35,6 +35,7 @@ def test_no_key_belongs_to_two_topics():
     assert clashes == []
 
 
+@pytest.mark.slow
 @given(keys())
 def test_parsing_a_key_gives_back_what_it_was_built_from(drawn):
     topic, team, names = drawn
@@ -43,6 +44,7 @@ def test_parsing_a_key_gives_back_what_it_was_built_from(drawn):
     assert topic_of(key) == ((topic, {"team": team, **names}) if isinstance(topic, Topic) else None)
 
 
+@pytest.mark.slow
 @given(keys())
 def test_every_selector_includes_its_keys(drawn):
     topic, team, names = drawn
@@ -53,6 +55,7 @@ def test_every_selector_includes_its_keys(drawn):
         assert zenoh.KeyExpr(topic.selector(team, **{field: names[field]})).includes(zenoh.KeyExpr(key))
 
 
+@pytest.mark.slow
 @given(keys(), keys())
 def test_a_key_of_one_topic_is_parsed_by_no_other(drawn, other_drawn):
     topic, team, names = drawn

@@ -18,6 +18,7 @@ GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.json"))
 STRUCTS = {struct.__name__: struct for struct in structs_in(kind for row in TOPICS for kind in types_of(row))}
 
 
+@pytest.mark.slow
 def test_no_two_types_of_the_wire_have_the_same_name():
     assert set(definitions()) - set(STRUCTS) == set(definitions()) - {struct.__name__ for struct in STRUCTS.values()}
     assert len(structs_in(kind for row in TOPICS for kind in types_of(row))) == len(STRUCTS)

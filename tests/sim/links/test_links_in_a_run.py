@@ -36,6 +36,7 @@ def last_state(inbox):
     return inbox.drain()[-1].message
 
 
+@pytest.mark.slow
 def test_robot_beyond_range_is_not_heard_and_neither_are_those_behind_it():
     with RadioTeam(f"{RANGE}\nrelays = false", [2.0, 10.0, 18.0]) as team:
         heard, everywhere = team.hear(ROBOT_STATE, "coordinator"), team.hear(ROBOT_STATE)
@@ -47,6 +48,7 @@ def test_robot_beyond_range_is_not_heard_and_neither_are_those_behind_it():
         assert counted(team.run)["out_of_reach"] > 0
 
 
+@pytest.mark.slow
 def test_through_relays_the_last_robot_of_a_chain_is_heard():
     with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0]) as team:
         heard = team.hear(ROBOT_STATE, "coordinator")
@@ -55,6 +57,7 @@ def test_through_relays_the_last_robot_of_a_chain_is_heard():
         assert counted(team.run)["relayed"] > 0
 
 
+@pytest.mark.slow
 def test_only_named_robots_relay():
     with RadioTeam(f'{RANGE}\nrelays = ["r2"]', [2.0, 10.0, 18.0, 26.0]) as team:
         heard = team.hear(ROBOT_STATE, "coordinator")
@@ -62,6 +65,7 @@ def test_only_named_robots_relay():
         assert robots_in(heard) == {"r1", "r2", "r3"}
 
 
+@pytest.mark.slow
 def test_robot_that_is_switched_off_relays_nothing():
     with RadioTeam(RANGE, [2.0, 10.0, 18.0]) as team:
         heard = team.hear(ROBOT_STATE, "coordinator")
@@ -74,6 +78,7 @@ def test_robot_that_is_switched_off_relays_nothing():
         assert robots_in(heard) == {"r1"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("walls", "names"), [(0, {"r1", "r2"}), (1, {"r1"})])
 def test_walls_stop_a_radio_that_they_block(walls, names):
     wall = "walls = [{ from_m = [6.0, 0.0], to_m = [6.0, 3.0] }]" if walls else ""
@@ -83,6 +88,7 @@ def test_walls_stop_a_radio_that_they_block(walls, names):
         assert robots_in(heard) == names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("xs_m", [[2.0, 10.0, 18.0], [2.0, 10.0, 18.0, 26.0]], ids=["one relay", "two relays"])
 def test_robot_is_called_and_driven_through_relays(xs_m):
     far = f"r{len(xs_m)}"
@@ -96,6 +102,7 @@ def test_robot_is_called_and_driven_through_relays(xs_m):
         assert before.distance_m(team.pose_of(far)) == pytest.approx(0.5, abs=0.1)
 
 
+@pytest.mark.slow
 def test_without_the_relay_the_same_call_reaches_nobody():
     with RadioTeam(RANGE, [2.0, 18.0], party="coordinator") as team:
         team.go(2.0)
@@ -103,6 +110,7 @@ def test_without_the_relay_the_same_call_reaches_nobody():
             team.team.call("r2", "driver", "drive", -1.0)
 
 
+@pytest.mark.slow
 def test_task_at_the_end_of_a_chain_is_done_by_the_robot_there():
     with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0]) as team:
         team.go(2.0)
@@ -111,6 +119,7 @@ def test_task_at_the_end_of_a_chain_is_done_by_the_robot_there():
         assert (record.state, record.robot) == (TaskState.DONE, "r4")
 
 
+@pytest.mark.slow
 def test_token_vanishes_after_a_while_without_a_way_and_comes_back_with_it():
     cut = CUT_R2.format(from_s=4.0, until_s=10.0)
     with RadioTeam(f"lost_after_s = 2.0\n{cut}", [2.0, 4.0]) as team:
@@ -126,6 +135,7 @@ def test_token_vanishes_after_a_while_without_a_way_and_comes_back_with_it():
         assert seen[3][2] == pytest.approx(10.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_partition_cuts_at_its_times_and_the_coordinator_gets_the_robot_back():
     cut = CUT_R2.format(from_s=4.0, until_s=10.0)
     with RadioTeam(cut, [2.0, 4.0]) as team:
@@ -140,6 +150,7 @@ def test_partition_cuts_at_its_times_and_the_coordinator_gets_the_robot_back():
         assert up(last_state(summaries)) == {"r1", "r2"}
 
 
+@pytest.mark.slow
 def test_those_of_one_group_still_hear_each_other():
     cut = '[[links.partitions]]\ngroups = [["r1", "r2"], ["r3", "coordinator"]]'
     with RadioTeam(cut, [2.0, 4.0, 6.0]) as team:
@@ -149,6 +160,7 @@ def test_those_of_one_group_still_hear_each_other():
         assert robots_in(by_coordinator) == {"r3"}
 
 
+@pytest.mark.slow
 def test_query_without_a_way_times_out_and_later_nobody_is_there():
     cut = CUT_R2.format(from_s=4.0, until_s=20.0)
     with RadioTeam(cut, [2.0, 4.0]) as team:
@@ -166,6 +178,7 @@ def test_query_without_a_way_times_out_and_later_nobody_is_there():
         assert team.run.outside == 0
 
 
+@pytest.mark.slow
 def test_task_of_a_robot_that_is_cut_off_is_done_by_another():
     cut = CUT_R2.format(from_s=6.0, until_s=60.0)
     with RadioTeam(cut, [2.0, 14.0]) as team:
@@ -177,6 +190,7 @@ def test_task_of_a_robot_that_is_cut_off_is_done_by_another():
         assert (record.state, record.robot) == (TaskState.DONE, "r1")
 
 
+@pytest.mark.slow
 def test_no_task_is_lost_in_a_team_that_is_cut_again_and_again():
     cuts = "\n".join(
         f'[[links.partitions]]\nfrom_s = {at_s}\nuntil_s = {at_s + 5}\ngroups = [["r{1 + at_s // 10 % 3}"]]'
@@ -190,6 +204,7 @@ def test_no_task_is_lost_in_a_team_that_is_cut_again_and_again():
         assert len(team.team.list()) == len(tasks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("return_after_s", "is_back"), [(1.0, True), (math.inf, False)])
 def test_robot_that_drives_out_of_reach_returns_to_its_start_and_is_heard(return_after_s, is_back):
     links = f"{RANGE}\nrelays = false\nreturn_after_s = {return_after_s}"
@@ -205,6 +220,7 @@ def test_robot_that_drives_out_of_reach_returns_to_its_start_and_is_heard(return
         assert any(up_at[away:]) is is_back
 
 
+@pytest.mark.slow
 def test_halt_that_a_robot_misses_stops_it_when_it_is_back():
     with RadioTeam(CUT_R2.format(from_s=1.0, until_s=5.0), [2.0, 4.0]) as team:
         team.go(2.0)
@@ -215,6 +231,7 @@ def test_halt_that_a_robot_misses_stops_it_when_it_is_back():
         assert [team.team.state(name).halted for name in ("r1", "r2")] == [True, True]
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_runs_and_others_other_ones():
     def run(seed):
         links = f"{RANGE}\nloss = 0.2\ndelay_s = 0.03\nbandwidth_bytes_s = 100000.0\n"
@@ -230,6 +247,7 @@ def test_equal_seeds_give_equal_runs_and_others_other_ones():
     assert first[1]["lost"] != other[1]["lost"]
 
 
+@pytest.mark.slow
 def test_radio_that_loses_nothing_changes_nothing_but_its_own_messages():
     def recorded(links):
         scenario = Scenario.builtin("depot").replace(robots=3, seed=2, links=links)
@@ -246,6 +264,7 @@ def test_radio_that_loses_nothing_changes_nothing_but_its_own_messages():
     assert [one for one in recorded(free) if one[0] != key] == recorded(None)
 
 
+@pytest.mark.slow
 def test_who_hears_whom_is_published_for_viewers():
     with RadioTeam(f"{RANGE}\ncoordinator_m = [1.0, 2.0]", [2.0, 10.0, 18.0, 29.0]) as team:
         heard, by_robot = team.hear(ARENA_LINKS), team.hear(ARENA_LINKS, "r1")
@@ -264,6 +283,7 @@ def test_who_hears_whom_is_published_for_viewers():
         assert len(by_robot.drain()) == 4
 
 
+@pytest.mark.slow
 def test_result_of_a_run_counts_what_became_of_the_messages():
     result = corridor(RANGE, robots=2).run(time_limit_s=1.0)
     assert result.links is not None
@@ -278,6 +298,7 @@ def test_run_that_others_may_join_has_no_links(run):
         run(corridor(RANGE, robots=1))
 
 
+@pytest.mark.slow
 def test_robots_that_were_apart_have_one_map_again_and_refuse_nothing_of_each_other():
     cut = PartitionSpec(from_s=3.0, until_s=8.0, groups=(("r2",),))
     scenario = Scenario.builtin("depot").replace(robots=2, seed=4, links=LinkSpec(partitions=(cut,)))

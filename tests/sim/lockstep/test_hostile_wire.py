@@ -25,6 +25,8 @@ from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 from tests.hostile_payloads import payloads
 
+pytestmark = pytest.mark.slow
+
 QUERIES = [row for row in TOPICS if isinstance(row, Query)]
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
 NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}

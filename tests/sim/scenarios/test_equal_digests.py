@@ -40,6 +40,7 @@ def digest(scenario: Scenario) -> str:
     return summary.digest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "links"), [("arena_small", None), *((name, LINKS) for name in builtin_names())])
 def test_equal_seeds_give_equal_digests(name: str, links: LinkSpec | None) -> None:
     scenario = Scenario.builtin(name).replace(faults=FAULTS, links=links)
@@ -57,6 +58,7 @@ def digest_without_faults() -> str:
     return digest(Scenario.builtin("arena_small"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.kind} of {fault.robot}")
 def test_each_of_the_faults_makes_a_difference_or_waits_to(fault: FaultSpec, digest_without_faults: str) -> None:
     quiet = {FaultKind.DISK_FULL, FaultKind.DRAIN, FaultKind.LIDAR_FREEZES, FaultKind.MOTORS_FAIL}

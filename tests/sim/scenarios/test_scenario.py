@@ -15,6 +15,7 @@ TINY = '[scenario]\nname = "tiny"\nseed = 3\n[floor]\nsize_m = [1.5, 1.5]\n[team
 SMALL = Scenario.builtin("arena_small")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", builtin_names())
 def test_of_each_built_in_floor_the_robots_can_reach_nearly_everything(name):
     world = Scenario.builtin(name).world()
@@ -24,6 +25,7 @@ def test_of_each_built_in_floor_the_robots_can_reach_nearly_everything(name):
     assert np.count_nonzero(reachable) / free >= 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", builtin_names())
 def test_each_built_in_scenario_starts_and_its_robots_see(name):
     scenario = Scenario.builtin(name)
@@ -91,12 +93,14 @@ def test_replacing_what_a_scenario_does_not_have_is_answered_with_what_it_has():
         SMALL.replace(robot=3)
 
 
+@pytest.mark.slow
 def test_a_scenario_can_be_drawn_in_a_script():
     scenario = Scenario(name="mine", floor=FloorDrawing(size_m=(5.0, 4.0)), robots=1)
     result = scenario.run(until_explored=0.9, time_limit_s=60.0)
     assert (result.scenario, result.ended, result.motes) == ("mine", "explored", 0)
 
 
+@pytest.mark.slow
 def test_the_curve_of_a_run_begins_at_nothing_and_ends_with_the_result():
     result = SMALL.run(until_explored=1.0, time_limit_s=12.0)
     times_s, shares = zip(*result.explored_curve, strict=True)
@@ -107,6 +111,7 @@ def test_the_curve_of_a_run_begins_at_nothing_and_ends_with_the_result():
     assert list(shares) == sorted(shares)
 
 
+@pytest.mark.slow
 def test_progress_is_told_to_the_end():
     told = []
     result = SMALL.run(time_limit_s=3.0, until_explored=1.0, on_progress=told.append)
@@ -115,6 +120,7 @@ def test_progress_is_told_to_the_end():
     assert [progress.sim_time_s for progress in told] == sorted(progress.sim_time_s for progress in told)
 
 
+@pytest.mark.slow
 def test_figures_of_the_robots_add_up_to_those_of_the_team():
     result = SMALL.run(time_limit_s=5.0, until_explored=1.0)
     assert [robot.name for robot in result.per_robot] == ["r1", "r2"]

@@ -17,6 +17,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "scenarios.md"
 OF_THE_ISSUE = {"cave", "hospital", "islands", "no_centre", "office", "relay_chain", "warehouse"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(OF_THE_ISSUE))
 def test_its_team_explores_it_without_a_collision_and_does_its_tasks(name):
     result = Scenario.builtin(name).run()

@@ -92,6 +92,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
 def test_the_team_does_its_tasks_in_spite_of_a_fault_that_changes_the_run(fault):
     verdict = run_trial(with_faults(fault))
@@ -100,6 +101,7 @@ def test_the_team_does_its_tasks_in_spite_of_a_fault_that_changes_the_run(fault)
     assert said(with_faults(fault), COORDINATOR_STATE, ROBOT_STATE) != said(TEAM, COORDINATOR_STATE, ROBOT_STATE)
 
 
+@pytest.mark.slow
 def test_equal_scripts_give_equal_runs():
     first, second = (said(draw_script(2), TASK_EVENT, ROBOT_STATE) for _ in range(2))
     assert len(first) > 500
@@ -267,6 +269,7 @@ def test_the_operator_resumes_a_robot_that_was_cut_off_when_the_halt_ended():
     assert 29.9 < halted_s[-1] < 33.0
 
 
+@pytest.mark.slow
 def test_the_judge_excuses_a_robot_that_missed_a_halt_if_the_coordinator_refuses_what_robots_say():
     # The coordinator misses the halt as well, and to its clock the states of the halted robot are from the future.
     skew = FaultSpec(robot=COORDINATOR, kind=FaultKind.CLOCK_SKEW, at_s=4.0, until_s=25.0, skew_s=-12.0)

@@ -16,6 +16,8 @@ from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.stand_in_run import StandInRun
 from robrain.sim.stand_in.trial import quiet, run_trial
 
+pytestmark = pytest.mark.slow
+
 KILLED_S, NEVER_S = 1.6, 2000.0
 
 

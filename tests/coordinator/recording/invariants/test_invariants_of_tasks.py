@@ -418,6 +418,7 @@ def play(changes: list[tuple[str, TaskState]], again: set[int]) -> Told:
     return told
 
 
+@pytest.mark.slow
 @given(histories(), st.sets(st.integers(0, 24)))
 def test_no_legal_history_breaks_an_invariant_however_often_its_changes_are_repeated(
     changes: list[tuple[str, TaskState]], again: set[int]
@@ -430,6 +431,7 @@ def test_no_legal_history_breaks_an_invariant_however_often_its_changes_are_repe
     assert told.ruling(Invariant.TASK_KEPT).cases == len({task for task, _ in changes})
 
 
+@pytest.mark.slow
 @given(histories(), st.integers(1, 3))
 def test_any_task_that_disappears_from_the_count_is_found(changes: list[tuple[str, TaskState]], lost: int) -> None:
     told = play(changes, set())
@@ -440,6 +442,7 @@ def test_any_task_that_disappears_from_the_count_is_found(changes: list[tuple[st
     assert sum(one.missing for one in found if isinstance(one, TasksForgotten)) == lost
 
 
+@pytest.mark.slow
 def test_what_is_remembered_of_ended_tasks_is_bounded() -> None:
     changes = TaskChanges()
     place = Point2D(0.0, 0.0)

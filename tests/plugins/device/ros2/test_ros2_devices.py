@@ -205,6 +205,7 @@ def test_odometry_that_is_silent_or_rejected_while_it_has_a_publisher_is_told_ap
     assert "the publisher of /r1/odom is silent, or what it says is rejected" in robot.state()[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("periods", [7, 13, 29, 100])
 def test_a_robot_that_was_away_for_long_is_back_within_two_seconds_where_its_odometry_was(robot, periods):
     robot.run(0.4, lambda: robot.say(Pose2D(1.0, 0.0, 0.0)))
