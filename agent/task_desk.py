@@ -53,8 +53,8 @@ RESULT_BYTES_MAX, RESULT_FIELDS_MAX = 1024, 64
 NS_PER_MS = 1_000_000
 EPOCH_AHEAD_MAX = 24 * 3600 * 1000
 """Milliseconds. A coordinator starts its epochs at its clock's milliseconds and adds one per offer, so they stay behind
-the clock. An epoch farther than this ahead of the robot's clock is refused, because every later coordinator would seem
-out of date (chosen: no two clocks of a team differ by a day)."""
+its clock. An epoch farther than this ahead of that clock is refused, because every later coordinator would seem out of
+date (chosen)."""
 
 
 DONE_TOLD_S = 5.0
@@ -123,6 +123,8 @@ class TaskDesk:
         """A task goes on without its coordinator for so long, if that is longer than the lease."""
         self.trusted_ns: int | None = None
         """When somebody else last vouched for the robot's tasks, as a coordinator does by being heard."""
+        self.coordinator_ahead_ns = 0
+        """How far the coordinator's clock is ahead of the robot's; 0 unless they differ."""
         self._epoch = 0
         self._lease_ns = 0
         self._executors: dict[str, _Executor] = {}
@@ -258,11 +260,13 @@ class TaskDesk:
         One that is for after the running task is held; it takes the place of another that was held. Where that task has
         just ended by itself, it is begun.
         """
+        if self.coordinator_ahead_ns:
+            offer = msgspec.structs.replace(offer, task=offer.task.moved_in_time(-self.coordinator_ahead_ns))
         held, status = self.held, self.status
         newest = max(self._epoch, held.offer.epoch if held is not None else 0)
         if offer.epoch < newest:
             return _too_old(offer.epoch, newest)
-        if offer.epoch > now_ns // NS_PER_MS + EPOCH_AHEAD_MAX:
+        if offer.epoch > (now_ns + self.coordinator_ahead_ns) // NS_PER_MS + EPOCH_AHEAD_MAX:
             return TaskAnswer.refused(EpochAhead(offer.epoch))
         for known in (status, held.status if held is not None else None):
             if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
@@ -427,12 +431,7 @@ class TaskDesk:
         """
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""
-        if self.coordinator_heard_ns is not None and self.coordinator_heard_ns > now_ns:  # the clock was set back
-            self.coordinator_heard_ns = now_ns
-        if self.trusted_ns is not None:
-            self.trusted_ns = min(self.trusted_ns, now_ns)
-        if (held := self.held) is not None and held.since_ns > now_ns:
-            self.held = held = held._replace(since_ns=now_ns)
+        held = self.held
         heard_ns = self.coordinator_heard_ns if self.trusted_ns is None else self._vouched_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)

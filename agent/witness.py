@@ -119,7 +119,6 @@ class Witness:
 
     def answer(self, asked: WitnessRequest, now_ns: int) -> WitnessReply:
         """Grant or refuse a coordinator's request."""
-        self.clock_set_back(now_ns)
         refusal = self._why_not(asked, now_ns)
         if refusal is None:
             refusal = self._store(asked)
@@ -127,12 +126,8 @@ class Witness:
             self._obeyed, self._heard_ns = asked.journal, now_ns
         return WitnessReply(refusal=refusal, election=self._greatest, before=self._kept.before)
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was heard later than now."""
-        self._heard_ns = min(self._heard_ns, now_ns)
-
     def note_pause(self, now_ns: int) -> None:
-        """Start the time of silence again: the process was stopped, or its clock was set ahead."""
+        """Start the time of silence again: the process was stopped."""
         self._heard_ns = now_ns
 
     @property

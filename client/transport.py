@@ -10,7 +10,7 @@ from typing import Protocol
 import zenoh
 
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, OPERATOR
-from robrain.protocol.wire.clock import Clock, WallClock
+from robrain.protocol.wire.clock import Clock, LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.hub import nobody_answers, team_endpoints
@@ -92,7 +92,7 @@ class LiveTransport:
     def __init__(self, connect: str | None = None, *, team: str = DEFAULT_TEAM, patience_s: float = PATIENCE_S) -> None:
         self.team = check_name("team", team)
         self.patience_s = patience_s
-        self.clock = WallClock()
+        self.clock = LiveClock()
         self.session = open_client_session(connect)
         self._began_s = time.monotonic()
 

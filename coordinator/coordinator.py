@@ -44,7 +44,7 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode, most_refused
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.clock import clock_difference_ns, to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
@@ -189,9 +189,7 @@ class Coordinator:
     def step(self) -> None:
         """Hear, decide, act."""
         now_ns = self._wire.clock.now_ns()
-        if now_ns < self._now_ns:
-            self._clock_set_back(now_ns)
-        elif now_ns - self._now_ns > PAUSE_NS:
+        if now_ns - self._now_ns > PAUSE_NS:
             self.roster.note_pause(now_ns - self._now_ns)
             self.lifecycle.note_pause(now_ns)
         if self._wire.has_waiting:
@@ -251,24 +249,6 @@ class Coordinator:
         if self.mandate is None or self.mandate.leads(now_ns):
             return ""
         return told(NotLeading(self.mandate.heard(now_ns), len(self.mandate.witnesses)))
-
-    def _clock_set_back(self, now_ns: int) -> None:
-        """What was due by the old time is due now: a coordinator that is silent meanwhile loses its robots."""
-        self._decide_due_ns = self._look_due_ns = self._summary_due_ns = 0
-        self._frontiers.clock_set_back()
-        self.roster.clock_set_back(now_ns)
-        self.lifecycle.clock_set_back(now_ns)
-        self.planning.clock_set_back()
-        self.left.clock_set_back()
-        self.fence.clock_set_back(now_ns)
-        self.motes.clock_set_back(now_ns)
-        self.mote_field.clock_set_back(now_ns)
-        if self.rules is not None:
-            self.rules.clock_set_back(now_ns)
-        if self.feed is not None:
-            self.feed.clock_set_back(now_ns)
-        if self.mandate is not None:
-            self.mandate.clock_set_back(now_ns)
 
     def _lead(self, _request: Request[LeadRequest]) -> LeadReply:
         self._decide_due_ns = 0
@@ -330,8 +310,9 @@ class Coordinator:
                 self._wire.refusals.note(ROBOT_BALLOT.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
             self.lifecycle.held_elsewhere.hear(received.message, now_ns)
             is_secured, why_impossible = self._wire.member is not None, self._requests.why_impossible
+            ahead_ns = clock_difference_ns(received.message.stamp_ns, now_ns)
             with self.lifecycle.as_far_as_written(now_ns):
-                if take_in(self.tasks, received.message, why_impossible, is_secured=is_secured):
+                if take_in(self.tasks, received.message, why_impossible, is_secured=is_secured, ahead_ns=ahead_ns):
                     self._decide_due_ns = now_ns
             return
         if received.topic is COORDINATOR_STAND_BY:

@@ -7,8 +7,6 @@ speak to a robot at all is the router's business.
 import threading
 from typing import Protocol
 
-import msgspec
-
 from robrain.agent.errors import PluginBusy
 from robrain.agent.plugin import PluginState
 from robrain.protocol.wire.clock import Clock, to_ns
@@ -28,7 +26,6 @@ class ExternalLeases:
         self._clock = clock
         self._lock = threading.Lock()
         self._leases: dict[str, Lease] = {}
-        self._lasts_ns: dict[str, int] = {}
         """How long each was given for."""
 
     def take(self, plugin: str, holder: str, lease_s: float) -> Lease:
@@ -47,7 +44,7 @@ class ExternalLeases:
             if found is not None and found.holder != holder:
                 raise PluginBusy(plugin, found.holder)
             lease = Lease(plugin=plugin, holder=holder, until_ns=self._clock.now_ns() + to_ns(lease_s))
-            self._leases[plugin], self._lasts_ns[plugin] = lease, to_ns(lease_s)
+            self._leases[plugin] = lease
             return lease
 
     def release(self, plugin: str, holder: str) -> bool:
@@ -77,9 +74,6 @@ class ExternalLeases:
         if now_ns >= found.until_ns:
             del self._leases[plugin]
             return None
-        latest_ns = now_ns + self._lasts_ns[plugin]
-        if found.until_ns > latest_ns:  # the clock was set back
-            self._leases[plugin] = found = msgspec.structs.replace(found, until_ns=latest_ns)
         return found
 
 

@@ -17,7 +17,7 @@ import msgspec
 
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.plugin import Level
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -56,7 +56,7 @@ class ForeignBench:
         with ExitStack() as opening:
             hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
             opening.callback(hub.close)
-            self._wire = Endpoint(hub, DEFAULT_TEAM, WallClock(), Drive.LIVE)
+            self._wire = Endpoint(hub, DEFAULT_TEAM, LiveClock(), Drive.LIVE)
             opening.callback(self._wire.close)
             self._plugins = ForeignPlugins(self._wire, self.robot)
             environment = {**os.environ, CONNECT_VARIABLE: ",".join(listening_at(hub))}

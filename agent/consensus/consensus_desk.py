@@ -22,7 +22,7 @@ from robrain.protocol.model.consensus.negotiation import Negotiation
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.clock import clock_difference_ns, to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
@@ -178,20 +178,6 @@ class ConsensusDesk:
             self._due_ns = now_ns + (TELL_DONE_PERIOD_NS if is_rare else period_ns)
             self._send(now_ns, is_alone=is_alone)
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was heard later than now, and what is to be waited for lasts no longer than it did from the start."""
-        self._heard_ns = min(self._heard_ns, now_ns)
-        self._due_ns = now_ns
-        self._fenced_until_ns = min(self._fenced_until_ns, now_ns + TOLD_NS)
-        self._tell_until_ns = min(self._tell_until_ns, now_ns + 2 * TOLD_NS)
-        self._opened = self._opened._replace(at_ns=min(self._opened.at_ns, now_ns))
-        self._up_ns = {name: min(up_ns, now_ns) for name, up_ns in self._up_ns.items()}
-        self._mates = {name: mate._replace(heard_ns=min(mate.heard_ns, now_ns)) for name, mate in self._mates.items()}
-        self._not_mine = {task: min(until_ns, now_ns + AGAIN_NS) for task, until_ns in self._not_mine.items()}
-        self._holders.clock_set_back(now_ns)
-        self._look.clock_set_back(now_ns)
-        self.known.clock_set_back(now_ns)
-
     @property
     def changes_heard(self) -> int:
         """The robot has heard of all changes of tasks up to this number."""
@@ -268,8 +254,9 @@ class ConsensusDesk:
         if self._holders.hear(said, self._mates, now_ns) and said.wants:
             self._due_ns = now_ns  # it waits for an echo
         if now_ns - self._heard_ns > SILENT_NS:  # otherwise the coordinator decides about them
+            ahead_ns = clock_difference_ns(said.stamp_ns, now_ns)
             for asked in said.asked:
-                self.known.ask(asked)
+                self.known.ask(asked, ahead_ns)
         self.known.note_ended(said.ended)
         self.known.note_done(said.done)
         if now_ns - self._heard_ns > SILENT_NS:  # see above

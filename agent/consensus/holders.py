@@ -46,10 +46,6 @@ class Holders:
                 self._note(other.id, other.robot, now_ns + min(to_ns(other.left_s), GIVEN_UP_NS))
         return not self._until.keys() <= before.keys()
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nobody keeps a task for longer than from now on."""
-        self._until = {task: (robot, min(until, now_ns + GIVEN_UP_NS)) for task, (robot, until) in self._until.items()}
-
     def of(self, task_id: str, now_ns: int) -> str:
         """Who has a task; empty if nobody is known to."""
         robot, until_ns = self._until.get(task_id, ("", now_ns))

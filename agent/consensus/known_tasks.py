@@ -62,10 +62,6 @@ class KnownTasks:
         """Whether there is room for a task that a robot accepts."""
         return len(self.asked) < ASKED_MAX and len(self.open) < TASKS_MAX
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was heard later than now."""
-        self.open = {name: one._replace(heard_ns=min(one.heard_ns, now_ns)) for name, one in self.open.items()}
-
     def hear(self, event: TaskEvent, now_ns: int = 0) -> None:
         """Take in what the coordinator says of a task."""
         task = event.task
@@ -101,8 +97,8 @@ class KnownTasks:
             if known is None or known.heard_ns < asked_ns:
                 self.hear(event, now_ns)
 
-    def ask(self, asked: TaskAsked) -> None:
-        """Remember a task that a robot has accepted; of two with one id the first heard stays."""
+    def ask(self, asked: TaskAsked, ahead_ns: int = 0) -> None:
+        """Remember a task that a robot has accepted, whose clock is `ahead_ns` ahead; the first of an id stays."""
         task_id = asked.submission.task.id
         if (
             task_id in self.open
@@ -112,7 +108,7 @@ class KnownTasks:
         ):
             return
         try:
-            task = asked.submission.task_at(asked.at_ns)
+            task = asked.submission.task_at(asked.at_ns - ahead_ns)
         except (ValueError, msgspec.ValidationError):
             return  # what the robot that is asked refuses in words; a mate does not say so
         if task.kind not in OWN_KINDS:

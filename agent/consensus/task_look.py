@@ -60,12 +60,6 @@ class TaskLook:
         self._said = last_change
         self._note(last_change, now_ns)
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was missed or asked later than now."""
-        self._asked_ns, self._due_ns = min(self._asked_ns, now_ns), min(self._due_ns, now_ns + AGAIN_NS)
-        if self.behind_since_ns is not None:
-            self.behind_since_ns = min(self.behind_since_ns, now_ns)
-
     def step(self, now_ns: int) -> None:
         """Ask for what is missing, and take it in."""
         if self._asked is None:

@@ -38,7 +38,7 @@ from robrain.agent.task_desk import TaskDesk
 from robrain.agent.witness import Witness, WitnessInMemory, WitnessMemory
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.wire.border.refusals import Refusals, most_refused
-from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.clock import Clock, clock_difference_ns, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_VERB
@@ -222,8 +222,6 @@ class AgentHost:
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:
             halting.hear()
-        if now_ns < self._stepped_ns:
-            self._clock_set_back(now_ns)
         if now_ns - self._stepped_ns > STOOD_STILL_NS:
             self._slept_ns, self._awake_ns = self._stepped_ns, now_ns + WAKING_NS
             self.witness.note_pause(now_ns)
@@ -231,6 +229,7 @@ class AgentHost:
             # A process that was stopped finds summaries of any age: they may have come right after its last step.
             heard_ns = self._slept_ns if now_ns < self._awake_ns else now_ns
             for received in self._inbox.drain():
+                self.desk.coordinator_ahead_ns = clock_difference_ns(received.message.stamp_ns, now_ns)
                 if self.witness.hear(received.message, now_ns):
                     self.desk.hear_coordinator(received.message, self.name, heard_ns)
         self._stepped_ns = now_ns
@@ -256,18 +255,11 @@ class AgentHost:
         if self.desk.held is not None and self.desk.go_on(now_ns) and self._schedule is not None:
             for _ in range(WOKEN_PASSES):
                 self._schedule.step(self._registry.plugins, now_ns)
-        if not 0 < self._state_due_ns - now_ns <= STATE_PERIOD_NS:  # it is due, or the clock was set back
-            self._state_due_ns = max(min(self._state_due_ns, now_ns) + STATE_PERIOD_NS, now_ns)
+        if now_ns >= self._state_due_ns:
+            self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
             self._publish_state()
         elif self.desk.differs_from(self._told_facts):  # the next task must not wait for the period
             self._publish_state()
-
-    def _clock_set_back(self, now_ns: int) -> None:
-        self._slept_ns, self._awake_ns = min(self._slept_ns, now_ns), min(self._awake_ns, now_ns)
-        self.manager.faults.clock_set_back(now_ns)
-        self.witness.clock_set_back(now_ns)
-        if self._consensus is not None:
-            self._consensus.clock_set_back(now_ns)
 
     def task_and_trace(self) -> tuple[str, str]:
         """Id and trace of the task that the robot is at, else of the one that it begins next; empty if none."""

@@ -89,15 +89,6 @@ class FaultDesk:
         self._cases.pop(plugin.name, None)
         self._drops.pop(plugin.name, None)
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was done later than now, and no restart is farther away than its longest pause."""
-        self.look_ns = 0
-        self._looked_ns, self._looked_hung_ns = min(self._looked_ns, now_ns), min(self._looked_hung_ns, now_ns)
-        for case in self._cases.values():
-            case.started_ns = min(case.started_ns, now_ns)
-            if case.again_ns is not None:
-                case.again_ns = min(case.again_ns, now_ns + to_ns(case.plugin.manifest.tag.backoff_max_s))
-
     def look(self, now_ns: int) -> None:
         """Restart what is due; see who hangs and who floods."""
         for case in list(self._cases.values()):

@@ -19,7 +19,7 @@ from robrain.agent.isolation.peer import Peer
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
 from robrain.protocol.model.localization.gyro_yaw import YawRate
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
 from robrain.protocol.wire.session import open_session
@@ -130,7 +130,7 @@ class ChildEnvironment(Environment):
         self._own_module = ""
         self._parent = parent
         self._turn = turn
-        self.clock = WallClock()
+        self.clock = LiveClock(begin.clock_offset_ns)
         self._session: zenoh.Session | None = None
         self._observers: list[tuple[Callable[[Any], None], Any]] = []
 

@@ -32,6 +32,7 @@ from robrain.agent.isolation.plain_data import encode
 from robrain.agent.isolation.process_group import how_it_ended
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 
 _PERIOD = msgspec.msgpack.Decoder(float | None)
@@ -170,6 +171,7 @@ class IsolatedPlugin(Plugin):
             parameters=encode(self.parameters),
             seeds=env.seeds,
             connect=env.connect,
+            clock_offset_ns=LiveClock().offset_ns,
             import_path=sys.path,
             memory_mb=self._limits.memory_mb,
             log_level=logging.getLogger().getEffectiveLevel(),

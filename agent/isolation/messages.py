@@ -23,6 +23,8 @@ class Begin(Message, frozen=True):
     seeds: tuple[int, ...]
     """Of the plugin's generator."""
     connect: list[str]
+    clock_offset_ns: int
+    """Of the parent's clock: parent and child stamp alike."""
     import_path: list[str]
     memory_mb: int
     log_level: int

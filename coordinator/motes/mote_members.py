@@ -80,12 +80,6 @@ class Errand:
             self.values.append(reading.value)
             self.last_ns = now_ns
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """It began, and was heard, no later than now, and lasts no longer than from now on."""
-        self.began_ns, self.last_ns = min(self.began_ns, now_ns), min(self.last_ns, now_ns)
-        lasts_s = self.wanted.duration_s if isinstance(self.wanted, Monitor) else 0.0
-        self.until_ns = min(self.until_ns, now_ns + to_ns(lasts_s))
-
     @property
     def result(self) -> dict[str, Any]:
         """What came of it."""
@@ -154,14 +148,6 @@ class MoteDesk:
                     self._give_out(record, now_ns)
         self._seen_version = self._book.version
         return freed
-
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing began, or was heard, later than now."""
-        self._look_ns = 0
-        for mote in self.table.motes.values():
-            mote.clock_set_back(now_ns)
-        for errand in self._errands.values():
-            errand.clock_set_back(now_ns)
 
     def _hear(self, now_ns: int) -> None:
         def take(received: Received) -> None:

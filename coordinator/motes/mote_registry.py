@@ -24,8 +24,6 @@ class Mote:
         self.name = reading.mote
         self.latest = reading
         self.heard_ns = now_ns
-        self._is_any_newer = False
-        """Whether the next reading is the latest whatever its time: the clock was set back."""
 
     @property
     def place(self) -> Point2D | None:
@@ -44,13 +42,8 @@ class Mote:
 
     def note(self, reading: MoteReading, now_ns: int) -> None:
         """It was heard; a stored reading tells nothing of how it is now."""
-        if self._is_any_newer or taken_at_ns(reading) >= self.taken_ns:
-            self.latest, self._is_any_newer = reading, False
-            self.heard_ns = now_ns
-
-    def clock_set_back(self, now_ns: int) -> None:
-        """It was heard no later than now."""
-        self.heard_ns, self._is_any_newer = min(self.heard_ns, now_ns), True
+        if taken_at_ns(reading) >= self.taken_ns:
+            self.latest, self.heard_ns = reading, now_ns
 
     def silent_s(self, now_ns: int) -> float:
         """Since when nothing new of it has come."""

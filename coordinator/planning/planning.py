@@ -166,11 +166,6 @@ class Planning:
             self._ask(now_ns)
         return self._take(now_ns)
 
-    def clock_set_back(self) -> None:
-        """Look, and plan if needed, without waiting for times that lie ahead now."""
-        self._look_ns = self._not_before_ns = 0
-        self._asked_ns = None
-
     def hear(self, before: RobotState | None, state: RobotState) -> None:
         """Compare a robot's new state with its last, and plan without delay if a plan depends on the change."""
         if before is None or _standing(before) != _standing(state):

@@ -122,13 +122,6 @@ class RuleDesk:
         self._now_ns = now_ns
         self._guard.messages(self._inbox.drain(), self._take)
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was sensed, or happened, later than now."""
-        self._now_ns = now_ns
-        self.tracks.clock_set_back(now_ns)
-        for watch in self._watches:
-            watch.clock_set_back(now_ns)
-
     def status(self) -> list[RuleStatus]:
         """Each rule and what it has done, in the order of the file."""
         return [watch.status(self._is_open) for watch in self._watches]

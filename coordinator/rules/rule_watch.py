@@ -32,14 +32,6 @@ class TrackTable:
     def __len__(self) -> int:
         return len(self._tracks)
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Forget what was sensed later than now."""
-        for key, (track, heard_ns) in list(self._tracks.items()):
-            if track.newest_ns > now_ns:
-                del self._tracks[key]
-            else:
-                self._tracks[key] = (track, min(heard_ns, now_ns))
-
     def of(self, rule: str, mote: str, condition: ReadingCondition, now_ns: int) -> LevelTrack | None:
         """What a rule knows of a mote that is just heard; None if there is no room for it."""
         key = (rule, mote)
@@ -126,16 +118,6 @@ class RuleWatch:
         self._made += 1
         self._last_ns = alarm.fired_ns
         self._not_before_ns = alarm.fired_ns + to_ns(self.rule.cooldown_s)
-
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing happened later than now, and what is to be waited for lasts no longer than from now on."""
-        self._last_ns = min(self._last_ns, now_ns)
-        self._not_before_ns = min(self._not_before_ns, now_ns + max(RETRY_NS, to_ns(self.rule.cooldown_s)))
-        self._trusted_ns = min(self._trusted_ns, now_ns + SILENT_NS)
-        self._alight = OrderedDict((mote, min(until_ns, now_ns + SILENT_NS)) for mote, until_ns in self._alight.items())
-        for source, alarm in self.alarms.items():
-            taken_ns, fired_ns = min(alarm.taken_ns, now_ns), min(alarm.fired_ns, now_ns)
-            self.alarms[source] = alarm._replace(taken_ns=taken_ns, fired_ns=fired_ns)
 
     def refused(self, why: str, now_ns: int) -> None:
         """A task was not made, because it is impossible now."""

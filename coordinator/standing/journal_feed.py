@@ -166,13 +166,6 @@ class JournalFeed:
                 )
             )
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was heard or sent later than now."""
-        self._heard_ns, self._put_ns = min(self._heard_ns, now_ns), min(self._put_ns, now_ns)
-        self._copy_heard_ns = min(self._copy_heard_ns, now_ns)
-        self._pause_ns = min(self._pause_ns, now_ns + PAUSE_NS)
-        self._waiting = deque(one._replace(since_ns=min(one.since_ns, now_ns)) for one in self._waiting)
-
     def close(self) -> None:
         """The coordinator ends; who waits still is told that nothing more is waited for."""
         self._journal.on_written = None

@@ -69,8 +69,6 @@ class Mandate:
         self._number = 0
         self._poll: Poll | None = None
         self._was_leading = True
-        self._is_void = False
-        """Whether the clock was set back since the election: stamps no longer measure the lease."""
 
     @property
     def witnesses(self) -> Sequence[str]:
@@ -93,7 +91,7 @@ class Mandate:
 
     def _is_backed(self, now_ns: int) -> bool:
         """Whether more than half of the witnesses currently refuse other candidates."""
-        is_elected_now = not self._is_void and 0 <= now_ns - self._won.asked_ns <= LEASE_NS
+        is_elected_now = 0 <= now_ns - self._won.asked_ns <= LEASE_NS
         return is_elected_now or 2 * self.heard(now_ns) > len(self.witnesses)
 
     def _followed_by(self, now_ns: int) -> str:
@@ -161,7 +159,7 @@ class Mandate:
                 "the coordinator does not lead any more: %d of %d witnesses hear it; it stands for election",
                 self.heard(now_ns), len(self.witnesses),
             )  # fmt: skip
-        if leads and not self._is_void and not self._is_outvoted():
+        if leads and not self._is_outvoted():
             self._candidate.rest()
             # Without enough witnesses the other could not be elected, and this one not go on without it.
             adds = copy if copy in self._held or self._is_backed(now_ns) else ""
@@ -170,22 +168,17 @@ class Mandate:
             self._poll = None
             won = self._candidate.step(now_ns, is_copy=False)
             if won is not None:
-                self._won, self._number, self._held, self._is_void = won, 0, frozenset(), False
+                self._won, self._number, self._held = won, 0, frozenset()
                 if not leads:
                     logger.warning("the coordinator leads again, by election %d", won.election)
         before, self._was_leading = (self._was_leading, election), self.leads(now_ns)
         return before != (self._was_leading, self._won.election)
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Invalidate the lease; the witnesses are asked again."""
-        self._is_void = True
-        self._listen_until_ns = min(self._listen_until_ns, now_ns + LISTEN_NS)
-
     def _is_heard_by(self, name: str, now_ns: int) -> bool:
         return self._is_fresh(self._led(name), now_ns)
 
     def _is_fresh(self, led: Led, now_ns: int) -> bool:
-        return not self._is_void and led.election == self._won.election and 0 <= now_ns - led.stamp_ns <= LEASE_NS
+        return led.election == self._won.election and 0 <= now_ns - led.stamp_ns <= LEASE_NS
 
     def _is_outvoted(self) -> bool:
         """Whether a witness has voted in a later election without a winner; until the next it it follows none."""

@@ -127,14 +127,6 @@ class OfferFence:
         self._end()
         return silent
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """No robot was heard later than now, as in the roster."""
-        self._write_ns, self._apart_ns = min(self._write_ns, now_ns), min(self._apart_ns, now_ns)
-        if self._held_since_ns is not None:
-            self._held_since_ns = min(self._held_since_ns, now_ns)
-        self._before = {name: min(heard_ns, now_ns) for name, heard_ns in self._before.items()}
-        self._left = {name: min(heard_ns, now_ns) for name, heard_ns in self._left.items()}
-
     def _counts(self, name: str, heard_ns: int | None, now_ns: int) -> bool:
         if name in self._left or heard_ns is None:
             return False

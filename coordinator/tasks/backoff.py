@@ -88,11 +88,6 @@ class Backoff:
             return avoided.reason
         return self.robots.why_unreached(robot, now_ns)
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """No pause lasts longer than from now on."""
-        self._avoided = {pair: one._replace(until_ns=_latest(one, now_ns)) for pair, one in self._avoided.items()}
-        self.robots.clock_set_back(now_ns)
-
     def pauses(self, now_ns: int) -> dict[tuple[str, str], RobotReason]:
         """Which task must not be offered to which robot now, and why."""
         return {pair: avoided.reason for pair, avoided in self._avoided.items() if now_ns < avoided.until_ns}
@@ -124,12 +119,6 @@ class RobotPauses:
         self._tired: dict[str, _Pause] = {}
         self._refusals: dict[str, int] = {}
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """No pause lasts longer than from now on."""
-        for kept in (self._unreached, self._tired):
-            for robot, pause in kept.items():
-                kept[robot] = pause._replace(until_ns=_latest(pause, now_ns))
-
     def unreached(self, robot: str, reason: Unreachable, now_ns: int) -> None:
         """Record that an offer did not reach a robot."""
         _lengthen(self._unreached, robot, reason, now_ns)
@@ -157,10 +146,6 @@ class RobotPauses:
     def why(self, robot: str, now_ns: int) -> RobotReason | None:
         """Why a robot must not be offered one of the coordinator's own tasks now; None if it may."""
         return _why(self._unreached, robot, now_ns) or _why(self._tired, robot, now_ns)
-
-
-def _latest(pause: _Avoided | _Pause, now_ns: int) -> int:
-    return min(pause.until_ns, now_ns + to_ns(pause.pause_s))
 
 
 def _lengthen(pauses: dict[str, _Pause], robot: str, reason: RobotReason, now_ns: int) -> None:

@@ -19,24 +19,16 @@ class HeldElsewhere:
     def __init__(self, book: TaskBook, roster: Roster) -> None:
         self._book, self._roster = book, roster
         self._until: dict[str, tuple[str, int]] = {}
-        self._longest_ns = 0
-        """Of the times that robots have told."""
 
     def hear(self, said: TeamBallot, now_ns: int) -> None:
         """Take in what a robot says of itself and of others."""
         self._until = {task: one for task, one in self._until.items() if one[0] != said.robot and one[1] > now_ns}
         for other in said.absent:
             record, known = self._book.find(other.id), self._until.get(other.id)
-            left_ns = to_ns(other.left_s)
-            until_ns, self._longest_ns = now_ns + left_ns, max(self._longest_ns, left_ns)
+            until_ns = now_ns + to_ns(other.left_s)
             is_queued = record is not None and record.state is TaskState.QUEUED
             if is_queued and other.robot != said.robot and (known is None or known[1] < until_ns):
                 self._until[other.id] = (other.robot, until_ns)
-
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nobody may be at a task for longer than from now on."""
-        latest_ns = now_ns + self._longest_ns
-        self._until = {task: (robot, min(until_ns, latest_ns)) for task, (robot, until_ns) in self._until.items()}
 
     def by(self, task_id: str, now_ns: int) -> str:
         """The robot that may be at a task; empty if there is none. One that is heard says itself what it is at."""

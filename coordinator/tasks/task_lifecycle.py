@@ -63,7 +63,7 @@ class TaskLifecycle:
         self._book = book
         self._roster = roster
         self._capabilities = capabilities
-        self._since_ns = self._set_back_ns = wire.clock.now_ns()
+        self._since_ns = self._begun_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
         self.backoff = self._backoff = Backoff()
@@ -74,16 +74,8 @@ class TaskLifecycle:
         self._written = _AsFarAsWritten()
         self._settled_version = -1
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Times that lie ahead now count as now."""
-        self._since_ns = min(self._since_ns, now_ns)
-        self._set_back_ns = now_ns
-        self._withdrawn_ns.clear()
-        self.backoff.clock_set_back(now_ns)
-        self.held_elsewhere.clock_set_back(now_ns)
-
     def note_pause(self, now_ns: int) -> None:
-        """The coordinator itself stood still, or its clock was set ahead: it listens to its robots anew."""
+        """The coordinator itself stood still: it listens to its robots anew."""
         self._since_ns = now_ns
 
     # -- hearing --------------------------------------------------------------------------------------------
@@ -201,8 +193,8 @@ class TaskLifecycle:
             task_id = record.task.id
             if record.robot.startswith(MEMBER_PREFIX):
                 return  # handled by the motes' desk
-            if record.changed_ns > now_ns:  # before the clock was set back
-                record = msgspec.structs.replace(record, changed_ns=self._set_back_ns)
+            if record.changed_ns > now_ns:  # by the clock of a coordinator before this one
+                record = msgspec.structs.replace(record, changed_ns=self._begun_ns)
             if record.robot:
                 robot = self._roster.robots.get(record.robot)
                 is_unheard = robot is None or robot.state is None

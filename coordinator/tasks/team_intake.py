@@ -13,7 +13,12 @@ from robrain.protocol.wire.reasons.tasks import Cancelled
 
 
 def take_in(
-    book: TaskBook, said: TeamBallot, why_impossible: Callable[[Task], str], *, is_secured: bool = False
+    book: TaskBook,
+    said: TeamBallot,
+    why_impossible: Callable[[Task], str],
+    *,
+    is_secured: bool = False,
+    ahead_ns: int = 0,
 ) -> bool:
     """Note a robot's tasks, and the ends that it tells of, that no coordinator decided on; whether anything is new.
 
@@ -24,15 +29,15 @@ def take_in(
         said: by a robot.
         why_impossible: why a task can never be done; empty if it may be possible.
         is_secured: whether the robot's name is vouched for: what it says of others is then noted as its own word.
+        ahead_ns: how far the robot's clock is ahead.
 
     Raises:
         JournalUnwritable: what could not be written is told again with the next ballot.
 
     """
     version = book.version
-    new = [
-        task for asked in said.asked if (task := _accept(book, said.robot, asked, is_secured=is_secured)) is not None
-    ]
+    accepted = (_accept(book, said.robot, asked, ahead_ns, is_secured=is_secured) for asked in said.asked)
+    new = [task for task in accepted if task is not None]
     for done in said.done:
         record = book.find(done.id)
         if record is not None and record.state.ended:
@@ -73,7 +78,7 @@ def _by(robot: str, claim: str, *, is_secured: bool) -> str:
     return cut(f"robot:{robot} for {claim or 'nobody named'}") if is_secured else claim
 
 
-def _accept(book: TaskBook, robot: str, asked: TaskAsked, *, is_secured: bool) -> Task | None:
+def _accept(book: TaskBook, robot: str, asked: TaskAsked, ahead_ns: int, *, is_secured: bool) -> Task | None:
     """Add a task that robots have accepted to the book. None if it is there already; robots are told again."""
     submission = asked.submission
     record = book.find(submission.task.id)
@@ -81,7 +86,7 @@ def _accept(book: TaskBook, robot: str, asked: TaskAsked, *, is_secured: bool) -
         book.tell(record)
         return None
     try:
-        task = submission.task_at(asked.at_ns)
+        task = submission.task_at(asked.at_ns - ahead_ns)
     except (ValueError, msgspec.ValidationError):
         return None  # no robot has accepted that
     reason = Said(f"{robot} had no coordinator and accepted it")

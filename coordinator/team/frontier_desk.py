@@ -106,10 +106,6 @@ class FrontierDesk:
         """A robot has refused a frontier."""
         self._explorer.note_failure(robot, task.place, now_ns)
 
-    def clock_set_back(self) -> None:
-        """Goals are revised at once."""
-        self._revise_due_ns = 0
-
     def _scout(self, robot: Robot, goal: Point2D | None = None) -> Scout:
         assert robot.state is not None
         pose = robot.state.pose

@@ -59,10 +59,6 @@ class LeftDesk:
         self._published = left
         self._publisher.put(left)
 
-    def clock_set_back(self) -> None:
-        """The clock of the run has been set back: look again as soon as there is a reason."""
-        self._due_ns = 0
-
     def _look(self) -> ExplorationLeft | None:
         return self._explorer.left([scout for robot in self._roster.robots.values() if (scout := _scout(robot))])
 

@@ -160,17 +160,8 @@ class Roster:
         self._up_at_ns = None
         return robot
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nobody was heard later than now, so that a robot's silence counts from now on."""
-        for robot in self._by_name:
-            if robot.heard_ns is not None:
-                robot.heard_ns = min(robot.heard_ns, now_ns)
-            if robot.alone_ns is not None:
-                robot.alone_ns = min(robot.alone_ns, now_ns)
-        self._up_at_ns = None
-
     def note_pause(self, paused_ns: int) -> None:
-        """The coordinator itself stood still for so long, or its clock was set ahead: nobody was silent meanwhile."""
+        """The coordinator itself stood still for so long: nobody was silent meanwhile."""
         for robot in self._by_name:
             if robot.heard_ns is not None:
                 robot.heard_ns += paused_ns

@@ -62,7 +62,7 @@ class TeamMap:
 
         Args:
             patch: from a robot of the team.
-            now_ns: the current time, to reject patches from the future; None skips this check.
+            now_ns: the current time, by which the patch counts; None leaves its times as they are.
 
         Returns:
             Why it was rejected; empty if it was merged or is held.
@@ -74,12 +74,12 @@ class TeamMap:
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
         from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-        from robrain.protocol.wire.messages.maps.map_patch import check_claim, take_message
+        from robrain.protocol.wire.messages.maps.map_patch import in_own_time, take_message
         from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, geometry_of
 
         try:
             if now_ns is not None:
-                check_claim(patch, now_ns)
+                patch = in_own_time(patch, now_ns)
             atlas = self._atlas
             if atlas is None:
                 geometry = geometry_of(patch)

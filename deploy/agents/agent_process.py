@@ -19,7 +19,7 @@ from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.access.member import MemberRole
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
 from robrain.protocol.wire.keys import check_name
@@ -61,7 +61,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
         robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
         memory = WitnessFile(witness_path(table.team, table.name))
-        host = AgentHost(robot_file, robot.parent, session, WallClock(), Drive.LIVE, memory=memory)
+        host = AgentHost(robot_file, robot.parent, session, LiveClock(), Drive.LIVE, memory=memory)
         CONTEXT.robot, CONTEXT.task = host.name, host.task_and_trace
 
         def tell_plugins() -> None:

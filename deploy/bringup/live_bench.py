@@ -10,7 +10,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile
 from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_file
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import RobrainError
 
@@ -39,7 +39,7 @@ class LiveBench(Bench):
         self._stop = threading.Event()
         self._failed = None
         own = bench_file(robot_file, self._base, with_lidar=with_lidar, with_imu=with_imu)
-        self.host = AgentHost(own, self._base, self._session, WallClock(), Drive.LIVE)
+        self.host = AgentHost(own, self._base, self._session, LiveClock(), Drive.LIVE)
         ready = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(self.host, self._stop, ready), name="bringup-host")
         self._thread.start()

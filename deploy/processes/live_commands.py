@@ -13,7 +13,7 @@ from robrain.deploy.processes.live_process import (
     open_hub,
     tell,
 )
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.session import listening_at, open_session
 
@@ -73,7 +73,7 @@ def replay_on_wire(
 
             run_replay(
                 wire,
-                WallClock(),
+                LiveClock(),
                 recording,
                 speed,
                 loop=loop,

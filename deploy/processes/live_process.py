@@ -16,7 +16,7 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.lifeline import Lifeline
 from robrain.deploy.processes.secured_start import warn_of_listening
 from robrain.protocol.wire.border.safe_text import safe_json, safe_lines
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, PortTaken
 from robrain.protocol.wire.hub import given_endpoints, hub_endpoint
@@ -129,7 +129,7 @@ def open_when_there(
 @contextmanager
 def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
     """An endpoint of the live drive, closed at the end of the block."""
-    endpoint = Endpoint(session, team, WallClock(), Drive.LIVE)
+    endpoint = Endpoint(session, team, LiveClock(), Drive.LIVE)
     try:
         yield endpoint
     finally:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.clock import NS_PER_S, WallClock
+from robrain.protocol.wire.clock import NS_PER_S, LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.errors import NameTaken
 from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
@@ -93,7 +93,7 @@ class NameClaim:
         host = _ELSE.sub(".", self.info.host)[:20]
         self._process = f"{began_ms:012x}-{self.info.zid[:16]}-{self.info.pid}-{host}"
         """Sort key of claims: time of asking, then id."""
-        self._wire = Endpoint(session, team, WallClock(), Drive.LIVE)
+        self._wire = Endpoint(session, team, LiveClock(), Drive.LIVE)
         self._tokens: dict[str, Any] = {}
 
     def take(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool], *, stands_by: bool = False) -> bool:

@@ -22,7 +22,7 @@ from robrain.deploy.supervision.site import MakeParts, Site, hub_part, router_pa
 from robrain.deploy.supervision.supervisor import Supervisor
 from robrain.deploy.supervision.team_watch import TeamWatch
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import PortTaken, RobrainError
 from robrain.protocol.wire.hub import HUB_VARIABLE, hub_endpoint
@@ -222,7 +222,7 @@ def run_up(
         if session is None:
             return _result(name, "interrupted", None, supervisor, printed, options)
         closing.callback(session.close)
-        wire = Endpoint(session, options.team, WallClock(), Drive.LIVE)
+        wire = Endpoint(session, options.team, LiveClock(), Drive.LIVE)
         closing.callback(wire.close)
         watch = TeamWatch(wire, options.robots)
         parts = make_parts(Site(folder, endpoint, options.team, watch, is_loopback(endpoint)))

@@ -33,7 +33,7 @@ from robrain.protocol.can.payload import (
     unpack,
 )
 from robrain.protocol.can.segment import Node, Segment
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.errors import BadName, WireError
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -142,7 +142,7 @@ class ZenohBus(can.BusABC):
         self._fd = fd
         self._receives_own = receive_own_messages
         self._now_ns = now_ns
-        self._received_ns = now_ns or (None if direct else WallClock().now_ns)
+        self._received_ns = now_ns or (None if direct else LiveClock().now_ns)
         self._direct = direct
         self._on_outside = on_outside
         self._owner = threading.get_ident()

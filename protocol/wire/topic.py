@@ -214,9 +214,9 @@ class Topic(WireKey, Generic[M]):
         return STAMP in _fields_of(self.message)
 
     @cached_property
-    def has_checked_stamp(self) -> bool:
-        """Whether a stamp from the future is refused; operators may have any clock."""
-        return self.is_stamped and self.by is not Role.OPERATOR
+    def is_timed(self) -> bool:
+        """Whether its times are converted to the receiver's clock."""
+        return hasattr(self.message, "moved_in_time")
 
     def json_schema(self) -> dict[str, Any]:
         """JSON Schema of the payload."""
@@ -256,7 +256,7 @@ class Query(WireKey, Generic[Q, R]):
         """Reads and writes replies."""
         return Codec(self.reply, self.max_reply_bytes, f"reply of {self.name}")
 
-    has_checked_stamp: ClassVar[bool] = False
+    is_timed: ClassVar[bool] = False
     is_latest: ClassVar[bool] = False
 
     @cached_property

@@ -38,7 +38,7 @@ class FaultKind(StrEnum):
     SLOW = "slow"
     """The process takes a step only every `period_s`."""
     CLOCK_SKEW = "clock_skew"
-    """The process reads a clock that is `skew_s` ahead."""
+    """The machine's wall clock is `skew_s` ahead; processes that start meanwhile keep that offset."""
     DISK_FULL = "disk_full"
     """The coordinator's journal cannot be written."""
     DRAIN = "drain"

@@ -112,6 +112,9 @@ class Process:
         if self.component is not None or self._has(FaultKind.KILL):
             return
         self.since_ns = self._true_clock.now_ns()
+        # As live processes do, it reads the machine's wall clock once.
+        skews_s = (each.skew_s or 0.0 for each in self._faults.values())
+        self.clock = SkewedClock(self._true_clock, to_ns(sum(skews_s)))
         self._exchange.begin_life(self.name)
         with self._exchange.acting(self.name):
             try:
@@ -132,8 +135,6 @@ class Process:
                 self._kill()
             else:
                 self.start()
-        skews_s = (each.skew_s or 0.0 for each in self._faults.values())
-        self.clock.skew_ns = to_ns(sum(skews_s))
         self._is_hanging, self._is_slow = self._has(FaultKind.HANG), self._has(FaultKind.SLOW)
         if self.component is not None and (self._is_hanging or self._is_slow):
             self._exchange.sleep(self.name, is_hung=self._is_hanging)

@@ -1,4 +1,4 @@
-"""The clock that one process reads, which may differ from the run's."""
+"""The clock of one process, which may differ from the run's."""
 
 from robrain.protocol.wire.clock import Clock
 
@@ -8,14 +8,14 @@ class SkewedClock:
 
     Args:
         clock: of the run.
+        skew_ns: how far it is ahead.
 
     """
 
-    def __init__(self, clock: Clock) -> None:
-        self.skew_ns = 0
-        """How far it is ahead."""
+    def __init__(self, clock: Clock, skew_ns: int = 0) -> None:
+        self.skew_ns = skew_ns
         self._clock = clock
 
     def now_ns(self) -> int:
-        """See Clock; it may jump, forwards and back, but is never below 0."""
+        """See Clock; never below 0."""
         return max(0, self._clock.now_ns() + self.skew_ns)

@@ -16,7 +16,7 @@ from robrain.coordinator.recording.invariants.task_at_one import TaskAtOne
 from robrain.coordinator.recording.invariants.task_once import TaskOnce
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import AHEAD_NS, Border
+from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.border.refusals import RefusalCode, Refused
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.inbox import Inbox
@@ -252,12 +252,9 @@ class Judge:
                     self._break(Invariant.TWO_AT_ONCE, task_id, what)
 
     def _hears_coordinator(self, robot: str) -> bool:
-        """Whether both hear each other: what comes from a clock too far ahead is refused."""
+        """Whether both hear each other."""
         one, other = self._run.processes[robot], self._run.processes[COORDINATOR]
-        is_awake = one.is_awake and other.is_awake
-        if abs(one.clock.now_ns() - other.clock.now_ns()) > AHEAD_NS:
-            return False
-        return is_awake and self._run.exchange.faults.is_linked(robot, COORDINATOR)
+        return one.is_awake and other.is_awake and self._run.exchange.faults.is_linked(robot, COORDINATOR)
 
     def _look_at_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
         """What a robot has done, as it stands at its desk or was told: in one tick several tasks may end."""
@@ -368,7 +365,7 @@ class _HaltWatch:
     def _spread(self, now_ns: int) -> None:
         run = self._run
         for name in run.bodies:
-            is_linked = run.exchange.faults.is_linked(name, COORDINATOR) and self._have_like_clocks(name, COORDINATOR)
+            is_linked = run.exchange.faults.is_linked(name, COORDINATOR)
             if not (self._hears(name) and self._hears(COORDINATOR) and is_linked):
                 self._linked_ns.pop(name, None)
                 continue
@@ -378,11 +375,6 @@ class _HaltWatch:
             for one, other in ((name, COORDINATOR), (COORDINATOR, name)):
                 if one in self._knows_ns and now_ns - self._knows_ns[one] > to_ns(HEARD_S):
                     self._knows_ns.setdefault(other, now_ns)
-
-    def _have_like_clocks(self, one: str, other: str) -> bool:
-        """Whether neither refuses what the other says, as being from the future."""
-        processes = self._run.processes
-        return abs(processes[one].clock.skew_ns - processes[other].clock.skew_ns) < AHEAD_NS - to_ns(HEARD_S)
 
     def _hears(self, name: str) -> bool:
         return self._run.processes[name].is_awake

@@ -15,7 +15,7 @@ from robrain.protocol.model.slam.submap import Submap
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_patch import check_claim, take_message
+from robrain.protocol.wire.messages.maps.map_patch import in_own_time, take_message
 from robrain.protocol.wire.topics import ROBOT_MAP
 from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
 
@@ -89,8 +89,7 @@ class Referee:
         """Merge what has arrived."""
         for received in self._inbox.drain():
             try:
-                check_claim(received.message, self._clock.now_ns())
-                take_message(self._atlas, received.message)
+                take_message(self._atlas, in_own_time(received.message, self._clock.now_ns()))
             except ValueError:
                 self._misfits += 1
         if self.grid.version != self._version and self._total:

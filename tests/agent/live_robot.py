@@ -8,7 +8,7 @@ from typing import Any
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.session import open_lockstep_session
@@ -32,8 +32,8 @@ class LiveRobot:
         self._space_of, self._threads = space_of, threads
         self.session = open_lockstep_session()
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
-        self.host = AgentHost(robot_file, place, self.session, WallClock(), Drive.LIVE)
-        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.host = AgentHost(robot_file, place, self.session, LiveClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._stopping, self.ready = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=run_agent, args=(self.host, self._stopping.is_set, self.ready.set))
         self._thread.start()

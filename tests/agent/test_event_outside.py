@@ -10,7 +10,7 @@ import pytest
 
 from robrain.agent.event import Event, EventsOutside
 from robrain.agent.lifecycle.transitions import Trigger
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
@@ -206,7 +206,7 @@ def test_events_notified_while_the_link_is_cut_arrive_afterwards_all_and_in_orde
     cable = Cable(int(endpoint.rpartition(":")[2]))
     robot_session = open_session(connect=[f"tcp/127.0.0.1:{cable.port}"])
     team_session = open_session(connect=[endpoint])
-    robot, team = (Endpoint(session, "t", WallClock(), Drive.LIVE) for session in (robot_session, team_session))
+    robot, team = (Endpoint(session, "t", LiveClock(), Drive.LIVE) for session in (robot_session, team_session))
     try:
         inbox, plain, got = Inbox(), [], []
         team.subscribe(inbox, ROBOT_EVENT)

@@ -57,6 +57,20 @@ def test_an_epoch_that_no_coordinator_gives_is_refused_and_locks_nobody_out(desk
     assert explorer.started == ["t1"]
 
 
+@pytest.mark.parametrize("ahead_s", [20 * 86_400.0, -20 * 86_400.0])
+def test_an_offer_of_a_coordinator_whose_clock_differs_counts_by_the_clock_of_the_robot(desk, explorer, ahead_s):
+    now_s = 1.8e9
+    desk.coordinator_ahead_ns = to_ns(ahead_s)
+    asked = offer(epoch=round((now_s + ahead_s) * 1000))
+    task = msgspec.structs.replace(
+        asked.task, earliest_ns=to_ns(now_s + ahead_s), deadline_ns=to_ns(now_s + ahead_s + 60)
+    )
+    desk.register("explore", lambda task: started.append(task) or YES, lambda _: None)
+    started = []
+    assert desk.offer(msgspec.structs.replace(asked, task=task), to_ns(now_s)).accepted
+    assert (started[0].earliest_ns, started[0].deadline_ns) == (to_ns(now_s), to_ns(now_s + 60))
+
+
 def test_a_task_that_the_robot_has_just_done_is_not_begun_again_while_its_report_is_under_way(desk, explorer):
     desk.offer(offer("t1", epoch=1), 0)
     desk.check_lease(to_ns(1.0))

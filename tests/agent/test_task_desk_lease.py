@@ -290,29 +290,3 @@ def test_coordinator_that_has_just_begun_to_listen_renews_the_lease(desk, explor
     desk.hear_coordinator(summary(*robots), "r1", to_ns(4))
     desk.check_lease(to_ns(9))
     assert desk.status.state is TaskState.RUNNING
-
-
-def test_lease_is_renewed_when_the_clock_was_set_back(desk, explorer):
-    desk.offer(offer(lease_s=5.0), to_ns(1000))
-    desk.hear_coordinator(summary(RobotSummary(name="r1", up=True, age_s=0.1)), "r1", to_ns(10))
-    desk.check_lease(to_ns(16))
-    assert desk.status.state is TaskState.CANCELLED
-
-
-def test_clock_that_is_set_back_does_not_lengthen_the_lease(desk, explorer):
-    desk.offer(offer(lease_s=5.0), to_ns(100))
-    desk.check_lease(to_ns(40))
-    desk.check_lease(to_ns(45))
-    assert desk.status.state is TaskState.RUNNING
-    desk.check_lease(to_ns(45) + 1)
-    assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, SILENT)
-
-
-def test_clock_that_is_set_back_lengthens_no_trust_of_mates(desk, explorer):
-    desk.offer(offer(lease_s=5.0), to_ns(1000))
-    desk.trusted_ns = to_ns(1000)
-    desk.check_lease(to_ns(40))
-    desk.check_lease(to_ns(45))
-    assert desk.status.state is TaskState.RUNNING
-    desk.check_lease(to_ns(45) + 1)
-    assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, SILENT)

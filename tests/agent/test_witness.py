@@ -171,13 +171,6 @@ def test_it_elects_nobody_if_it_could_forget_that(reads: bool) -> None:
     assert witness.answer(elect(3, "b"), LATER_NS).refusal is WitnessRefusal.UNWRITABLE
 
 
-def test_a_clock_that_was_set_back_makes_nobody_wait_longer(witness: Witness) -> None:
-    witness.hear(summary(1), LATER_NS)
-    now_ns = LATER_NS - to_ns(3600.0)
-    assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
-    assert witness.answer(elect(2, "b"), now_ns + SILENT_NS + 1).refusal is None
-
-
 def test_one_that_stood_still_may_have_missed_a_coordinator(witness: Witness) -> None:
     witness.hear(summary(1), LATER_NS)
     now_ns = LATER_NS + to_ns(3600.0)

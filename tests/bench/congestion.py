@@ -24,7 +24,7 @@ from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub, tell
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.team_messages import Halt
@@ -63,7 +63,7 @@ class Fleet:
 
     def __init__(self, session: zenoh.Session, robots: Sequence[str]) -> None:
         self.robots = robots
-        self._wire = Endpoint(session, TEAM, WallClock(), Drive.LIVE)
+        self._wire = Endpoint(session, TEAM, LiveClock(), Drive.LIVE)
         self._halt = self._wire.publisher(HALT)
         self._states = Inbox(8192, every=True)
         self._wire.subscribe(self._states, ROBOT_STATE)
@@ -183,7 +183,7 @@ def stuck_reader(endpoint: str) -> Iterator[None]:
 def flood(endpoint: str) -> None:
     """Publish large paths, which readers hear, and summaries that make no sense, which all robots hear, without end."""
     with closing(open_session(connect=[endpoint])) as session:
-        wire = Endpoint(session, TEAM, WallClock(), Drive.LIVE)
+        wire = Endpoint(session, TEAM, LiveClock(), Drive.LIVE)
         floods = (
             (wire.publisher(ROBOT_PATH, robot="flood"), FLOOD_BYTES),
             (wire.publisher(COORDINATOR_STATE), SUMMARY_BYTES),

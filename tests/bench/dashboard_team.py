@@ -14,7 +14,7 @@ import numpy as np
 
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
@@ -139,7 +139,7 @@ def main() -> None:
     stop = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
-    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     team = LargeTeam(endpoint)
     sys.stdout.write(listening_at(session)[0] + "\n")
     sys.stdout.flush()

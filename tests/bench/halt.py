@@ -21,7 +21,7 @@ from rich.console import Console
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.team_messages import Halt
@@ -77,7 +77,7 @@ class Stopwatch:
     """Halts a robot and hears its bus."""
 
     def __init__(self, session: zenoh.Session) -> None:
-        self._wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        self._wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
         self._halt = self._wire.publisher(HALT)
         self._states = Inbox()
         self._wire.subscribe(self._states, ROBOT_STATE)

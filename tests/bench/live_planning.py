@@ -33,7 +33,7 @@ from robrain.deploy.bench.figure import WIDTH, Figure, at_most, below, show_figu
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -93,7 +93,7 @@ def _starts() -> list[Figure]:
 def measure_starts(starts: int = STARTS) -> list[Start]:
     """Start a coordinator again and again, on one journal, by a hub of its own."""
     hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    wire = Endpoint(hub, DEFAULT_TEAM, WallClock(), Drive.LIVE)
+    wire = Endpoint(hub, DEFAULT_TEAM, LiveClock(), Drive.LIVE)
     try:
         where = next(endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/"))
         summaries = Inbox()

@@ -21,7 +21,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.deploy.bench.figure import Figure, at_least, at_most, timing
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.host_queries import HOST_LOAD
 from robrain.protocol.wire.messages.robots.host_messages import LoadRequest
@@ -150,7 +150,7 @@ def serve(place: Path, endpoint: str) -> None:
 
 def _host(place: Path, session: zenoh.Session, *load: str) -> AgentHost:
     table = RobotTable(ROBOT, places=[str(place)], load=list(load))
-    return AgentHost(RobotFile(robot=table), Path(), session, WallClock(), Drive.LIVE)
+    return AgentHost(RobotFile(robot=table), Path(), session, LiveClock(), Drive.LIVE)
 
 
 @contextlib.contextmanager
@@ -198,7 +198,7 @@ def _per_call_us(function: Callable[[], None]) -> float:
 def _load(place: Path) -> Figure:
     """Asked over the wire, of a live robot with the stock plugins' folder among its places."""
     session = open_lockstep_session()
-    operator = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    operator = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     times_ms = []
     with _live(place, session, "echo"):
         for number in range(LOADS):

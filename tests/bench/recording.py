@@ -23,7 +23,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
@@ -44,13 +44,13 @@ SPEAKER = f"""
 import sys, time
 import msgspec
 from tests.bench.recording import state
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_STATE
 
 session = open_session(connect=[sys.argv[1]])
-wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
 publishers = [wire.publisher(ROBOT_STATE, robot=f"r{{number}}") for number in range({ROBOTS})]
 states = [state(f"r{{number}}", number) for number in range({ROBOTS})]
 time.sleep(1.0)
@@ -77,7 +77,7 @@ def state(robot: str, place: float) -> RobotState:
 def recorder_share(seconds: float, folder: Path, *, visual: bool) -> dict[str, float]:
     """Share of a core that the recorder's process takes, all of Zenoh's reception included."""
     session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     recorder = Recorder(wire, folder / f"rate_{visual}.mcap", PROVENANCE, visual=visual)
     speaker = subprocess.Popen(
         [sys.executable, "-c", SPEAKER, listening_at(session)[0], str(seconds)], stdout=subprocess.PIPE, text=True

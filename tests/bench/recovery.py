@@ -28,7 +28,7 @@ from robrain.deploy.supervision.part import COORDINATOR, STAND_BY
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.access.identity import read_identity
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
@@ -94,7 +94,7 @@ class RecoveryTeam:
         self._until(found_hub, "no hub")
         identity = read_identity(Path(hub["tls"])) if "tls" in hub else None
         self.session = open_session(connect=[hub["endpoint"]], wait_s=PATIENCE_S, identity=identity)
-        self.wire = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._inbox = Inbox(every=True)
         for topic in (ARENA_TRUTH, COORDINATOR_STATE, RECORDER_STATE, ROBOT_STATE):
             self.wire.subscribe(self._inbox, topic)

@@ -18,7 +18,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
+from robrain.protocol.wire.clock import LiveClock, VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
@@ -286,7 +286,7 @@ def team() -> Iterator[Team]:
 def endpoint() -> Iterator[Endpoint]:
     """A live endpoint with a router of its own, as a dashboard gets it."""
     session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
-    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     yield endpoint
     endpoint.close()
     session.close()  # type: ignore[no-untyped-call]

@@ -9,7 +9,7 @@ import zenoh
 
 from robrain.deploy.processes import name_claim
 from robrain.deploy.processes.name_claim import NameClaim, NameWatch, claim_coordinator, claim_robot
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NameTaken
 from robrain.protocol.wire.session import LEASE_MS, listening_at, open_session
@@ -60,7 +60,7 @@ def test_a_second_process_is_told_which_one_has_the_name(join, is_settled):
     with claim_robot(session, TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:
         assert take(first)
         if is_settled:
-            alive = Endpoint(session, TEAM, WallClock(), Drive.LIVE)
+            alive = Endpoint(session, TEAM, LiveClock(), Drive.LIVE)
             alive.token(ROBOT_ALIVE, robot="r1")
             first.settle()
         with pytest.raises(NameTaken) as raised:
@@ -160,7 +160,7 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
 
 def test_a_silent_process_is_waited_for_and_its_name_taken_when_it_goes(join, monkeypatch):
     monkeypatch.setattr(name_claim, "PATIENCE_S", WAIT_S)
-    dead = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
+    dead = Endpoint(join(), TEAM, LiveClock(), Drive.LIVE)
     dead.token(ROBOT_ALIVE, robot="r1")
     said: list[str] = []
 
@@ -175,7 +175,7 @@ def test_a_silent_process_is_waited_for_and_its_name_taken_when_it_goes(join, mo
 
 def test_a_hanging_process_keeps_its_name(join, monkeypatch):
     monkeypatch.setattr(name_claim, "PATIENCE_S", 0.2)
-    hung = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
+    hung = Endpoint(join(), TEAM, LiveClock(), Drive.LIVE)
     hung.token(ROBOT_CLAIM, robot="r1", stage="has", process="0123-abcdef0123456789-77-lab.pc")
     with (
         claim_robot(join(), TEAM, "r1") as claim,
@@ -186,7 +186,7 @@ def test_a_hanging_process_keeps_its_name(join, monkeypatch):
 
 
 def test_a_token_of_an_unknown_stage_blocks_no_name(join):
-    forger = Endpoint(join(), TEAM, WallClock(), Drive.LIVE)
+    forger = Endpoint(join(), TEAM, LiveClock(), Drive.LIVE)
     forger.token(ROBOT_CLAIM, robot="r1", stage="odd", process="0-0-0-x")
     with claim_robot(join(), TEAM, "r1") as claim:
         assert take(claim)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from robrain.protocol.wire.session import open_session
@@ -180,6 +180,6 @@ def hub() -> Iterator[zenoh.Session]:
 @pytest.fixture
 def wire(hub: zenoh.Session) -> Iterator[Endpoint]:
     """What a member of the hub's team hears and says."""
-    wire = Endpoint(hub, "default", WallClock(), Drive.LIVE)
+    wire = Endpoint(hub, "default", LiveClock(), Drive.LIVE)
     yield wire
     wire.close()

@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
@@ -40,7 +40,7 @@ class FakeTeam:
     def __init__(self) -> None:
         self.session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
         self.heard = Inbox()
-        self._endpoint = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self._endpoint = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="fake-team")
 

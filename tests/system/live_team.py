@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
@@ -117,7 +117,7 @@ def live_team(folder: Path, *words: str) -> Iterator[LiveTeam]:
         hub = commands.line_with(process, "hub: ").split()[1]
         url = commands.line_with(process, "dashboard: ").split()[1]
         session = open_session(mode="client", connect=(hub,), wait_s=PATIENCE_S)
-        endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
         try:
             yield LiveTeam(url, endpoint, process.pid)
         finally:

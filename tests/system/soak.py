@@ -26,7 +26,7 @@ from robrain import Team
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
@@ -96,7 +96,7 @@ class Ears:
     """Hears how tasks end in the world: what robots say in their states, whoever else listens."""
 
     def __init__(self, session: zenoh.Session) -> None:
-        self.wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        self.wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
         self.done: set[tuple[str, str, int]] = set()
         """Robot, task, epoch."""
         self._inbox = Inbox(100_000, every=True)

@@ -1,6 +1,6 @@
 """A robot of which only its voice is real, and what a recorder says of what it heard."""
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
@@ -18,7 +18,7 @@ class Speaker:
     def __init__(self, topic: Topic) -> None:
         self.session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
         self.address = listening_at(self.session)[0]
-        self.wire = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self.wire.token(ROBOT_ALIVE, robot="r1")
         self.publisher = self.wire.publisher(topic, robot="r1")
         self.inbox = Inbox(every=True)

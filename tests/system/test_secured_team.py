@@ -25,7 +25,7 @@ from robrain.deploy.processes.secured_start import check_certificate, check_righ
 from robrain.protocol.wire.access import rules
 from robrain.protocol.wire.access.identity import KEY, TLS_VARIABLE, read_identity
 from robrain.protocol.wire.access.member import Member, MemberRole, member
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, WireError
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
@@ -140,7 +140,7 @@ def as_robot(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _wire(pki: Path, router: SecuredRouter, who: Member) -> Endpoint:
     session = open_session(connect=[router.endpoint], identity=read_identity(folder_of(pki, who)))
-    return Endpoint(session, TEAM, WallClock(), Drive.LIVE)
+    return Endpoint(session, TEAM, LiveClock(), Drive.LIVE)
 
 
 def _close(*wires: Endpoint) -> None:
@@ -273,7 +273,7 @@ def test_certificate_beside_a_plain_endpoint_is_refused(pki: Path) -> None:
 def test_endpoint_of_another_team_is_refused(pki: Path, router: SecuredRouter) -> None:
     session = open_session(connect=[router.endpoint], identity=read_identity(folder_of(pki, ANN)))
     with pytest.raises(WireError, match="the certificate of operator:ann is of team blue, not of team green"):
-        Endpoint(session, "green", WallClock(), Drive.LIVE)
+        Endpoint(session, "green", LiveClock(), Drive.LIVE)
     session.close()  # type: ignore[no-untyped-call]
 
 
@@ -395,7 +395,7 @@ def test_configuration_for_zenohd_makes_a_router_of_the_same_rules(pki: Path, mo
     with closing(zenoh.open(config)) as router:
         endpoint = listening_at(router)[0]
         hq, ann = (open_session(connect=[endpoint], identity=read_identity(folder_of(pki, who))) for who in (HQ, ANN))
-        wires = [Endpoint(session, TEAM, WallClock(), Drive.LIVE) for session in (hq, ann)]
+        wires = [Endpoint(session, TEAM, LiveClock(), Drive.LIVE) for session in (hq, ann)]
         wires[0].answer(COORDINATOR_HALT, lambda _: None)
         until(lambda: _answers(wires[1]))
         heard = []

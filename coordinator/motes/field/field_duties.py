@@ -37,11 +37,6 @@ class FieldDuties:
         self._resting: set[str] = set()
         self._turn_ns = 0
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was asked later than now, and it is time for a turn."""
-        self._turn_ns = 0
-        self._asked = {mote: (period_s, min(asked_ns, now_ns)) for mote, (period_s, asked_ns) in self._asked.items()}
-
     def step(self, policy: MoteFieldPolicy, now_ns: int) -> None:
         """Put motes on and off duty if it is time, and repeat what was not heeded."""
         living = [mote for mote in self._ledger.motes.values() if not mote.is_dead(now_ns)]

@@ -115,14 +115,6 @@ class FieldKeeper:
 
     # -- following ------------------------------------------------------------------------------------------
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """Nothing was heard, ended or asked later than now."""
-        self._look_ns = 0
-        self._ended_ns = {of: min(ended_ns, now_ns) for of, ended_ns in self._ended_ns.items()}
-        self._duties.clock_set_back(now_ns)
-        for mote in self.ledger.motes.values():
-            mote.clock_set_back(now_ns)
-
     def _follow(self, now_ns: int) -> None:
         """Forget own tasks that have ended, and call off those that are no longer needed."""
         self._open.clear()

@@ -40,11 +40,6 @@ class MoteLife:
         """Readings that it has taken from the first that was heard to the newest, without that."""
         self._trend = CellTrend()
 
-    def clock_set_back(self, now_ns: int) -> None:
-        """It was heard no later than now."""
-        self._first_ns, self._newest_ns = min(self._first_ns, now_ns), min(self._newest_ns, now_ns)
-        self._spoke_ns = min(self._spoke_ns, now_ns)
-
     def note(self, reading: MoteReading, *, is_new: bool) -> None:
         """A reading has come; one that another has taken in its place has no number, and tells nothing of its cells."""
         taken_ns = taken_at_ns(reading)

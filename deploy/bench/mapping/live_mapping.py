@@ -20,7 +20,7 @@ from robrain.deploy.bench.live_team import PATIENCE_S, LiveTeam, live_team
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child
 from robrain.deploy.run.kernels import prepare_kernels
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
@@ -122,7 +122,7 @@ def run_team(
 ) -> LiveRun:
     """One run; agents are stopped at times drawn from `rng`, or not at all."""
     with live_team(scenario, scenario_argument) as team:
-        wire = Endpoint(team.hub, team.team, WallClock(), Drive.LIVE)
+        wire = Endpoint(team.hub, team.team, LiveClock(), Drive.LIVE)
         agents = [child for name, child in team.children.items() if name not in ("arena", "coordinator")]
         begin_s = time.monotonic()
         stops = Stops(agents if rng is not None else [], rng or np.random.default_rng(0), begin_s)

@@ -160,7 +160,7 @@ class RechargeBehavior(Errand[Recharge]):
 
     def step(self) -> None:
         now_ns = self.env.clock.now_ns()
-        if self.run is None and not 0 < self._not_before_ns - now_ns <= RETRY_NS:  # or the clock was set back
+        if self.run is None and now_ns >= self._not_before_ns:
             self._not_before_ns = now_ns + to_ns(GUARD_S)
             self._guard()
         if self.run is None and self._wanted:

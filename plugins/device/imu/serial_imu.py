@@ -149,7 +149,7 @@ class SerialImu(Device):
     def _take(self, motions: list[Motion], now_ns: int) -> None:
         rates = self.env.board.yaw_rates
         latest = self._latest
-        before_ns = latest.stamp_ns if latest is not None and latest.stamp_ns <= now_ns else 0  # the clock was set back
+        before_ns = 0 if latest is None else latest.stamp_ns
         for number, motion in enumerate(motions, 1 - len(motions)):
             stamp_ns = max(before_ns + 1, now_ns + number * self._period_ns)
             self._latest = sample = self._mounting.sample(motion, stamp_ns)

@@ -41,7 +41,7 @@ class FloodGuard:
 
     def admit(self, arrived: int, now_ns: int) -> int:
         """How many of the packets that have arrived go on. A flood ends with the first second that keeps the limit."""
-        if not 0 <= now_ns - self._second_ns < NS_PER_S:  # the clock may have been set back
+        if now_ns - self._second_ns >= NS_PER_S:
             if self._count <= self.limit:
                 self.since_ns = None
             self._second_ns, self._count = now_ns, 0

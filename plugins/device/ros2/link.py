@@ -23,6 +23,7 @@ from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent
 from robrain.plugins.device.ros2.inbox import Ros2Inbox
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, environment_domain
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 
 logger = logging.getLogger(__name__)
@@ -205,8 +206,11 @@ class Subscription(Ros2Inbox[M]):
         super().__init__(on_arrival)
         self._link = link
 
+        clock = LiveClock()
+
         def take(message: M, info: dict[str, int | None]) -> None:
-            self.put(message, info["received_timestamp"] or time.time_ns(), info["publication_sequence_number"] or 0)
+            arrived_ns = clock.of_wall_ns(info["received_timestamp"] or time.time_ns())
+            self.put(message, arrived_ns, info["publication_sequence_number"] or 0)
 
         self._subscription = link.node.create_subscription(kind, topic, take, qos, raw=raw)
 

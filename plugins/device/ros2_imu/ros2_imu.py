@@ -71,9 +71,7 @@ class Ros2Imu(TopicDevice):
             logger.warning("%s: no measurement yet: the publisher of %s is silent", self.env.robot, self._where)
         for told, measured_ns, _ in self._topic.take() if self._topic is not None else ():
             latest = self._latest
-            before_ns = (
-                latest.stamp_ns if latest is not None and latest.stamp_ns <= now_ns else 0
-            )  # the clock was set back
+            before_ns = 0 if latest is None else latest.stamp_ns
             sample = self._mounting.sample(told.motion, max(before_ns + 1, min(measured_ns, now_ns)))
             self._latest, self._heard_ns = sample, now_ns
             rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))

@@ -18,12 +18,13 @@ from robrain.protocol.model.slam.submap_graph import OwnSubmap
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode
+from robrain.protocol.wire.clock import AHEAD_S, BEHIND_S, to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import Closures, MapPatch
 from robrain.protocol.wire.messages.maps.map_patch import (
     AHEAD_MAX_MS,
-    check_claim,
+    in_own_time,
     joined_message,
     map_stamp_ms,
     pose_message,
@@ -106,17 +107,21 @@ class MapHearing:
         self._take_all(self._inbox.drain())
 
     def whole(self) -> MapPatch | None:
-        """The robot's own submaps, and those of robots that are absent or were restarted."""
+        """The robot's own submaps, and those of robots that are absent or were restarted, with the current time."""
         others = self._met - {self._robot}
         keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
-        return whole_map(self._robot, self._atlas, keys)
+        message = whole_map(self._robot, self._atlas, keys)
+        return message and msgspec.structs.replace(message, stamp_ns=self._wire.clock.now_ns())
 
     def _take_all(self, received: Sequence[Received]) -> None:
         """Take messages in, one after the other; successive patches of which only cells are new are drawn at once."""
         heard = self._met - {self._robot}
+        now_ns = self._wire.clock.now_ns()
+        earliest_ns, latest_ns = now_ns - to_ns(BEHIND_S), now_ns + to_ns(AHEAD_S)
         for one in received:
             message = one.message
             is_patch = one.topic is ROBOT_MAP and not message.parts and message.observed_ms <= self._allowed_ms
+            is_patch = is_patch and earliest_ns <= message.stamp_ns <= latest_ns
             tells_variances = is_patch and (message.variance_m2 > 0.0 or message.variance_rad2 > 0.0)
             if is_patch and not tells_variances and message.robot in heard and self._shared.take(message):
                 continue
@@ -141,8 +146,7 @@ class MapHearing:
     def _merge(self, patch: MapPatch) -> str:
         """Take a patch into the map; returns why it was refused, empty if it was not."""
         try:
-            if patch.parts or patch.observed_ms > self._allowed_ms:
-                check_claim(patch, self._wire.clock.now_ns())
+            patch = in_own_time(patch, self._wire.clock.now_ns())
             if patch.parts:
                 patch = self._without_own(patch)
             move = self._frames.move_of(patch)

@@ -305,9 +305,7 @@ class Teammates(Unit):
     def _hear(self) -> int:
         now_ns = self.env.clock.now_ns()
         if now_ns < self._next_ns:
-            if self._next_ns - now_ns <= HEAR_NS:
-                return now_ns
-            self._clock_set_back(now_ns)
+            return now_ns
         if not self._inbox.has_some:
             return now_ns
         self._next_ns = now_ns + HEAR_NS
@@ -319,13 +317,6 @@ class Teammates(Unit):
             by_name = sorted(self._known.items())
             self._known = {name: known for name, known in by_name if known.spoke_ns >= too_old_ns}
         return now_ns
-
-    def _clock_set_back(self, now_ns: int) -> None:
-        """Nobody was heard, or seen to move, later than now."""
-        self._next_ns = now_ns
-        for known in self._known.values():
-            known.heard_ns, known.spoke_ns = min(known.heard_ns, now_ns), min(known.spoke_ns, now_ns)
-            known.moved_ns, known.mate = min(known.moved_ns, now_ns), None
 
     def _take(self, batch: Sequence[Received]) -> None:
         robot, all_known = self.env.robot, self._known

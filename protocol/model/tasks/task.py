@@ -80,6 +80,11 @@ class Task(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         if not (math.isfinite(self.place.x_m) and math.isfinite(self.place.y_m)):
             raise ValueError(f"expected a finite place, got {self.place}")
 
+    def moved_in_time(self, by_ns: int) -> "Task":
+        """The task with its times moved, from one clock to another."""
+        deadline_ns = None if self.deadline_ns is None else max(1, self.deadline_ns + by_ns)
+        return msgspec.structs.replace(self, earliest_ns=max(0, self.earliest_ns + by_ns), deadline_ns=deadline_ns)
+
 
 class BadParameters(ValueError):
     """Parameters that do not fit the kind of a task.

@@ -17,7 +17,7 @@ import zenoh
 
 from robrain.protocol.wire.access.identity import Identity
 from robrain.protocol.wire.access.member import Member, MemberRole
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_session
@@ -119,7 +119,7 @@ def _trials(
 def _publishes(session: zenoh.Session, other: zenoh.Session, robot: Member) -> bool:
     key, heard = ROBOT_LOG.key(robot.team, robot=robot.name), threading.Event()
     record = LogRecord(robot=robot.name, level="debug", source=TRIES, text=f"{robot} tries what it may")
-    payload = ROBOT_LOG.payloads.write(msgspec.structs.replace(record, stamp_ns=WallClock().now_ns()))
+    payload = ROBOT_LOG.payloads.write(msgspec.structs.replace(record, stamp_ns=LiveClock().now_ns()))
     held = other.declare_subscriber(key, lambda _: heard.set())
     try:
         end_s = time.monotonic() + PATIENCE_S

@@ -5,16 +5,11 @@ from typing import Any, NamedTuple
 
 from robrain.protocol.wire.border.codec import BAD_PAYLOAD, Codec
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
-from robrain.protocol.wire.clock import Clock, to_ns, to_seconds
+from robrain.protocol.wire.clock import Clock, clock_difference_ns
 from robrain.protocol.wire.topic import Query, Topic
 
 Heard = Topic[Any] | Query[Any, Any]
 """What may lie in an inbox: messages of topics, and replies to queries."""
-AHEAD_S = 5.0
-"""How far a stamp may be ahead of the receiver's clock: what two machines with synchronised clocks never differ by."""
-AHEAD_NS = to_ns(AHEAD_S)
-
-
 KEYS_MAX = 8192
 """Keys whose parsed names are cached."""
 
@@ -38,11 +33,11 @@ class Border:
     """Decodes and checks payloads.
 
     A payload is refused if it is larger than its topic allows, if it does not decode into the topic's type with all
-    numbers and lengths in range, if its names differ from those in the key, or if its stamp is more than `AHEAD_S`
-    ahead of the clock. Operators may have any clock: a halt counts whatever its stamp.
+    numbers and lengths in range, or if its names differ from those in the key. Times in messages of `Timed` types are
+    converted to the receiver's clock if the sender's clock differs.
 
     Args:
-        clock: the run's clock; None accepts any stamp.
+        clock: the run's clock; None leaves times as they are.
         refusals: counts what is refused.
 
     """
@@ -50,8 +45,6 @@ class Border:
     def __init__(self, clock: Clock | None = None, refusals: Refusals | None = None) -> None:
         self._clock = clock
         self._refusals = refusals
-        self._allowed_ns = 0
-        """Latest stamp that is allowed by the clock as it was last read: it is read again for later stamps alone."""
         self._names: dict[str, dict[str, str]] = {}
 
     def admits(self, topic: Heard, key: str, payload: bytes) -> bool:
@@ -80,12 +73,9 @@ class Border:
             if message is not None and getattr(message, field, None) != names[field]:
                 self._refuse(topic, key, RefusalCode.WRONG_NAME, other_names(topic, names, message))
                 return None
-        if (
-            topic.has_checked_stamp
-            and message.stamp_ns > self._allowed_ns
-            and self._is_from_future(topic, key, message)
-        ):
-            return None
+        if topic.is_timed and self._clock is not None:
+            ahead_ns = clock_difference_ns(message.stamp_ns, self._clock.now_ns())
+            message = message.moved_in_time(-ahead_ns) if ahead_ns else message
         return new_received(Received, (topic, key, names, message))
 
     def _note_names(self, topic: Heard, key: str) -> dict[str, str] | None:
@@ -95,18 +85,6 @@ class Border:
                 self._names.clear()
             self._names[key] = names
         return names
-
-    def _is_from_future(self, topic: Heard, key: str, message: Any) -> bool:
-        if self._clock is None:
-            return False
-        now_ns = self._clock.now_ns()
-        self._allowed_ns = now_ns + AHEAD_NS
-        ahead_ns: int = message.stamp_ns - now_ns
-        if ahead_ns <= AHEAD_NS:
-            return False
-        why = f"its stamp is {to_seconds(ahead_ns):.1f} s ahead of the clock: synchronise the machines' clocks"
-        self._refuse(topic, key, RefusalCode.FROM_FUTURE, why)
-        return True
 
     def note_lost(self, topic: Heard, key: str, count: int) -> None:
         """Count messages that were lost on the way for good."""

@@ -34,8 +34,6 @@ class RefusalCode(StrEnum):
     """It does not decode, or a number or text in it is out of range."""
     WRONG_NAME = "wrong_name"
     """Key and payload name different senders."""
-    FROM_FUTURE = "from_future"
-    """Its stamp is ahead of the receiver's clock."""
     UNKNOWN_SENDER = "unknown_sender"
     NOT_PLAUSIBLE = "not_plausible"
     """It claims what its sender cannot know."""

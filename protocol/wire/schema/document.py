@@ -6,7 +6,7 @@ from typing import Any
 
 from robrain.protocol.wire.answers.asked import BY
 from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
-from robrain.protocol.wire.border.border import AHEAD_S
+from robrain.protocol.wire.clock import AHEAD_S, BEHIND_S
 from robrain.protocol.wire.errors import ErrorCode, ErrorReply
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT
@@ -44,8 +44,10 @@ USE = {
     "tokens": "A liveliness get on the key, with `*` in place of each name, replies the tokens that are there; a "
     "liveliness subscriber receives a put for each that comes and a delete for each that goes. Tokens have no "
     "payload; the names are in the key.",
-    "refusals": "A message is refused, and counted, if it is larger than `max_bytes`, is not valid, names another "
-    f"sender than its key, or has a stamp more than {AHEAD_S:g} s ahead of the receiver's clock.",
+    "refusals": "A message is refused, and counted, if it is larger than `max_bytes`, is not valid, or names another "
+    "sender than its key.",
+    "clocks": f"A stamp more than {AHEAD_S:g} s ahead of the receiver's clock, or more than {BEHIND_S:g} s behind it, "
+    "is by a clock that differs. Receivers then count the times in the message from its arrival.",
     "fields": "Fields that are not required may be left out; unknown fields are ignored.",
 }
 """How a client uses the rows in terms of Zenoh."""

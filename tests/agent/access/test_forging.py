@@ -28,7 +28,7 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.manifest import read_manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_HOLD, HOST_LOAD
@@ -414,9 +414,9 @@ class IsolatedLab:
         stranger.write_text(stranger.read_text() + '\nisolation = "process"\n')
         files.close()
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=["stranger", "friend"]))
-        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
+        self.host = AgentHost(robot_file, Path(), self.session, LiveClock(), Drive.LIVE)
         self.host.start()
-        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(self.session, "default", LiveClock(), Drive.LIVE)
 
     def call(self, function):
         return msgspec.json.decode(self.wire.ask(ROBOT_CALL, robot="r1", plugin="stranger", function=function))

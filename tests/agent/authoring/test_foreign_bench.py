@@ -15,7 +15,7 @@ pytestmark = pytest.mark.system
 
 PROCESS = """
 import os, time
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.session import open_session
@@ -23,7 +23,7 @@ from robrain.protocol.wire.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBO
 
 add = FunctionInfo(name="add", signature="()", doc="", parameters={"type": "object"}, returns={})
 info = PluginInfo(name="gauge", level="device", state="active", visibility=["command", "driver"], functions=[add])
-wire = Endpoint(open_session(connect=[os.environ["ROBRAIN_CONNECT"]]), "default", WallClock(), Drive.LIVE)
+wire = Endpoint(open_session(connect=[os.environ["ROBRAIN_CONNECT"]]), "default", LiveClock(), Drive.LIVE)
 wire.answer(ROBOT_FOREIGN_INFO, lambda request: info, robot="r1", plugin="gauge")
 wire.answer(ROBOT_FOREIGN_CALL, lambda request: request.asked or b"5", robot="r1", plugin="gauge")
 wire.token(ROBOT_FOREIGN, robot="r1", plugin="gauge")

@@ -83,41 +83,6 @@ def test_for_a_second_after_it_returns_a_coordinator_is_told_and_not_obeyed(one:
     assert not one.consensus.is_telling(begun_ns + to_ns(1.0))
 
 
-def test_when_the_clock_was_set_back_a_coordinator_that_returned_long_ago_is_obeyed_after_a_second(
-    one: OneRobot,
-) -> None:
-    alone(one)
-    one.is_coordinated, one.says = True, {}
-    one.run(5.0)
-    back_ns = one.clock.now_ns() - to_ns(4.9)
-    assert one.consensus.is_telling(back_ns)
-    one.consensus.clock_set_back(back_ns)
-    assert not one.consensus.is_telling(back_ns + to_ns(1.0))
-
-
-def test_when_the_clock_was_set_back_a_silent_coordinator_is_missed_and_mates_are_told(one: OneRobot) -> None:
-    one.run(3600.0 / 60)
-    one.is_coordinated, one.says = False, {"r2": {}, "r3": {}}
-    one.run(0.1)
-    now_ns = one.clock.now_ns()
-    back_ns = now_ns - to_ns(30.0)
-    one.consensus.clock_set_back(back_ns)
-    one.consensus.step(back_ns + to_ns(1.0), may_begin=True)
-    assert not one.consensus.is_leaderless
-    one.consensus.step(back_ns + to_ns(1.6), may_begin=True)
-    assert one.consensus._was_alone
-    assert one.consensus._due_ns <= back_ns + to_ns(2.0)
-
-
-def test_when_the_clock_was_set_back_nobody_keeps_a_task_for_longer_than_from_then_on(one: OneRobot) -> None:
-    one.tell(visit("t1"))
-    alone(one, held=[TaskHeld(id="t1", epoch=4)])
-    back_ns = one.clock.now_ns() - to_ns(2.0)
-    one.consensus.clock_set_back(back_ns)
-    assert one.consensus.why_not_now("t1", back_ns) == Occupied("consensus", "r2 is at it")
-    assert one.consensus.why_not_now("t1", back_ns + to_ns(GOES_ON_S + 2.0)) != Occupied("consensus", "r2 is at it")
-
-
 @pytest.mark.parametrize("missed", [False, True])
 def test_a_task_that_may_have_ended_unheard_is_not_begun_before_others_would_give_it_up(one: OneRobot, missed) -> None:
     one.tell(visit("t1"))

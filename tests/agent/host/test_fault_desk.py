@@ -282,21 +282,6 @@ def test_lowest_hanging_plugin_is_blamed() -> None:
     assert unit.why == "unit has not come back for 2 s"
 
 
-def test_when_the_clock_was_set_back_hangs_are_noticed_and_restarts_come_as_before() -> None:
-    hanging, failing = Tag("hanging"), Tag("failing")
-    robot = Robot(hanging, failing)
-    later_ns, now_ns = 3600 * SECOND_NS, SECOND_NS
-    robot.look(later_ns)
-    faulted(failing, robot, later_ns)
-    hanging.turn.depth, hanging.turn.overdue = 1, True
-    robot.desk.clock_set_back(now_ns)
-    assert robot.desk.look_ns <= now_ns
-    robot.look(now_ns + HUNG_PERIOD_NS)
-    assert hanging.state is PluginState.FAULTED
-    robot.look(now_ns + to_ns(30.0))
-    assert failing.state is PluginState.ACTIVE
-
-
 @pytest.mark.parametrize(("drops", "floods"), [(FLOOD_DROPS_A_SECOND * 2, False), (FLOOD_DROPS_A_SECOND * 2 + 1, True)])
 def test_plugin_that_loses_too_many_notifications_a_second_floods(drops: int, floods: bool) -> None:
     talker = Tag("talker")

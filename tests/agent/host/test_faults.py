@@ -109,18 +109,6 @@ def test_a_step_that_raises_puts_the_users_aside_and_the_rest_goes_on(house):
         assert refused.value.code is ErrorCode.INACTIVE
 
 
-def test_a_restart_comes_in_its_time_though_the_clock_was_set_back(house):
-    bench = house(restart="on-failure", backoff_s=0.5, backoff_max_s=0.5)
-    bench.tick(500)
-    bench.broken.append("step")
-    bench.tick(10)
-    bench.broken.clear()
-    assert states(bench)["boiler"] == "faulted"
-    bench.clock._now_ns[0] = 0
-    bench.tick(30)
-    assert states(bench) == ALL_ACTIVE
-
-
 def test_a_plugin_that_was_put_aside_is_not_deactivated_again_when_the_robot_stops(house):
     bench = house()
     radiator = bench.plugin("radiator")

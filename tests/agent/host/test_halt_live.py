@@ -14,7 +14,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.host_queries import HOST_COMMAND, HOST_HALT
@@ -74,8 +74,8 @@ class Robot:
     def __init__(self, place: Path, *load: str) -> None:
         self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
-        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
-        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE, workers=8)
+        self.host = AgentHost(robot_file, Path(), self.session, LiveClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(self.session, "default", LiveClock(), Drive.LIVE, workers=8)
         self.states = Inbox(every=True)
         self.wire.subscribe(self.states, ROBOT_STATE)
         self.threads = PluginThreads(self.host)

@@ -10,7 +10,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.answers.trace import trace_of
-from robrain.protocol.wire.clock import VirtualClock, WallClock, to_ns
+from robrain.protocol.wire.clock import LiveClock, VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskOffer
@@ -134,7 +134,7 @@ def test_hurried_step_of_a_live_plugin_does_not_wait_for_its_period(robot):
     source = robot[1] / "slow.py"
     source.write_text(PLUGIN.replace("period_s = 1.0", f"period_s = {100 * PATIENCE_S}"), encoding="utf-8")
     with open_lockstep_session() as session:
-        host = AgentHost(*robot, session, WallClock(), Drive.LIVE)
+        host = AgentHost(*robot, session, LiveClock(), Drive.LIVE)
         threads = PluginThreads(host)
         try:
             host.start()
@@ -150,7 +150,7 @@ def test_hurried_step_of_a_live_plugin_does_not_wait_for_its_period(robot):
 
 def test_end_of_a_task_wakes_the_hosts_loop(robot):
     with open_lockstep_session() as session:
-        host = AgentHost(*robot, session, WallClock(), Drive.LIVE)
+        host = AgentHost(*robot, session, LiveClock(), Drive.LIVE)
         try:
             woken = threading.Event()
             host.on_wanted(woken.set)

@@ -13,7 +13,7 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.managed_plugin import WAITS_S
 from robrain.agent.lifecycle.transitions import Step
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.team_messages import Halt
@@ -79,8 +79,8 @@ class LiveRobot:
     def __init__(self, place: Path, *load: str) -> None:
         self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
-        self.host = AgentHost(robot_file, Path(), self.session, WallClock(), Drive.LIVE)
-        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.host = AgentHost(robot_file, Path(), self.session, LiveClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._stopping, ready = threading.Event(), threading.Event()
         self._errors: list[BaseException] = []
         self._thread = threading.Thread(target=self._run, args=(ready.set,))
@@ -241,7 +241,7 @@ def test_a_robot_that_cannot_start_closes_what_it_opened(bench):
     before = set(threading.enumerate())
     session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
     robot_file = RobotFile(robot=RobotTable("r1", places=[str(bench.place)], load=["ghost"]))
-    host = AgentHost(robot_file, Path(), session, WallClock(), Drive.LIVE)
+    host = AgentHost(robot_file, Path(), session, LiveClock(), Drive.LIVE)
     with pytest.raises(Exception, match="no plugin ghost"):
         run_agent(host, lambda: False, lambda: pytest.fail("it is not ready"))
     session.close()

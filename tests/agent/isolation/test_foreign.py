@@ -12,7 +12,7 @@ from robrain.agent.event import Event
 from robrain.agent.isolation.foreign_plugins import RETRY_NS, ForeignPlugins
 from robrain.agent.plugin import Level
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import VirtualClock, WallClock
+from robrain.protocol.wire.clock import LiveClock, VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
@@ -48,7 +48,7 @@ class Process:
     def __init__(self, connect, told, name="gauge"):
         self.asked = []
         self._session = open_session(connect=connect)
-        self._wire = Endpoint(self._session, "t", WallClock(), Drive.LIVE)
+        self._wire = Endpoint(self._session, "t", LiveClock(), Drive.LIVE)
         self._wire.answer(ROBOT_FOREIGN_INFO, lambda request: told, robot="r1", plugin=name)
         self._wire.answer(ROBOT_FOREIGN_CALL, self._call, serve=Serve.POOL, robot="r1", plugin=name)
         self._wire.token(ROBOT_FOREIGN, robot="r1", plugin=name)
@@ -77,7 +77,7 @@ class Robot:
     def __init__(self, hub):
         self.hub = hub
         self.connect = listening_at(hub)
-        self.wire = Endpoint(self.hub, "t", WallClock(), Drive.LIVE)
+        self.wire = Endpoint(self.hub, "t", LiveClock(), Drive.LIVE)
         self.foreign = ForeignPlugins(self.wire, "r1")
         self.processes = []
 
@@ -306,7 +306,7 @@ def test_one_that_does_not_say_what_it_is_stays_out_with_the_reason(robot, caplo
 
 def test_one_that_answers_late_is_asked_again(robot):
     session = open_session(connect=robot.connect)
-    wire = Endpoint(session, "t", WallClock(), Drive.LIVE)
+    wire = Endpoint(session, "t", LiveClock(), Drive.LIVE)
     wire.token(ROBOT_FOREIGN, robot="r1", plugin="gauge")
     robot.until(lambda: "gauge" in robot.foreign._due_ns)
     assert robot.foreign.infos() == []

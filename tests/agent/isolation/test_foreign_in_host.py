@@ -10,7 +10,7 @@ from robrain.agent.errors import AccessDenied
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.manifest import COMMAND
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_COMMAND
@@ -54,8 +54,8 @@ class Robot:
     def __init__(self, hub, place: Path, *load: str) -> None:
         self.connect = listening_at(hub)
         robot_file = RobotFile(robot=RobotTable("r1", team="t", places=[str(place)], load=list(load)))
-        self.host = AgentHost(robot_file, Path(), hub, WallClock(), Drive.LIVE)
-        self.wire = PatientEndpoint(hub, "t", WallClock(), Drive.LIVE)
+        self.host = AgentHost(robot_file, Path(), hub, LiveClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(hub, "t", LiveClock(), Drive.LIVE)
         self.processes: list[Process] = []
         self.host.start()
 

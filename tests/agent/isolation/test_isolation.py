@@ -16,7 +16,7 @@ from robrain.agent.event import Event
 from robrain.agent.isolation.isolated_plugin import IsolatedPlugin
 from robrain.agent.plugin import Level
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
@@ -467,7 +467,7 @@ def is_nobody_there(operator):
 @pytest.mark.slow
 def test_it_has_a_place_of_its_own_on_the_wire(bench):
     with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub:
-        operator = Endpoint(hub, "default", WallClock(), Drive.LIVE)
+        operator = Endpoint(hub, "default", LiveClock(), Drive.LIVE)
         bench.env = StandInEnvironment(connect=tuple(listening_at(hub)))
         bench.env.others["ranger"] = Ranger()
         vision = bench.start(

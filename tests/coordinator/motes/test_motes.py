@@ -292,22 +292,6 @@ def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_ha
     assert field.get("s").state is TaskState.FAILED
 
 
-@pytest.mark.parametrize("speaks", [True, False])
-def test_a_task_at_a_mote_ends_or_comes_free_though_the_clock_was_set_back(field, speaks):
-    field.team.set_clock(3600.0)
-    mote = field.mote()
-    field.run(2.0)
-    field.team.submit(Task(id="s", kind="sense", place=PLACE))
-    field.run(0.2)
-    assert field.get("s").robot == "mote:m1"
-    field.team.set_clock(3000.0)
-    mote._due_s, mote.speaks = 0.0, speaks
-    field.run(5.0 if speaks else 35.0)  # its patience is 30 s
-    record = field.get("s")
-    assert (record.state is TaskState.DONE) == speaks
-    assert (record.robot == "mote:m1") == speaks
-
-
 def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):
     monkeypatch.setattr(motes, "MOTES_MAX", 2)
     table = MoteTable()

@@ -9,7 +9,7 @@ import zenoh
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.recording.replay.replay import Replay
 from robrain.deploy.recordings.replaying import ReplayKeys
-from robrain.protocol.wire.clock import VirtualClock, WallClock
+from robrain.protocol.wire.clock import LiveClock, VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
@@ -33,7 +33,7 @@ class Stage:
     def __init__(self, run: Path) -> None:
         self.session = open_lockstep_session()
         self.clock = VirtualClock()
-        self.ear = Endpoint(self.session, "replay", WallClock(), Drive.LOCKSTEP)
+        self.ear = Endpoint(self.session, "replay", LiveClock(), Drive.LOCKSTEP)
         self.wire = Endpoint(self.session, "replay", self.clock, Drive.LOCKSTEP)
         self.inbox = Inbox(capacity=100_000, every=True)
         for topic in TeamView().topics:

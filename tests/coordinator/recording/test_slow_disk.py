@@ -14,7 +14,7 @@ from robrain.coordinator.recording.writer import recorder as recorder_module
 from robrain.coordinator.recording.writer import recording_file
 from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder import Recorder
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
@@ -41,10 +41,10 @@ class Team:
 
     def __init__(self, path: Path) -> None:
         self.hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-        self.recording = Endpoint(self.hub, "default", WallClock(), Drive.LIVE)
+        self.recording = Endpoint(self.hub, "default", LiveClock(), Drive.LIVE)
         self.recorder = Recorder(self.recording, path, PROVENANCE)
         self.session = open_session(connect=listening_at(self.hub))
-        self.robot = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.robot = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self.states = self.robot.publisher(ROBOT_STATE, robot="r1")
         self.told = Inbox(every=True)
         self.robot.subscribe(self.told, RECORDER_STATE)

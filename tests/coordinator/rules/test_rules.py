@@ -393,14 +393,3 @@ def test_a_flood_of_readings_costs_bounded_work_and_memory(begin):
 
 def first_reason(sensed, record):
     return sensed.journal.history(record.task.id)[0].reason
-
-
-def test_a_rule_makes_its_next_task_in_time_though_the_clock_was_set_back(begin):
-    sensed = begin(rule(reading={"above": 26.0, "clear_at": 24.0}, cooldown_s=10.0, max_open=10))
-    sensed.team.set_clock(3600.0)
-    sensed.senses(27.0)
-    assert len(sensed.made()) == 1
-    sensed.team.set_clock(3000.0)
-    sensed.senses(23.0, 23.0, 23.0, 23.0, 23.0, 23.0)
-    sensed.senses(27.0)
-    assert len(sensed.made()) == 2

@@ -6,7 +6,7 @@ import pytest
 
 from robrain.coordinator.standing.offer_fence import HEARD_NS
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest, StandByState
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.session import open_lockstep_session
@@ -133,16 +133,6 @@ def test_a_fenced_coordinator_that_begins_anew_is_fenced_again(four: FencedTeam)
     four.run(3.0)
     assert four.asked() == []
     assert four.coordinator.fence.reason == MinorityHeard(1, 4, STAND_BY)
-
-
-def test_a_clock_that_is_set_back_does_not_make_the_silence_of_the_copy_longer_or_shorter(four: FencedTeam) -> None:
-    feed = four.coordinator.feed
-    assert feed is not None
-    now_ns = four.clock.now_ns()
-    back_ns = now_ns - to_ns(1000.0)
-    feed.clock_set_back(back_ns)
-    assert feed.silent_copy(back_ns, to_ns(2.0)) == ""
-    assert feed.silent_copy(back_ns + to_ns(2.1), to_ns(2.0)) == STAND_BY
 
 
 def test_a_team_of_one_robot_is_served(single: FencedTeam) -> None:

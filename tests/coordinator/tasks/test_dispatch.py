@@ -16,7 +16,6 @@ from robrain.protocol.wire.reasons.robots import (
     PositionUnknown,
     Refused,
     RobotReason,
-    Unreachable,
 )
 
 
@@ -103,16 +102,3 @@ def test_refusals_are_not_remembered_without_end() -> None:
         backoff.note(f"t{number}", "r1", Refused(NoPath()), 0)
     assert len(backoff._avoided) == KEPT
     assert backoff.why(f"t{KEPT + 9}", "r1", 0) == Refused(NoPath())
-
-
-def test_when_the_clock_was_set_back_no_pause_lasts_longer_than_from_then_on() -> None:
-    backoff = Backoff()
-    hour_ns, now_ns = to_ns(3600.0), to_ns(10.0)
-    backoff.note("t1", "r1", Refused(NoPath()), hour_ns)
-    backoff.robots.unreached("r2", Unreachable("no answer"), hour_ns)
-    assert backoff.why("t1", "r1", now_ns) is not None
-    backoff.clock_set_back(now_ns)
-    assert backoff.why("t1", "r1", now_ns + to_ns(60.0)) is None
-    assert backoff.pauses(now_ns + to_ns(60.0)) == {}
-    assert backoff.robots.why_unreached("r2", now_ns) is not None
-    assert backoff.robots.why_unreached("r2", now_ns + to_ns(0.5)) is None

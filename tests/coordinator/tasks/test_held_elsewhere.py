@@ -70,10 +70,3 @@ def test_only_tasks_that_are_queued_here_are_remembered(one):
     one.book.move("t2", TaskState.CANCELLED, None)
     one.say("r1", 10.0, t2=50.0, t3=50.0)
     assert one.held._until == {}
-
-
-def test_when_the_clock_was_set_back_a_task_waits_no_longer_than_was_said(one):
-    one.say("r1", 3600.0, t1=5.0)
-    one.held.clock_set_back(to_ns(10.0))
-    assert one.by(14.9) == ["r9", ""]
-    assert one.by(15.0) == ["", ""]

@@ -228,19 +228,6 @@ def test_what_a_robot_is_at_just_now_is_not_its_last_word(desk: Desk, passing: O
     assert desk.tasks.backoff.why("t1", "r1", now_ns) == Refused(passing)
 
 
-def test_an_offer_that_is_not_taken_is_taken_back_in_time_after_the_clock_was_set_back(desk: Desk) -> None:
-    desk.add()
-    desk.clock.advance_to(NOW_NS + to_ns(20.0))
-    desk.tasks.offer("t1", "r1", desk.clock.now_ns())
-    desk.roster.clock_set_back(NOW_NS)
-    desk.tasks.clock_set_back(NOW_NS)
-    for later_s, state in ((0.5, TaskState.OFFERED), (1.9, TaskState.OFFERED), (2.1, TaskState.QUEUED)):
-        now_ns = NOW_NS + to_ns(later_s)
-        desk.roster.note_state(RobotState(robot="r1"), now_ns)
-        desk.tasks.settle(now_ns)
-        assert desk.stands()[0] is state
-
-
 def test_an_offer_is_not_taken_back_because_the_coordinator_stood_still(desk: Desk) -> None:
     desk.add()
     desk.tasks.offer("t1", "r1", NOW_NS)

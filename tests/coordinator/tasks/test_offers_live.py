@@ -8,7 +8,7 @@ from robrain.coordinator.tasks import offers as offers_module
 from robrain.coordinator.tasks.offers import Offers
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
@@ -31,7 +31,7 @@ def fails(_request: object) -> TaskAnswer:
 def wire() -> Iterator[Endpoint]:
     """Of a coordinator; the robot `stopped` is at the same session, and nobody ever steps it."""
     with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
-        wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
         for topic in (ROBOT_OFFER, ROBOT_WITHDRAW):
             wire.answer(topic, fails, serve=Serve.IN_STEP, robot="stopped")
         yield wire

@@ -174,13 +174,3 @@ def test_an_offer_to_recharge_is_taken_even_on_the_way_home(errands):
     assert run.offer(Task(id="c", kind="recharge", place=CHARGER, parameters={"until_soc": 0.5})).accepted
     run.run(25.0)
     assert (run.status().id, run.status().state) == ("c", TaskState.DONE)
-
-
-def test_the_guard_looks_again_when_the_clock_was_set_back(errands):
-    run = errands(parameters=KNOWN)
-    plugin = run.hosts["r1"].manager.get("recharge").live_plugin()
-    run.run(3.0)
-    plugin._not_before_ns += 3600 * 10**9
-    usable(run, 0.0)
-    run.run(3.0)
-    assert behavior(run) == "recharge"

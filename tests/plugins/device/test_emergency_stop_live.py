@@ -12,7 +12,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.gpio import input_lines
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.host_queries import HOST_RESUME
@@ -43,8 +43,8 @@ class Robot:
         self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
         roles = {"emergency_stop": "gpio_emergency_stop"}
         table = RobotTable("r1", places=[str(place)], load=["emergency_stop", "wheels"], roles=roles)
-        self.host = AgentHost(RobotFile(robot=table), Path(), self.session, WallClock(), Drive.LIVE)
-        self.wire = PatientEndpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.host = AgentHost(RobotFile(robot=table), Path(), self.session, LiveClock(), Drive.LIVE)
+        self.wire = PatientEndpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self.threads = PluginThreads(self.host)
         self.host.start()
         self.threads.follow()

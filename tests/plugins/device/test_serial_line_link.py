@@ -4,7 +4,6 @@ import pytest
 
 from robrain.plugins.device.mote_base import serial_line_link
 from robrain.plugins.device.mote_base.link import Backoff
-from robrain.plugins.device.mote_base.mote_base import FloodGuard
 from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
 from robrain.protocol.tinyos.serial_line import frame
 from robrain.protocol.wire.clock import NS_PER_S
@@ -108,24 +107,6 @@ def test_what_a_line_does_not_take_at_once_is_written_later_in_order(socket):
     for _ in range(5):
         link.receive(1)
     assert socket.written == expected
-
-
-def test_a_clock_that_is_set_back_delays_no_try():
-    backoff = Backoff(1.0, 4.0)
-    backoff.failed(3600 * NS_PER_S)
-    assert not backoff.is_due(3600 * NS_PER_S)
-    assert backoff.is_due(NS_PER_S)
-    assert backoff.wait_s(NS_PER_S) == 0.0
-    assert backoff.wait_s(3600 * NS_PER_S) == 1.0
-
-
-def test_a_clock_that_is_set_back_is_no_flood():
-    guard = FloodGuard(20)
-    hour_ns = 3600 * NS_PER_S
-    assert guard.admit(10, hour_ns) == 10
-    admitted = [guard.admit(10, second * NS_PER_S) for second in range(1, 100)]
-    assert set(admitted) == {10}
-    assert guard.since_ns is None
 
 
 def test_line_is_closed_once(socket):

@@ -289,22 +289,3 @@ class SetClock:
 
     def now_ns(self):
         return round(self.now_s * 1e9)
-
-
-def test_mates_are_heard_and_fall_silent_as_before_when_the_clock_was_set_back(stage):
-    one = stage()
-    plugin = one.host("teammates").manager.get("teammates").plugin
-    one.say_state("r2", POSE)
-    one.run(0.3)
-    clock = SetClock(3600.0)
-    plugin.env.clock = clock
-    one.say_state("r2", POSE)
-    assert [mate.pose for mate in plugin.others()] == [POSE]
-    clock.now_s = 10.0
-    moved = Pose2D(3.0, 0.0, 0.0)
-    one.say_state("r2", moved)
-    assert [mate.pose for mate in plugin.others()] == [moved]
-    clock.now_s = 5.0
-    assert plugin.count() == 1
-    clock.now_s = 7.5
-    assert plugin.count() == 0

@@ -262,14 +262,3 @@ def test_wish_to_stand_ends_the_lease_and_any_other_renews_it(wanted):
     assert not hand.holds(2)
     assert hand.holder(2) == ""
     assert hand.has_ended(2)
-
-
-def test_lease_ends_when_the_clock_is_set_back():
-    hand = ByHand(LEASE_S)
-    later_ns = 3_600_000_000_000
-    hand.ask(Twist2D(0.2, 0.0, 0.0), hand.take("ann", later_ns).lease, later_ns)
-    assert hand.holds(later_ns + 1)
-    assert not hand.holds(1)
-    assert hand.holder(1) == ""
-    assert hand.has_ended(1)
-    assert hand.take("bob", 1).lease == 2

@@ -20,7 +20,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.unit.program import line_process, program
 from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.program import Program
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.session import open_session
@@ -323,10 +323,10 @@ def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
     robot_file = RobotFile(robot=RobotTable("r1", places=[str(tmp_path)], load=["double", "triple"]))
     stop, ready = threading.Event(), threading.Event()
     with open_session(mode="peer", listen=["tcp/127.0.0.1:0"]) as session:
-        host = AgentHost(robot_file, Path(), session, WallClock(), Drive.LIVE)
+        host = AgentHost(robot_file, Path(), session, LiveClock(), Drive.LIVE)
         thread = threading.Thread(target=run_agent, args=(host, stop.is_set, ready.set))
         thread.start()
-        operator = PatientEndpoint(session, "default", WallClock(), Drive.LIVE)
+        operator = PatientEndpoint(session, "default", LiveClock(), Drive.LIVE)
         try:
             assert ready.wait(PATIENCE_S)
             answers = [

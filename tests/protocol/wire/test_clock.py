@@ -1,8 +1,12 @@
+import time
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.wire.clock import NS_PER_S, VirtualClock, WallClock, to_ns, to_seconds
+from robrain.protocol.wire.clock import LiveClock, VirtualClock, clock_difference_ns, to_ns, to_seconds
+
+DAY_S = 86_400.0
 
 
 def test_a_virtual_clock_stands_still_until_it_is_moved():
@@ -20,9 +24,22 @@ def test_time_does_not_run_backwards():
     assert clock.now_ns() == 7
 
 
-def test_the_wall_clock_counts_nanoseconds_since_1970():
-    years = WallClock().now_ns() / NS_PER_S / (365.25 * 24 * 3600)
-    assert 55 < years < 200
+@pytest.mark.parametrize("set_by_s", [20 * DAY_S, 54 * 365 * DAY_S, -7200.0])
+def test_a_live_clock_counts_from_1970_and_no_setting_of_the_wall_clock_moves_it(monkeypatch, set_by_s):
+    wall_ns, clock = time.time_ns, LiveClock()
+    before_ns = clock.now_ns()
+    assert abs(before_ns - wall_ns()) < to_ns(60.0)
+    monkeypatch.setattr(time, "time_ns", lambda: wall_ns() + to_ns(set_by_s))
+    for later in (clock, LiveClock()):  # those that are made later in the process have the same offset
+        assert 0 <= later.now_ns() - before_ns < to_ns(5.0)
+    assert clock.of_wall_ns(time.time_ns() - to_ns(1.0)) == pytest.approx(clock.now_ns() - to_ns(1.0), abs=to_ns(0.5))
+
+
+@pytest.mark.parametrize(("ahead_s", "differs"), [(0.0, 0), (5.0, 0), (5.1, 1), (-60.0, 0), (-61.0, 1), (-1e9, 1)])
+def test_clocks_differ_if_a_stamp_is_farther_off_than_synchronised_clocks_and_a_network_explain(ahead_s, differs):
+    now_ns = to_ns(2e9)
+    assert clock_difference_ns(now_ns + to_ns(ahead_s), now_ns) == differs * to_ns(ahead_s)
+    assert clock_difference_ns(0, now_ns) == 0  # no stamp
 
 
 @given(st.floats(-1e6, 1e6))

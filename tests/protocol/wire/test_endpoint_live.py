@@ -7,7 +7,7 @@ import time
 import pytest
 import zenoh
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
@@ -31,7 +31,7 @@ class Team:
 
     def join(self):
         session = open_session(connect=self._connect)
-        endpoint = Endpoint(session, "t", WallClock(), Drive.LIVE)
+        endpoint = Endpoint(session, "t", LiveClock(), Drive.LIVE)
         self._open.append((endpoint, session))
         return endpoint
 
@@ -226,7 +226,7 @@ def test_the_pool_answers_several_at_a_time(team):
 @pytest.fixture
 def one_at_a_time(team):
     """A robot that answers one call at a time, and a first one that takes until it is let go."""
-    robot = Endpoint(team.router, "t", WallClock(), Drive.LIVE, workers=1)
+    robot = Endpoint(team.router, "t", LiveClock(), Drive.LIVE, workers=1)
     let_go, started = threading.Event(), threading.Event()
 
     def hold(request):

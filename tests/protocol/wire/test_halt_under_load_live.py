@@ -5,7 +5,7 @@ import threading
 import msgspec
 import pytest
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.team_messages import Halt
@@ -26,7 +26,7 @@ def network():
 
     def join():
         session = open_session(connect=listening_at(router))
-        endpoint = Endpoint(session, "t", WallClock(), Drive.LIVE)
+        endpoint = Endpoint(session, "t", LiveClock(), Drive.LIVE)
         opened.append((endpoint, session))
         return endpoint
 

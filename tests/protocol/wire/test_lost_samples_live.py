@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from robrain.protocol.wire.border.refusals import RefusalCode
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.plugin_messages import Event
@@ -25,8 +25,8 @@ def test_samples_that_no_recovery_brings_are_counted_and_others_are_not(cache):
     with OwnHub() as at:
         hub = open_session(mode="router", listen=[at.endpoint])
         with closing(open_session(connect=[at.endpoint])) as near, closing(open_session(connect=[at.endpoint])) as far:
-            speaker = Endpoint(near, "t", WallClock(), Drive.LIVE)
-            listener = Endpoint(far, "t", WallClock(), Drive.LIVE)
+            speaker = Endpoint(near, "t", LiveClock(), Drive.LIVE)
+            listener = Endpoint(far, "t", LiveClock(), Drive.LIVE)
             inbox, heard = Inbox(), []
             listener.subscribe(inbox, topic)
             publisher = speaker.publisher(topic, **NAMES)

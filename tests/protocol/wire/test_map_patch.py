@@ -13,10 +13,11 @@ from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.slam import submap_atlas
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.maps.map_patch import (
     MESSAGE_CELLS_MAX,
-    check_claim,
+    in_own_time,
     joined_message,
     map_stamp_ms,
     pose_message,
@@ -368,9 +369,23 @@ def test_a_patch_from_the_future_is_no_claim(in_part):
         patch = changed(observed_ms=observed_ms)
         return joined_message("r1", GEOMETRY, [PATCH, patch]) if in_part else patch
 
-    check_claim(message(6_000), 1_000_000_000)
-    with pytest.raises(ValueError, match=r"r1: its patch is from the future, 5\.0 s ahead"):
-        check_claim(message(6_001), 1_000_000_000)
+    assert in_own_time(message(6_000), 1_000_000_000) == message(6_000)
+    with pytest.raises(ValueError, match=r"r1: its patch claims to be observed 5\.0 s from now"):
+        in_own_time(message(6_001), 1_000_000_000)
+
+
+@pytest.mark.parametrize("ahead_s", [20 * 86_400, 54 * 365 * 86_400, -54 * 365 * 86_400, -7200, 6])
+@pytest.mark.parametrize("now_s", [1_800_000_000, (1 << 31) * 837 // 1000 + 2])
+def test_patches_of_a_robot_whose_clock_differs_are_observed_when_they_were(now_s, ahead_s):
+    """Also where the times of observation of one of the two, or of the robot's older cells, have wrapped."""
+    sent_s = now_s + ahead_s
+    atlas = atlas_of(changed(observed_ms=map_stamp_ms((sent_s - 40) * NS_PER_S)))
+    whole = whole_map("r1", atlas, atlas.submaps)
+    message = in_own_time(msgspec.structs.replace(whole, stamp_ns=sent_s * NS_PER_S), now_s * NS_PER_S)
+    part = message.parts[0]
+    assert part.observed_ms == map_stamp_ms((now_s - 40) * NS_PER_S)
+    assert set(np.frombuffer(zlib.decompress(part.tiles_ms), np.int32)) >= {part.observed_ms}
+    take_message(SubmapAtlas(GEOMETRY), message)
 
 
 def test_a_submap_message_has_the_classes_of_the_submap():

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
@@ -21,7 +21,7 @@ def pair():
         open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub,
         open_session(mode="client", connect=listening_at(hub)) as client,
     ):
-        robot, team = (Endpoint(one, "t", WallClock(), Drive.LIVE) for one in (client, hub))
+        robot, team = (Endpoint(one, "t", LiveClock(), Drive.LIVE) for one in (client, hub))
         yield robot, team
         robot.close()
         team.close()

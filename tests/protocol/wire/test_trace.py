@@ -7,7 +7,7 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.answers.trace import KEPT, Traces, read_trace, trace_of
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
@@ -51,8 +51,8 @@ def test_trace_travels_with_the_query_and_anything_else_does_not():
         closing(open_session(mode="router", listen=["tcp/127.0.0.1:0"])) as hub,
         closing(open_session(connect=listening_at(hub))) as far,
     ):
-        coordinator = Endpoint(hub, "t", WallClock(), Drive.LIVE)
-        robot = Endpoint(far, "t", WallClock(), Drive.LIVE)
+        coordinator = Endpoint(hub, "t", LiveClock(), Drive.LIVE)
+        robot = Endpoint(far, "t", LiveClock(), Drive.LIVE)
 
         def take(request):
             heard.append(request.trace)

@@ -42,12 +42,12 @@ print("ended", result.ended, result.digest, result.messages, flush=True)
 """
 ASKING_SCRIPT = """
 import json, sys
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
 with open_session(connect=[sys.argv[1]]) as session:
-    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     {question}
 """
 LOOKING_SCRIPT = ASKING_SCRIPT.format(

@@ -5,7 +5,7 @@ import zenoh
 
 from robrain import Scenario
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.wire.clock import VirtualClock, WallClock
+from robrain.protocol.wire.clock import LiveClock, VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -75,7 +75,7 @@ def test_places_are_those_of_the_run_that_is_set_up_afterwards() -> None:
 
 def _watch(session: zenoh.Session, world: World) -> None:
     watching = open_session(connect=listening_at(session))
-    viewer, inbox = Endpoint(watching, DEFAULT_TEAM, WallClock(), Drive.LIVE), Inbox()
+    viewer, inbox = Endpoint(watching, DEFAULT_TEAM, LiveClock(), Drive.LIVE), Inbox()
     try:
         viewer.subscribe(inbox, ARENA_PREPARATION)
         picture = StartPicture(Endpoint(session, DEFAULT_TEAM, VirtualClock(), Drive.LOCKSTEP), world)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session
@@ -22,7 +22,7 @@ class Desk:
 
     def __init__(self) -> None:
         self._session = open_lockstep_session()
-        self.endpoint = Endpoint(self._session, "test", WallClock(), Drive.LOCKSTEP)
+        self.endpoint = Endpoint(self._session, "test", LiveClock(), Drive.LOCKSTEP)
         self.forwarder = SerialForwarder(self.endpoint, "r1")
         self._air = self.endpoint.publisher(ARENA_RADIO_RX, robot="r1")
         self.sent = Inbox()

@@ -275,18 +275,6 @@ def test_a_witness_that_could_not_store_its_answer_is_asked_again(team: Team) ->
         assert team.acknowledged == ["t1"]
 
 
-def test_no_lease_counts_once_the_clock_was_set_back(team: Team) -> None:
-    """By stamps alone it would last longer by as much, while the other one is elected."""
-    with team.cut(COORDINATOR, OPERATOR):
-        team.pass_s(1.2)
-        assert team.run.leading() == [COORDINATOR]
-        team.run.processes[COORDINATOR].clock.skew_ns = -to_ns(1.5)
-        team.pass_s(0.2)
-        assert team.run.leading() == []
-        team.pass_s(8.0)
-        assert team.run.leading() == [OTHER]
-
-
 def test_the_operators_word_ends_with_the_first_coordinator_that_is_heard(team: Team) -> None:
     stand_by = team.run.site(OTHER)._stand_by
     stand_by._candidate.is_forced = True

@@ -1,5 +1,3 @@
-from itertools import pairwise
-
 import msgspec
 import pytest
 
@@ -117,37 +115,6 @@ def test_a_robot_that_could_not_know_of_a_halt_is_told_by_the_coordinator():
     assert 6.0 <= halted_s["r1"][0] <= 7.0
 
 
-@pytest.mark.parametrize(
-    ("component", "topic", "period_s"), [(COORDINATOR, COORDINATOR_STATE, 0.5), ("r1", ROBOT_STATE, 0.1)]
-)
-def test_a_clock_that_is_set_back_silences_nobody(component, topic, period_s):
-    fault = FaultSpec(robot=component, kind=FaultKind.CLOCK_SKEW, at_s=3.0, until_s=8.0, skew_s=4.0)
-    times_s = [
-        at_s for at_s, message in said(with_faults(fault), topic) if getattr(message, "robot", component) == component
-    ]
-    gaps_s = [after_s - before_s for before_s, after_s in pairwise(times_s)]
-    assert max(gaps_s) <= period_s + 0.11
-
-
-def test_a_coordinator_whose_clock_is_set_ahead_for_a_moment_takes_no_task_from_anybody():
-    skew = FaultSpec(robot=COORDINATOR, kind=FaultKind.CLOCK_SKEW, at_s=3.0, until_s=3.2, skew_s=14.0)
-    hang = FaultSpec(robot="r1", kind=FaultKind.HANG, at_s=2.8, until_s=3.3)
-    events = [event for _, event in said(with_faults(skew, hang), TASK_EVENT)]
-    begun = {event.task.id for event in events if event.state is TaskState.RUNNING}
-    assert begun == {"t1", "t2", "t3", "t4"}
-    assert [event for event in events if event.state is TaskState.LOST_CONTACT] == []
-    assert len([event for event in events if event.state is TaskState.QUEUED]) == len(begun)
-
-
-def test_a_coordinator_whose_clock_is_set_ahead_still_notices_a_robot_that_dies():
-    skew = FaultSpec(robot=COORDINATOR, kind=FaultKind.CLOCK_SKEW, at_s=3.0, until_s=30.0, skew_s=14.0)
-    kill = FaultSpec(robot="r2", kind=FaultKind.KILL, at_s=3.0, until_s=30.0)
-    tasks = (visit("t1", 10.0, 19.0, at_s=1.0),)
-    events = said(with_faults(skew, kill, tasks=tasks), TASK_EVENT)
-    again_s = [at_s for at_s, event in events if event.state is TaskState.OFFERED and event.robot == "r1"]
-    assert again_s[0] == pytest.approx(5.1, abs=0.3)
-
-
 def ticks_at_two_robots(script):
     """In how many ticks two robots are at work, the robots that ever were, and what the judge found."""
     run = StandInRun(script)
@@ -163,10 +130,22 @@ def ticks_at_two_robots(script):
     return both, begun, broken
 
 
-def test_a_robot_that_the_coordinator_does_not_hear_drops_its_task_before_another_has_it():
-    # Its states are refused, as from the future, while it hears the coordinator well.
-    skew = FaultSpec(robot="r2", kind=FaultKind.CLOCK_SKEW, at_s=0.9, until_s=30.0, skew_s=18.0)
-    assert ticks_at_two_robots(with_faults(skew, tasks=(visit("t1", 10.0, 19.0, at_s=1.0),))) == (0, {"r1", "r2"}, [])
+@pytest.mark.slow
+@pytest.mark.parametrize("component", [COORDINATOR, "r1"])
+@pytest.mark.parametrize("skew_s", [6 * 86_400.0, -4.0])
+def test_a_wall_clock_that_is_set_changes_nothing_in_processes_that_run(component, skew_s):
+    fault = FaultSpec(robot=component, kind=FaultKind.CLOCK_SKEW, at_s=1.0, until_s=8.0, skew_s=skew_s)
+    assert said(with_faults(fault), TASK_EVENT) == said(with_faults(), TASK_EVENT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("component", [COORDINATOR, "r2"])
+@pytest.mark.parametrize("skew_s", [6 * 86_400.0, 18.0])
+def test_a_process_that_starts_again_with_another_clock_works_as_before(component, skew_s):
+    skew = FaultSpec(robot=component, kind=FaultKind.CLOCK_SKEW, at_s=0.5, until_s=30.0, skew_s=skew_s)
+    kill = FaultSpec(robot=component, kind=FaultKind.KILL, at_s=0.6, until_s=1.2)
+    script = with_faults(skew, kill, tasks=(visit("t1", 10.0, 19.0, at_s=3.0),))
+    assert ticks_at_two_robots(script) == (0, {"r2"}, [])
 
 
 def test_a_robot_that_stood_still_does_not_take_old_summaries_for_new_ones():
@@ -270,13 +249,9 @@ def test_the_operator_resumes_a_robot_that_was_cut_off_when_the_halt_ended():
 
 
 @pytest.mark.slow
-def test_the_judge_excuses_a_robot_that_missed_a_halt_if_the_coordinator_refuses_what_robots_say():
-    # The coordinator misses the halt as well, and to its clock the states of the halted robot are from the future.
-    skew = FaultSpec(robot=COORDINATOR, kind=FaultKind.CLOCK_SKEW, at_s=4.0, until_s=25.0, skew_s=-12.0)
+def test_a_robot_that_missed_a_halt_as_the_coordinator_did_hears_of_it_by_another_robot():
     cut = FaultSpec(robot=COORDINATOR, kind=FaultKind.PARTITION, at_s=9.0, until_s=10.5)
     killed = FaultSpec(robot="r1", kind=FaultKind.KILL, at_s=9.5, until_s=11.0)
-    script = with_faults(skew, cut, killed, halts=(HaltOrder(at_s=10.0, until_s=24.0),))
-    assert run_trial(script).broken == ()
     obeying = with_faults(cut, killed, halts=(HaltOrder(at_s=10.0, until_s=24.0),))
     halted = {state.robot for at_s, state in said(obeying, ROBOT_STATE) if 13.0 < at_s < 24.0 and state.halted}
     assert halted == {"r1", "r2"}

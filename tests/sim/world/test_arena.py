@@ -9,7 +9,7 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.wire.clock import VirtualClock, WallClock
+from robrain.protocol.wire.clock import LiveClock, VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
@@ -366,7 +366,7 @@ def test_an_arena_without_robots_goes_on(stage):
 
 def test_in_live_the_same_arena_follows_its_commands():
     session = open_lockstep_session()
-    endpoint = Endpoint(session, "test", WallClock(), Drive.LIVE)
+    endpoint = Endpoint(session, "test", LiveClock(), Drive.LIVE)
     arena = Arena(room(), [ArenaRobot(name="r1", start=Pose2D(1.0, 2.0, 0.0))], [], endpoint, np.random.default_rng(1))
     host = ZenohBus("r1/can0", session=session, team="test")
     wheels = dict(zip(SIGNALS, BASE.wheel_speeds_rad_s(Twist2D(0.3)), strict=True))

@@ -16,7 +16,7 @@ from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue, revoke
 from robrain.protocol.wire.access.identity import TLS_VARIABLE, read_identity
 from robrain.protocol.wire.access.member import Member, member
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.session import open_session
@@ -80,7 +80,7 @@ class SecuredTeam:
 
     def wire(self, name: str) -> Endpoint:
         """An endpoint of robrain with somebody's certificate."""
-        wire = Endpoint(self.session(member_named(name)), TEAM, WallClock(), Drive.LIVE)
+        wire = Endpoint(self.session(member_named(name)), TEAM, LiveClock(), Drive.LIVE)
         self._wires.append(wire)
         return wire
 

@@ -11,7 +11,7 @@ import pytest
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue, renew
 from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, read_identity
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere, WireError
 from robrain.protocol.wire.session import listening_at, open_session
@@ -140,7 +140,7 @@ def test_link_is_cut_when_its_certificate_ends_and_is_back_when_it_is_renewed_in
     who = member_named("viewer brief")
     issue(team.pki, who, datetime.now(UTC), days=BRIEF_DAYS)
     session = open_session(connect=[team.endpoint], identity=read_identity(folder_of(team.pki, who)))
-    wire = Endpoint(session, TEAM, WallClock(), Drive.LIVE)
+    wire = Endpoint(session, TEAM, LiveClock(), Drive.LIVE)
     until(lambda: _lists(wire), "the router has not read the new member", pause_s=0.05)
     until(lambda: not session.info.routers_zid(), "the link is not cut at the end of its certificate", pause_s=0.05)
     with pytest.raises((CallError, NobodyThere)):

@@ -8,7 +8,7 @@ from contextlib import closing
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_HALT
@@ -37,7 +37,7 @@ class EvilRobot:
 
     def __init__(self) -> None:
         self._session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-        self.wire = Endpoint(self._session, "default", WallClock(), Drive.LIVE)
+        self.wire = Endpoint(self._session, "default", LiveClock(), Drive.LIVE)
         self.wire.token(ROBOT_ALIVE, robot="r1")
         self.wire.answer(ROBOT_WHO, lambda _: ProcessInfo(host=EVIL, pid=1, zid=EVIL, version=EVIL), robot="r1")
         self.wire.answer(ROBOT_OFFER, self._fail, robot="r1")

@@ -15,7 +15,7 @@ import pytest
 from playwright.sync_api import expect
 
 from robrain.deploy.machine.machine_files import FILES
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from tests.system.browser import browser_process, keep, open_page
@@ -131,7 +131,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         team = stack.enter_context(FakeTeam())
         session = open_session(mode="client", connect=(team.address,))
         stack.callback(session.close)
-        endpoint = stack.enter_context(closing(Endpoint(session, "default", WallClock(), Drive.LIVE)))
+        endpoint = stack.enter_context(closing(Endpoint(session, "default", LiveClock(), Drive.LIVE)))
         stepped = Stepped(endpoint)
         stack.callback(stepped.stop)
         port = int(stepped.dashboard.url.rpartition(":")[2].strip("/"))

@@ -8,7 +8,7 @@ import pytest
 from robrain.agent.access.external_function import external_functions
 from robrain.agent.host.text_command import parse_call
 from robrain.agent.plugin import Unit, external
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_COMMAND
@@ -41,7 +41,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
     commands = Commands(tmp_path_factory.mktemp("team"))
     functions, drawer = external_functions(Drawer), Drawer.__new__(Drawer)
     with open_session(mode="router", listen=[commands.hub.endpoint]) as session:
-        wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
 
         def command(request: Request) -> str:
             call = parse_call(request.asked.text)

@@ -25,7 +25,7 @@ from robrain.protocol.can.frames import codec, database
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
@@ -61,7 +61,7 @@ class Driven(NamedTuple):
 def log_a_drive(endpoint: str, log: Path) -> Driven:
     """Have python-can's logger write what passes on r1's bus while it is driven ahead, and until it stands."""
     session = open_session(connect=[endpoint], wait_s=PATIENCE_S)
-    wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     truths = Inbox()
     wire.subscribe(truths, ARENA_TRUTH)
 
@@ -125,7 +125,7 @@ def test_a_log_that_is_played_into_a_robot_moves_its_odometry_as_the_drive_did(a
         encoders = sum(frame.arbitration_id == 0x180 for frame in reader)
     hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
     robot_file = RobotFile(robot=RobotTable("r7", load=["mocdevice"]), parameters={"mocdevice": {"silent_s": 60.0}})
-    host = AgentHost(robot_file, Path(), hub, WallClock(), Drive.LOCKSTEP)
+    host = AgentHost(robot_file, Path(), hub, LiveClock(), Drive.LOCKSTEP)
     try:
         host.start()
         words = ("-i", "zenoh", "-c", "r7/can0", "--ignore-timestamps", "-g", "0.002", str(log))

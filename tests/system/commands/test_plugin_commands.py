@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_CALL
@@ -66,7 +66,7 @@ class Robot:
 
     def call(self, plugin: str, function: str, *arguments: object) -> object:
         session = open_session(connect=[self.endpoint], wait_s=PATIENCE_S)
-        wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
         try:
             ask = partial(wire.ask, ROBOT_CALL, list(arguments), robot="r1", plugin=plugin, function=function)
             return json.loads(until_answered(ask))

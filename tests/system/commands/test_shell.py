@@ -19,7 +19,7 @@ from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.plugin import Unit, external
 from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
 from robrain.plugins.unit.interactive_shell.interactive_shell import InteractiveShell
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.host_queries import HOST_COMMAND
@@ -59,7 +59,7 @@ PLUGINS = [info("driver"), info("drill"), info("hidden", visible=False)]
 def team():
     """A client of a robot's team; the robot's host is played."""
     with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
-        robot = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        robot = Endpoint(session, "default", LiveClock(), Drive.LIVE)
         robot.answer(ROBOT_PLUGINS, lambda request: PLUGINS, robot="r1")
 
         def command(request):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import expect
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_session
@@ -31,7 +31,7 @@ def team() -> Iterator[FakeTeam]:
 @pytest.fixture
 def endpoint(team: FakeTeam) -> Iterator[Endpoint]:
     session = open_session(mode="client", connect=(team.address,))
-    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     yield endpoint
     endpoint.close()
     session.close()  # type: ignore[no-untyped-call]

@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from robrain.coordinator.dashboard import run_dashboard
 from robrain.coordinator.drawing.palette import FREE
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_session
@@ -60,7 +60,7 @@ class Stoppable:
 
     def __init__(self, address: str) -> None:
         self._session = open_session(mode="client", connect=(address,))
-        self._endpoint = Endpoint(self._session, "default", WallClock(), Drive.LIVE)
+        self._endpoint = Endpoint(self._session, "default", LiveClock(), Drive.LIVE)
         self._stop = threading.Event()
         ready: Queue[str] = Queue()
         arguments = (self._endpoint, "127.0.0.1", 0, ready.put, self._stop.is_set)

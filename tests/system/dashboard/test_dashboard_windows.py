@@ -7,7 +7,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from robrain.coordinator.dashboard.layers.layer_switches import LayerSwitch
 from robrain.coordinator.dashboard.layers.marker_layers import MoteLabelLayer
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from tests.system.browser import browser_process, click_on, keep, open_page, wait_for, window
@@ -49,7 +49,7 @@ def team(everybody: FakeTeam) -> FakeTeam:
 @pytest.fixture(scope="module")
 def stepped(everybody: FakeTeam) -> Iterator[Stepped]:
     session = open_session(mode="client", connect=(everybody.address,))
-    endpoint = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     stepped = Stepped(endpoint)
     yield stepped
     stepped.stop()

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
@@ -36,7 +36,7 @@ def hub(network: CutNetwork):
 
 @pytest.fixture
 def team(hub):
-    wire = Endpoint(hub, "default", WallClock(), Drive.LIVE)
+    wire = Endpoint(hub, "default", LiveClock(), Drive.LIVE)
     yield wire
     wire.close()
 

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
@@ -37,7 +37,7 @@ class Pair:
         )
         self.endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
         self.session = open_session(mode="client", connect=[self.endpoint])
-        self.wire = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._summaries = Inbox(every=True)
         self.wire.subscribe(self._summaries, COORDINATOR_STATE)
         state = str(commands.folder / "state")

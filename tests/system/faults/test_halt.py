@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_session
@@ -21,7 +21,7 @@ class Watcher:
 
     def __init__(self, endpoint: str) -> None:
         self.session = open_session(connect=[endpoint], wait_s=PATIENCE_S)
-        self.wire = Endpoint(self.session, "default", WallClock(), Drive.LIVE)
+        self.wire = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._truth = Inbox()
         self.wire.subscribe(self._truth, ARENA_TRUTH)
         self._summaries = Inbox()

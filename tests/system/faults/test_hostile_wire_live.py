@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
@@ -51,7 +51,7 @@ class Hub:
                                            "--record", "run.mcap")  # fmt: skip
         self.address = self.commands.line_with(self.process, "hub: ").split()[1]
         self._session = open_session(mode="client", connect=(self.address,), wait_s=PATIENCE_S)
-        self.wire = Endpoint(self._session, "default", WallClock(), Drive.LIVE)
+        self.wire = Endpoint(self._session, "default", LiveClock(), Drive.LIVE)
         self._recorders = Inbox(every=True)
         self.refused: Counter[str] = Counter()
         """What the recorder has refused, by topic, as it told last."""

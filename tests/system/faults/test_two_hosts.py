@@ -13,7 +13,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskSubmission
@@ -134,7 +134,7 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TwoHosts]:
             commands.line_with(arena, "arena: room at")
             hub = open_session(mode="router", connect=[at], listen=["tcp/127.0.0.1:0"], wait_s=10.0)
             stack.callback(hub.close)
-            wire = stack.enter_context(closing(Endpoint(hub, "default", WallClock(), Drive.LIVE)))
+            wire = stack.enter_context(closing(Endpoint(hub, "default", LiveClock(), Drive.LIVE)))
             coordinator = commands.start("coordinator", "--connect", wire_at(wire), "--journal", "journal")
             commands.line_with(coordinator, "coordinator: of team default")
             agents = [far("agent", f"robots/{robot}.toml", "--connect", at) for robot in ROBOTS]

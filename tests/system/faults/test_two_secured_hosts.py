@@ -16,7 +16,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.access.identity import TLS_VARIABLE, read_identity
 from robrain.protocol.wire.access.member import Member, member
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
@@ -63,7 +63,7 @@ class SecuredHosts:
         commands.line_with(agent, "agent: r1 is up")
         self.processes = (router, arena, agent, site.process, coordinator)
         session = open_session(connect=[site.endpoint], identity=read_identity(folder_of(self.pki, ANN)))
-        self.wire = Endpoint(session, TEAM, WallClock(), Drive.LIVE)
+        self.wire = Endpoint(session, TEAM, LiveClock(), Drive.LIVE)
         self._summaries, self._events = Inbox(every=True), Inbox(capacity=65536, every=True)
         self.wire.subscribe(self._summaries, COORDINATOR_STATE)
         self.wire.subscribe(self._events, TASK_EVENT)

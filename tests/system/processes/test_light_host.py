@@ -10,7 +10,7 @@ import pytest
 
 from robrain.deploy.agents.agent_words import AgentWords, agent_words
 from robrain.deploy.processes.compiler_pages import Pages, unchanged_pages
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_PLUGINS
@@ -76,7 +76,7 @@ def test_plugins_that_need_an_extra_are_left_out_with_that_reason(commands: Comm
     path = plain_python_path(tmp_path_factory.mktemp("path"))
     (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
     hub = open_session(mode="router", listen=[commands.hub.endpoint])
-    wire = PatientEndpoint(hub, "default", WallClock(), Drive.LIVE)
+    wire = PatientEndpoint(hub, "default", LiveClock(), Drive.LIVE)
     try:
         agent = commands.start("agent", "r1.toml", PYTHONPATH=path)
         line = commands.line_with(agent, "agent: r1 without")

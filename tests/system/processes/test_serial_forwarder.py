@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.session import open_session
@@ -94,7 +94,7 @@ def test_a_robot_goes_by_its_base_station_s_forwarder(commands) -> None:
     agent = commands.start("agent", "r1.toml")
     commands.line_with(agent, "agent: r1 is up")
     with open_session(connect=[endpoint], wait_s=PATIENCE_S) as session:
-        wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+        wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
 
         def told(plugin, function):
             ask = partial(wire.ask, ROBOT_CALL, [], robot="r1", plugin=plugin, function=function)

@@ -6,7 +6,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
@@ -43,7 +43,7 @@ def test_two_teams_of_one_hub_do_not_see_each_other(commands, hub, where) -> Non
         return hub.declare_subscriber(f"robrain/{team}/**", take)
 
     listeners = [listen(team) for team in TEAMS]
-    wires = {team: Endpoint(hub, team, WallClock(), Drive.LIVE) for team in TEAMS}
+    wires = {team: Endpoint(hub, team, LiveClock(), Drive.LIVE) for team in TEAMS}
     states = {team: Inbox(every=True) for team in TEAMS}
     for team in TEAMS:
         wires[team].subscribe(states[team], ROBOT_STATE)

@@ -10,7 +10,7 @@ import websockets
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
@@ -52,7 +52,7 @@ async def first_transforms(address: str) -> tuple[dict[str, dict[str, Any]], Fra
 
 def test_a_live_team_is_served_to_foxglove(commands) -> None:
     session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    wire = Endpoint(session, "default", WallClock(), Drive.LIVE)
+    wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     try:
         states = wire.publisher(ROBOT_STATE, robot="r1")
         process = commands.start("foxglove", "--connect", listening_at(session)[0], "--port", "0")

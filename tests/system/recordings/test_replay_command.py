@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.protocol.wire.clock import WallClock
+from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import open_session
@@ -17,7 +17,7 @@ def test_replayed_states_are_heard_by_another_process(commands) -> None:
     process = commands.start("replay", "run.mcap", "--no-dashboard", "--loop", "--speed", "2")
     endpoint = commands.line_with(process, " at tcp/").rsplit(" at ", 1)[1].strip()
     session = open_session(connect=[endpoint], wait_s=PATIENCE_S)
-    wire = Endpoint(session, "replay", WallClock(), Drive.LIVE)
+    wire = Endpoint(session, "replay", LiveClock(), Drive.LIVE)
     try:
         inbox, presence = Inbox(), wire.watch(ROBOT_ALIVE)
         wire.subscribe(inbox, ROBOT_STATE)

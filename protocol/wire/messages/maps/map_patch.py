@@ -14,8 +14,9 @@ from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.wire.clock import clock_difference_ns
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.patch_cells import cells_of, geometry_of, inflated
+from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, cells_of, geometry_of, inflated
 from robrain.protocol.wire.messages.maps.shared_patches import TOLD_SHARE, step_of
 
 NS_PER_MS = 1_000_000
@@ -25,7 +26,7 @@ MESSAGE_CELLS_MAX = 1 << 27
 OUTSIDE_MAX = 2_000
 """Largest distance of a patch from the team's grid, in cells: 100 m at 0.05 m, more than any pose is wrong."""
 AHEAD_MAX_MS = 5_000
-"""Largest difference between clocks of a team (chosen). A patch from later would override what is seen until then."""
+"""Cells cannot be observed later than this after now. A patch from later would override what is seen until then."""
 
 
 def map_stamp_ms(stamp_ns: int) -> int:
@@ -111,27 +112,35 @@ def is_near_grid(geometry: GridGeometry, row: int, column: int) -> bool:
     return outside <= OUTSIDE_MAX
 
 
-def check_claim(message: MapPatch, now_ns: int) -> None:
-    """Check that a patch is not from the future.
+def in_own_time(message: MapPatch, now_ns: int) -> MapPatch:
+    """A patch with the times of observation by the receiver's clock, which may differ from its sender's.
 
     Args:
         message: the patch.
         now_ns: by the receiver's clock.
 
     Raises:
-        ValueError: it, or a part of it, is more than `AHEAD_MAX_MS` ahead. Just after the stamps wrap, so are patches
-            from before.
+        ValueError: it, or a part of it, claims to be observed more than `AHEAD_MAX_MS` from now.
 
     """
-    latest_ms = message.observed_ms
-    for part in message.parts:
-        latest_ms = max(latest_ms, part.observed_ms)
-    ahead_ms = latest_ms - map_stamp_ms(now_ns)
-    if ahead_ms > AHEAD_MAX_MS:
-        raise ValueError(
-            f"{message.robot}: its patch is from the future, {ahead_ms / 1000:.1f} s ahead, "
-            "or the clocks of its machine and of this one differ"
-        )
+    ahead_ns = clock_difference_ns(message.stamp_ns, now_ns)
+    if ahead_ns:
+        message = _moved_in_time(message, -ahead_ns // NS_PER_MS)
+    now_ms = map_stamp_ms(now_ns)
+    for one in (message, *message.parts):
+        ahead_ms = one.observed_ms - now_ms
+        if AHEAD_MAX_MS < ahead_ms < STAMP_MODULUS_MS // 2:  # else it was observed before the stamps wrapped
+            raise ValueError(f"{message.robot}: its patch claims to be observed {ahead_ms / 1000:.1f} s from now")
+    return message
+
+
+def _moved_in_time(patch: MapPatch, by_ms: int) -> MapPatch:
+    observed_ms = patch.observed_ms and (patch.observed_ms + by_ms) % STAMP_MODULUS_MS
+    tiles_ms = b""
+    if patch.tiles_ms:
+        tiles_ms = _deflated(np.maximum(observed_ms - (patch.observed_ms - tiles_of(patch)), 0).astype(np.int32))
+    parts = tuple(_moved_in_time(part, by_ms) for part in patch.parts)
+    return msgspec.structs.replace(patch, observed_ms=observed_ms, tiles_ms=tiles_ms, parts=parts)
 
 
 def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
@@ -225,6 +234,14 @@ def _surfaces_of(patch: MapPatch) -> NDArray[np.void]:
     return np.frombuffer(data, SURFACE)
 
 
+def tiles_of(patch: MapPatch) -> NDArray[np.int32]:
+    """Time of observation of each tile of a patch of a whole submap. Raises ValueError."""
+    if patch.rows * patch.columns > MAX_CELLS:
+        raise ValueError(f"{patch.robot}: expected at most {MAX_CELLS} cells in a patch")
+    rows, columns = -(-patch.rows // TILE_CELLS), -(-patch.columns // TILE_CELLS)
+    return inflated(patch, patch.tiles_ms, np.dtype(np.int32), rows, columns)
+
+
 def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8], int | NDArray[np.int32]]:
     """Cells of a patch and their time of observation: one, or one for each tile. Raises ValueError."""
     if not is_near_grid(team, patch.row, patch.column):
@@ -235,8 +252,7 @@ def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8
     cells = patch.derived(cells_of)
     if not patch.tiles_ms:
         return cells, patch.observed_ms
-    rows, columns = -(-patch.rows // TILE_CELLS), -(-patch.columns // TILE_CELLS)
-    stamps_ms = inflated(patch, patch.tiles_ms, np.dtype(np.int32), rows, columns)
+    stamps_ms = tiles_of(patch)
     if stamps_ms.min() < 0 or stamps_ms.max() > patch.observed_ms:
         raise ValueError(f"{patch.robot}: expected times of tiles from 0 to {patch.observed_ms} ms")
     return cells, stamps_ms

@@ -1,5 +1,8 @@
 """Readings and duties of sensor motes."""
 
+from typing import Self
+
+import msgspec
 from msgspec import UNSET, UnsetType
 
 from robrain.protocol.model.geometry import Point2D
@@ -42,6 +45,11 @@ class MoteReading(Message, frozen=True, kw_only=True):
     """Readings that its gateway still stores; absent if it does not store any."""
     dropped: Count | UnsetType = UNSET
     """Readings that its gateway had no room for so far."""
+
+    def moved_in_time(self, by_ns: int) -> Self:
+        """The reading with its times moved, from its sender's clock to the receiver's."""
+        taken_ns = self.taken_ns and self.taken_ns + by_ns
+        return msgspec.structs.replace(self, stamp_ns=self.stamp_ns + by_ns, taken_ns=taken_ns)
 
 
 class MoteDuty(Message, frozen=True, kw_only=True):

@@ -1,6 +1,6 @@
 """What a robot tells of its plugins: their functions and events, their log, the process that runs them."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import msgspec
 from msgspec import Meta
@@ -23,6 +23,10 @@ class Event(Message, frozen=True, kw_only=True):
     event: Name
     value: Any = None
     """What the plugin notifies of, any JSON."""
+
+    def moved_in_time(self, by_ns: int) -> Self:
+        """The event with its stamp moved, from its sender's clock to the receiver's."""
+        return msgspec.structs.replace(self, stamp_ns=self.stamp_ns + by_ns)
 
 
 class LogRecord(Message, frozen=True, kw_only=True):

@@ -1,6 +1,6 @@
 """Offer and withdrawal of a task between coordinator and robot, the robot's answer, and the events of a task."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import msgspec
 from msgspec import Meta
@@ -69,3 +69,7 @@ class TaskEvent(Message, frozen=True, kw_only=True):
     """Number of the change in the coordinator's journal; a repeated number is the same change, sent again."""
     reason: TaskReason | None = None
     """`why` as a value; None if there was no reason, or only its words are known."""
+
+    def moved_in_time(self, by_ns: int) -> Self:
+        """The event with its times moved, from its sender's clock to the receiver's."""
+        return msgspec.structs.replace(self, stamp_ns=self.stamp_ns + by_ns, task=self.task.moved_in_time(by_ns))
