@@ -29,7 +29,7 @@ from robrain.agent.host.robot_file import RobotFile, folder_of
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
-from robrain.agent.lifecycle.plugin_info import plugin_info
+from robrain.agent.lifecycle.plugin_info import plugin_faults, plugin_info
 from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
@@ -153,7 +153,8 @@ class AgentHost:
         """When its process last began to stand still, and from when on nothing that waited for it arrives any more."""
         self._halts = 0
         self._log = self._wire.publisher(ROBOT_LOG, robot=self.name)
-        self._faulted: dict[str, str] = {}
+        self._faults: dict[str, PluginFault] = {}
+        self._down: set[str] = set()
         self._telling = threading.Lock()
         self._told = RobotState(robot=self.name)
         self._told_facts = self.desk.facts
@@ -302,7 +303,7 @@ class AgentHost:
                 refused=most_refused(self.refusals) if self.refusals.total else msgspec.UNSET,
                 led=self.witness.led or msgspec.UNSET,
                 left_out=(self.thinning.total if self.thinning is not None else 0) or msgspec.UNSET,
-                faulted=[PluginFault(plugin=name, why=cut(why)) for name, why in self._faulted.items()],
+                faulted=list(self._faults.values()),
             )
             self._state.put(self.halting.mark(self._told))
 
@@ -311,17 +312,22 @@ class AgentHost:
         return zlib.crc32(" ".join(names).encode(), 1)
 
     def _tell_faults(self) -> None:
-        before = self._faulted
-        faulted = [plugin for plugin in self._registry.plugins.values() if plugin.state is PluginState.FAULTED]
-        self._faulted = {plugin.name: plugin.raised.after(plugin.why) for plugin in faulted}
-        for plugin in faulted:
-            if plugin.name not in before:
-                said = f"does not run: {cut(self._faulted[plugin.name])}"
-                text = cut(f"{said}\n{plugin.raised.detail}" if plugin.raised.detail else said, TEXT_MAX)
-                self._log.put(LogRecord(robot=self.name, level="error", source=plugin.name, text=text))
-                if plugin.manifest.tag.essential:
-                    self.halting.halt(plugin.name, f"{plugin.name} {said}")
-        for name in [name for name in before if name not in self._faulted]:
+        plugins, before, were_down = self._registry.plugins, self._faults, self._down
+        down = [plugin for plugin in plugins.values() if plugin.lacks or plugin.state is PluginState.FAULTED]
+        if not (down or before):
+            return
+        self._down = {plugin.name for plugin in down}
+        self._faults = {fault.plugin: fault for fault in plugin_faults(self._registry)}
+        for name, fault in self._faults.items():
+            if name not in before:
+                text = f"does not run: {fault.why}"
+                detail = plugins[name].raised.detail
+                text = cut(f"{text}\n{detail}" if detail else text, TEXT_MAX)
+                self._log.put(LogRecord(robot=self.name, level="error", source=name, text=text))
+        for plugin in down:
+            if plugin.manifest.tag.essential and plugin.name not in were_down:
+                self.halting.halt(plugin.name, f"{plugin.name} does not run: {cut(plugin.raised.after(plugin.why))}")
+        for name in [name for name in before if name not in self._faults]:
             self._log.put(LogRecord(robot=self.name, level="warning", source=name, text="runs again, or has gone"))
 
     def _publish_halt(self) -> None:
@@ -335,7 +341,7 @@ class AgentHost:
     def info(self, plugin: ManagedPlugin) -> PluginInfo:
         """A plugin as the host reports it."""
         distribution = self._distribution_of(plugin.manifest.path)
-        return msgspec.structs.replace(plugin_info(plugin), distribution=distribution)
+        return msgspec.structs.replace(plugin_info(plugin, self._registry), distribution=distribution)
 
     def _distribution_of(self, manifest: Path) -> str:
         known = self._came_with.get(manifest)

@@ -27,7 +27,7 @@ class TextCommandDoor:
 
     def plugins(self) -> list[PluginInfo]:
         """The plugins that are open to the outside."""
-        own = [plugin_info(plugin) for plugin in self._registry.plugins.values()]
+        own = [plugin_info(plugin, self._registry) for plugin in self._registry.plugins.values()]
         return visible_to_command([*own, *self._registry.foreign_infos()])
 
     def call_text(self, text: str, *, by: str = "") -> str:

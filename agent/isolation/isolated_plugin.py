@@ -42,7 +42,11 @@ CALL_SHARE = 0.8
 START_SHARE = 0.3
 """Of the manifest's `start_s`, for its process, `init` and `activate`, which may come together."""
 
-IMPORT = "import importlib, runpy, sys; (runpy.run_path if sys.argv[2] else importlib.import_module)(sys.argv[1])"
+IMPORT = """
+import importlib, pathlib, sys
+from robrain.agent.class_import import import_file
+import_file(pathlib.Path(sys.argv[2])) if sys.argv[2] else importlib.import_module(sys.argv[1])
+"""
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -304,11 +308,9 @@ def try_import(module: str, file: Path | None, limit_s: float) -> str:
         robot's own import will tell better.
 
     """
-    words = [str(file), "file"] if file is not None else [module, ""]
+    command = [sys.executable, "-c", IMPORT, module, str(file or "")]
     try:
-        ended = subprocess.run(
-            [sys.executable, "-c", IMPORT, *words], check=False, timeout=limit_s, capture_output=True
-        )
+        ended = subprocess.run(command, check=False, timeout=limit_s, capture_output=True)
     except subprocess.TimeoutExpired:
         return f"has not come back for {limit_s:g} s"
     return how_it_ended(ended.returncode) if ended.returncode < 0 else ""

@@ -1,22 +1,40 @@
-"""The description of a plugin that a robot publishes."""
+"""The descriptions of plugins, and of those that do not run, that a robot publishes."""
 
 import zlib
+from collections import defaultdict
 
 import msgspec
 
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.plugin import PluginState
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.wire.messages.robots.robot_messages import PluginFault
 
 
-def plugin_info(plugin: ManagedPlugin) -> PluginInfo:
+def plugin_faults(registry: Registry) -> list[PluginFault]:
+    """The causes for which plugins of a robot do not run, once each, with the plugins that each one affects."""
+    causes: dict[ManagedPlugin, list[str]] = defaultdict(list)
+    for plugin in registry.plugins.values():
+        if plugin.lacks or plugin.state is PluginState.FAULTED:
+            root = registry.root_cause(plugin)
+            causes[root] += [plugin.name] if root is not plugin else []
+    return [
+        PluginFault(plugin=root.name, why=cut(root.raised.after(root.why)), dependants=dependants)
+        for root, dependants in causes.items()
+    ]
+
+
+def plugin_info(plugin: ManagedPlugin, registry: Registry) -> PluginInfo:
     """A plugin as `robot/ROBOT/plugins` lists it."""
-    code = plugin.imported_code
+    code, root_cause = plugin.imported_code, registry.root_cause(plugin)
     return PluginInfo(
         name=plugin.name,
         level=code.plugin_class.level.name.lower() if code is not None else "",
         state=plugin.state.value,
         why=cut(plugin.why),
+        because_of=root_cause.name if root_cause is not plugin else "",
         needs=plugin.needs,
         where=cut(plugin.raised.where),
         detail=plugin.raised.detail,

@@ -88,11 +88,6 @@ class Registry:
         """What each plugin requires, by name."""
         return {name: plugin.manifest.tag.requires for name, plugin in self.plugins.items()}
 
-    def requires(self, name: str) -> list[str]:
-        """What a plugin requires; nothing if there is none of that name."""
-        plugin = self.plugins.get(name)
-        return plugin.manifest.tag.requires if plugin is not None else []
-
     def users_of(self, name: str) -> list[ManagedPlugin]:
         """All that require a plugin, also by way of others; users before what they use."""
         needed = {name}
@@ -103,16 +98,11 @@ class Registry:
                 users.append(plugin)
         return users[::-1]
 
-    def needs_of(self, name: str) -> str:
-        """The extra for lack of which a plugin is left out, or one that it requires; empty if that is not why."""
-        plugin = self.plugins.get(name)
-        while plugin is not None and plugin.lacks:
-            plugin = self.plugins.get(plugin.lacks)
-        return plugin.needs if plugin is not None else ""
-
-    def has(self, name: str) -> bool:
-        """Whether there is a plugin of that name, in the robot's process or in one of its own."""
-        return name in self.plugins or self.is_foreign(name)
+    def root_cause(self, plugin: ManagedPlugin) -> ManagedPlugin:
+        """The plugin because of which a plugin does not run: the plugin itself, or one that it requires."""
+        while (lacked := self.plugins.get(plugin.lacks)) is not None:
+            plugin = lacked
+        return plugin
 
     def is_running(self, name: str) -> bool:
         """Whether a plugin of that name runs."""

@@ -1,7 +1,6 @@
-"""Requirements: in which order plugins start, and what is missing, from who requires whom."""
+"""The order in which plugins start, and what each requires."""
 
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 
 Requires = Mapping[str, Sequence[str]]
@@ -36,17 +35,3 @@ def branch_of(name: str, requires: Requires) -> set[str]:
             branch.add(required)
             waiting += requires.get(required, ())
     return branch
-
-
-def path_to_missing(name: str, requires: Callable[[str], Sequence[str]], is_there: Callable[[str], bool]) -> list[str]:
-    """From a plugin, by what each requires, to the first that is not there; empty if all are."""
-    paths, seen = deque([[name]]), {name}
-    while paths:
-        path = paths.popleft()
-        for required in requires(path[-1]):
-            if not is_there(required):
-                return [*path, required]
-            if required not in seen:
-                seen.add(required)
-                paths.append([*path, required])
-    return []

@@ -13,12 +13,11 @@ from robrain.agent.errors import (
     PluginError,
     PluginHung,
     PluginInactive,
-    PluginMissing,
 )
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.lifecycle.replacement import Replacement
-from robrain.agent.lifecycle.requirements import path_to_missing, start_order
+from robrain.agent.lifecycle.requirements import start_order
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
 from robrain.agent.manifest import Manifest
@@ -114,10 +113,6 @@ class Starter:
         if plugin.state is PluginState.FAULTED:
             return
         try:
-            missing = path_to_missing(plugin.name, registry.requires, registry.has)
-            if missing:
-                there = ", ".join(registry.plugins)
-                raise PluginMissing(missing[-1], f"no plugin {missing[-1]} ({' → '.join(missing)}); there are: {there}")
             for required in plugin.manifest.tag.requires:
                 if registry.is_foreign(required):
                     continue
@@ -147,7 +142,7 @@ class Starter:
         lacks = self._registry.lacked_by(plugin, error)
         plugin.apply(Trigger.LEAVE_OUT, str(outside), error, lacks=lacks)
         what = f"{self._registry.robot}: plugin {plugin.name} is left out"
-        if lacks and self._registry.needs_of(lacks):
+        if lacks:
             logger.info("%s: %s", what, error)
         else:
             log_error(logger, what, error)

@@ -10,6 +10,7 @@ import msgspec
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
+from robrain.agent.lifecycle.plugin_info import plugin_faults
 from robrain.deploy.agents.witness_file import WitnessFile, witness_path
 from robrain.deploy.observability.json_logs import CONTEXT
 from robrain.deploy.processes.compiler_pages import CompilerPages
@@ -66,17 +67,18 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
 
         def tell_plugins() -> None:
             claim.settle()
-            plugins = host.manager.plugins.values()
-            left_out = [plugin for plugin in plugins if plugin.why]
+            plugins = host.manager.plugins
             should_stop.ready()
-            tell(f"agent: {host.name} is up with {len(plugins) - len(left_out)} plugins")
-            needs = {plugin.name: host.manager.registry.needs_of(plugin.name) for plugin in left_out}
-            for needed in sorted({*needs.values()} - {""}):
-                names = ", ".join(name for name, its in needs.items() if its == needed)
-                tell(f"agent: {host.name} without {names}: pip install '{needed}'")
-            for plugin in left_out:
-                if not needs[plugin.name]:
-                    tell(f"agent: {host.name} without {plugin.name} ({plugin.why})")
+            running = sum(plugin.state.is_running for plugin in plugins.values())
+            tell(f"agent: {host.name} is up with {running} plugins")
+            uninstalled: dict[str, list[str]] = {}
+            for fault in plugin_faults(host.manager.registry):
+                if needed := plugins[fault.plugin].needs:
+                    uninstalled.setdefault(needed, []).extend([fault.plugin, *fault.dependants])
+                else:
+                    tell(f"agent: {host.name}: {fault.words}")
+            for needed, names in uninstalled.items():
+                tell(f"agent: {host.name} without {', '.join(dict.fromkeys(names))}: pip install '{needed}'")
 
         watch, compiler, began_s = NameWatch(claim, should_stop), CompilerPages(), time.monotonic()
 

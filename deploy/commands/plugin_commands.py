@@ -150,7 +150,7 @@ def _show(infos: "list[PluginInfo]") -> None:
             info.holder,
             str(len(info.functions)),
             info.distribution,
-            info.why,
+            info.reason,
         )
         for info in infos
     ]

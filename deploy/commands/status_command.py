@@ -184,7 +184,7 @@ def standing_of(robot: str, state: RobotState | None) -> RobotStanding:
         condition, why = RobotCondition.LOST, f"lost: {state.lost}"
     plugins_out: dict[str, list[str]] = {}
     for fault in state.faulted:
-        plugins_out.setdefault(fault.why.strip().rpartition("\n")[2], []).append(fault.plugin)
+        plugins_out.setdefault(fault.why.strip().rpartition("\n")[2], []).extend([fault.plugin, *fault.dependants])
     return RobotStanding(
         robot=robot,
         condition=condition,

@@ -179,7 +179,10 @@ class TeamMetrics(Collector):
             ((name, max(to_seconds(now_ns - each.stamp_ns), 0.0)) for name, each in states.items()),
         )
         yield _of_robots("robrain_robot_state_period_seconds", self._periods_s.items())
-        yield _of_robots("robrain_robot_faulted_plugins", ((name, len(each.faulted)) for name, each in states.items()))
+        yield _of_robots(
+            "robrain_robot_faulted_plugins",
+            ((name, sum(1 + len(fault.dependants) for fault in each.faulted)) for name, each in states.items()),
+        )
         yield _of_robots(
             "robrain_robot_left_out",
             ((name, each.left_out) for name, each in states.items() if each.left_out is not UNSET),

@@ -190,7 +190,7 @@ def _chip(plugin: PluginInfo, selected: str) -> str:
     name = text(plugin.name)
     return (
         f'<span class="rb-chip{chosen}{closed}" data-rb="plugin {name}" tabindex="0" role="button" '
-        f'title="{text(plugin.state, 20)} {text(plugin.why)}" data-testid="plugin-{name}">'
+        f'title="{text(plugin.state, 20)} {text(plugin.reason)}" data-testid="plugin-{name}">'
         f'<i class="rb-{kind}">{shape}</i> {name}{holder}</span>'
     )
 
@@ -200,5 +200,6 @@ def _faults_html(robot: RobotView) -> str:
     return "".join(
         f'<div class="rb-alert rb-bad" data-rb="plugin {text(fault.plugin)}" tabindex="0" role="button">'
         f"<b>▲ {text(fault.plugin, 40)} does not run</b></div>{error_html(fault.why) if fault.why else ''}"
+        + (f"<div>without it: {text(', '.join(fault.dependants), 400)}</div>" if fault.dependants else "")
         for fault in faults[:FAULTS]
     )

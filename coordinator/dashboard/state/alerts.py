@@ -104,9 +104,7 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
         return found
     if state.halted and state.not_halted:
         found.append(Alert(Level.BAD, robot.name, f"has not stopped all of it: {', '.join(state.not_halted)}"))
-    found += [
-        Alert(Level.BAD, robot.name, f"{fault.plugin} does not run: {last_line(fault.why)}") for fault in state.faulted
-    ]
+    found += [Alert(Level.BAD, robot.name, fault.words) for fault in state.faulted]
     found += _of_refusals(robot.name, state.refused)
     if state.lost:
         found.append(Alert(Level.BAD, robot.name, f"is lost: {state.lost}"))
@@ -116,15 +114,6 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     if battery is not None and battery.soc < LOW_SOC and not battery.charging:
         found.append(Alert(Level.WARN, robot.name, f"battery at {100 * battery.soc:.0f} %"))
     return found
-
-
-def last_line(why: str) -> str:
-    r"""The last line of a traceback.
-
-    >>> last_line("Traceback:\n  File ...\nValueError: no")
-    'ValueError: no'
-    """
-    return why.strip().rpartition("\n")[2].strip()
 
 
 def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:

@@ -18,7 +18,7 @@ from tests.waiting import PATIENCE_S
 @pytest.fixture(autouse=True)
 def infos_of_tags(monkeypatch):
     """The door lists plugins as the host does; a tag here says itself how it is listed."""
-    monkeypatch.setattr("robrain.agent.host.command_door.plugin_info", lambda tag: tag.info())
+    monkeypatch.setattr("robrain.agent.host.command_door.plugin_info", lambda tag, _registry: tag.info())
 
 
 class Garden(Unit):

@@ -192,7 +192,7 @@ def test_a_load_while_another_is_under_way_is_refused(lab):
     thread = threading.Thread(target=lab.manager.load, args=["slow"])
     thread.start()
     try:
-        while not (new := [name for name in set(sys.modules) - before if name.startswith("robrain_plugin_slow")]):
+        while not (new := [name for name in set(sys.modules) - before if name.endswith(".slow")]):
             pass
         module = sys.modules[new[0]]
         while not hasattr(module, "GO"):

@@ -99,6 +99,40 @@ def test_edits_within_one_second_and_of_one_size_are_seen(lab):
         assert version(lab) == word
 
 
+@pytest.mark.parametrize("statement", ["from thermo import C", "from .thermo import C", "import thermo; C = thermo.C"])
+def test_a_plugin_of_two_files_is_imported_and_an_edit_of_the_second_is_seen(bench, statement):
+    """Also by way of a third file that was not edited, and not if the edit fails."""
+    thermo = bench.place / "thermo.py"
+    thermo.write_text("C = 20\n")
+    (bench.place / "between.py").write_text(f"{statement}\n")
+    bench.code("stove", """
+        from .between import C
+        class Stove(Device):
+            @external
+            def heat(self) -> int:
+                import thermo
+                return C if thermo.C == C else 0
+        """)  # fmt: skip
+    bench.manifest("stove", "stove:Stove")
+    manager = bench.start("stove").manager
+    assert bench.call("stove", "heat") == 20
+    thermo.write_text("C = 21\n")
+    manager.reload("stove")
+    assert bench.call("stove", "heat") == 21
+    thermo.write_text("C = 1 / 0\n")
+    with pytest.raises(ManifestError, match="division by zero"):
+        manager.reload("stove")
+    assert bench.call("stove", "heat") == 21
+
+
+def test_a_file_beside_a_plugin_hides_no_installed_module(bench):
+    (bench.place / "queue.py").write_text("raise RuntimeError('not the one of Python')\n")
+    bench.code("serial", "from queue import Queue\nclass Serial(Device): kind = Queue.__module__")
+    bench.manifest("serial", "serial:Serial")
+    bench.start("serial")
+    assert bench.plugin("serial").kind == "queue"
+
+
 @pytest.fixture
 def installed(bench, tmp_path_factory, monkeypatch):
     """Two plugins of a class whose module lies beside no manifest, but where Python looks for modules."""

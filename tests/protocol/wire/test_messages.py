@@ -47,7 +47,7 @@ FUNCTION = plugin_messages.FunctionInfo(
     returns={"type": "null"},
 )
 
-FAULTED = [robot_messages.PluginFault(plugin="scan", why="no lidar")]
+FAULTED = [robot_messages.PluginFault(plugin="scan", why="no lidar", dependants=["mapper"])]
 HALTED = team_messages.HaltStatus(halted=True, by=["operator"], reason="somebody walks there", since_ns=1_400_000_000,
                                   stamp_ns=1_400_000_000, stopped=["r1"], not_stopped=["r2"])  # fmt: skip
 LEAD = witness_messages.Lead(election=3, journal="5ac3", is_suspended=True, heard=1, witnesses=["r1", "r2", "r3"])
@@ -352,6 +352,7 @@ EXAMPLES = [
         level="unit",
         state="active",
         why="",
+        because_of="mocdevice",
         needs="robrain[navigation]",
         where="driver/driver.py:12 in step",
         detail="Traceback (most recent call last):\nZeroDivisionError",

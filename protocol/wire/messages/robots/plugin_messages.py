@@ -89,6 +89,8 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     """Device, unit, skill or behavior."""
     state: Name
     why: Text = ""
+    because_of: Name = ""
+    """The plugin because of which it does not run; empty if the reason is its own."""
     needs: Name = ""
     """The extra for lack of which it is left out, such as `robrain[navigation]`; empty if that is not why."""
     where: Text = ""
@@ -111,3 +113,8 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     functions: Annotated[list[FunctionInfo], Meta(max_length=1000)] = []
     task_kind: TaskKind | None = None
     """The kind of task that it does; None if it does none."""
+
+    @property
+    def reason(self) -> str:
+        """Reason of its state, without that of the plugin because of which it does not run."""
+        return f"because of {self.because_of}" if self.because_of else self.why

@@ -74,10 +74,20 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
-    """A plugin that does not run."""
+    """A plugin that does not run, and those that do not run because of it."""
 
     plugin: Name
     why: Text
+    """Reason, from the code that raised it on; may have several lines."""
+    dependants: Names = []
+    """Plugins that require it, also by way of others, and do not run."""
+
+    @property
+    def words(self) -> str:
+        """The fault in one line."""
+        why = self.why.strip().rpartition("\n")[2].strip()
+        without = f"; without it: {', '.join(self.dependants)}" if self.dependants else ""
+        return f"{self.plugin} does not run{f': {why}' if why else ''}{without}"
 
 
 Faults = Annotated[list[PluginFault], Meta(max_length=1000)]
