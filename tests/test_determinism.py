@@ -26,7 +26,10 @@ VECTORISED = {
 SCIPY = {"ndimage", "linear_sum_assignment"}
 """Functions of SciPy that have only one version."""
 EXCEPTIONS: dict[str, str] = {
-    "coordinator/recording/report/mean_interval.py: scipy.stats": "describes runs that have ended; no run reads it",
+    **dict.fromkeys(
+        (f"coordinator/recording/report/mean_interval.py: {name}" for name in ("scipy.stats", "@")),
+        "describes runs that have ended; no run reads it",
+    ),
     **dict.fromkeys(
         (
             f"protocol/model/localization/scan_motion.py: {name}"

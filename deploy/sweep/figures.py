@@ -106,7 +106,7 @@ def _differences(plan: SweepPlan, records: Mapping[str, RunRecord], summary: Swe
     labels, what = _labels(plan)
     shown: dict[str, list[list[float]]] = {}
     for column in drawn_columns(plan, records, summary):
-        values = [values_by_seed(plan, records, index, column) for index in range(len(plan.settings))]
+        values = [values_by_seed(plan, records, index, column, free=True) for index in range(len(plan.settings))]
         pairs = [
             [MEASURES[column].scale * (other[seed] - values[0][seed]) for seed in other if seed in values[0]]
             for other in values[1:]

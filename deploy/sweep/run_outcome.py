@@ -1,9 +1,11 @@
 """What a sweep keeps of a run: what depends on scenario and seed alone, apart from what depends on the machine."""
 
 from enum import StrEnum
+from typing import Any
 
 import msgspec
 
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.lockstep.result import RunResult
 
 
@@ -36,6 +38,22 @@ class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
     distance_m: float
     """Of all robots together, the next two as well."""
     energy_j: float
+    tasks_done: int | None = None
+    """Tasks of the scenario; None if it has none, the next four as well."""
+    tasks_failed: int | None = None
+    """Failed, cancelled or refused."""
+    tasks_open: int | None = None
+    """At the end of the run."""
+    makespan_s: float | None = None
+    """Simulated time at which the last task ended; None if one is open."""
+    energy_per_task_j: float | None = None
+    """Of all robots together, over the tasks that are done."""
+    waiting_s: float = 0.0
+    """Of all robots together: they stand with a task, for other robots, for a path, or at work."""
+    standing_s: float = 0.0
+    """Of all robots together: they stand without a task."""
+    overlap: float = 0.0
+    """Area that each robot has seen, summed over the robots, over the area that any has seen, less one."""
     collisions: int
     wall_overlap_m: float
     map_cells_off_share: float | None = None
@@ -94,6 +112,10 @@ def outcome_of(result: RunResult, invariants_broken: int | None = None) -> RunOu
         explored_99_s=reached.get(99),
         distance_m=result.distance_m,
         energy_j=result.energy_j,
+        **_of_tasks(result),
+        waiting_s=round(sum(robot.time_use.waiting_s for robot in result.per_robot), 3),
+        standing_s=round(sum(robot.time_use.standing_s for robot in result.per_robot), 3),
+        overlap=result.overlap,
         collisions=result.collisions,
         wall_overlap_m=result.wall_overlap_m,
         map_cells_off_share=of_map.share_off if of_map is not None else None,
@@ -112,3 +134,21 @@ def outcome_of(result: RunResult, invariants_broken: int | None = None) -> RunOu
         curve_explored_share=tuple(share for _, share in result.explored_curve),
         digest=result.digest,
     )
+
+
+def _of_tasks(result: RunResult) -> dict[str, Any]:
+    if not result.tasks:
+        return {}
+    done = sum(task.state is TaskState.DONE for task in result.tasks)
+    is_open = [
+        (task.state is not None and not task.state.ended) or (task.state is None and not task.why)
+        for task in result.tasks
+    ]
+    ends_s = [task.ended_s for task in result.tasks if task.ended_s is not None]
+    return {
+        "tasks_done": done,
+        "tasks_failed": len(result.tasks) - done - sum(is_open),
+        "tasks_open": sum(is_open),
+        "makespan_s": max(ends_s, default=None) if not any(is_open) else None,
+        "energy_per_task_j": result.energy_j / done if done else None,
+    }

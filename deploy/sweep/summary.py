@@ -37,6 +37,13 @@ MEASURES = {
     "explored_share": Measure(title="explored", unit="%", scale=100.0, higher_is_better=True),
     "distance_m": Measure(title="distance", unit="m"),
     "energy_j": Measure(title="energy", unit="kJ", scale=0.001),
+    "tasks_done": Measure(title="tasks done", higher_is_better=True),
+    "tasks_failed": Measure(title="tasks failed"),
+    "tasks_open": Measure(title="tasks open"),
+    "makespan_s": Measure(title="makespan", unit="s"),
+    "energy_per_task_j": Measure(title="energy per task", unit="kJ", scale=0.001),
+    "waiting_s": Measure(title="waiting", unit="s"),
+    "overlap": Measure(title="overlap", unit="%", scale=100.0),
     "collisions": Measure(title="collisions"),
     "map_cells_off_share": Measure(title="map cells off", unit="%", scale=100.0),
     "map_walls_doubled_m": Measure(title="walls doubled", unit="m"),
@@ -94,14 +101,30 @@ class SweepSummary(msgspec.Struct, frozen=True, kw_only=True):
         return [each for each in self.comparisons if each.column == column]
 
 
-def values_by_seed(plan: SweepPlan, records: Mapping[str, RunRecord], setting: int, column: str) -> dict[int, float]:
-    """Values of one column by seed, of the runs of a setting that are done and have one."""
+ENDED_BY = {"explored": "explored_share", "time_limit": "sim_time_s"}
+"""Column whose value is that of the stop criterion, by why a run ended: it says nothing about a setting."""
+
+
+def values_by_seed(
+    plan: SweepPlan, records: Mapping[str, RunRecord], setting: int, column: str, *, free: bool = False
+) -> dict[int, float]:
+    """Values of one column by seed, of the runs of a setting that are done and have one.
+
+    Args:
+        plan: of the sweep.
+        records: by run.
+        setting: its index.
+        column: of the table.
+        free: leave out values that the stop criterion decides, which are not compared.
+
+    """
     found = {}
     for run in plan.runs():
         record = records.get(run.name)
         if run.setting == setting and record is not None and record.outcome is not None:
             value = getattr(record.outcome, column)
-            if value is not None:
+            is_decided = free and ENDED_BY.get(record.outcome.ended) == column
+            if value is not None and not is_decided:
                 found[run.seed] = float(value)
     return found
 
@@ -122,7 +145,15 @@ def summarise(plan: SweepPlan, records: Mapping[str, RunRecord]) -> SweepSummary
         states = _states(plan, records, index)
         settings.append(SettingSummary(setting=setting.label, values=setting.values, runs=states, means=means))
     labels = [setting.label for setting in plan.settings]
-    comparisons = [each for column, told in values.items() for each in _compare(column, labels, told)]
+    comparisons = [
+        each
+        for column in MEASURES
+        for each in _compare(
+            column,
+            labels,
+            [values_by_seed(plan, records, index, column, free=True) for index in range(len(plan.settings))],
+        )
+    ]
     done = sum(setting.runs.get(RunState.DONE, 0) for setting in settings)
     reached = {column: sum(map(len, values[column])) for column in MILESTONES}
     by_all = [column for column in MILESTONES if reached[column] == done]

@@ -30,12 +30,13 @@ from robrain.deploy.sweep.manifest import Session, earlier_sessions, identity_of
 from robrain.deploy.sweep.plan import DEFAULT_LIMIT, SweepPlan, make_plan
 from robrain.deploy.sweep.run_outcome import RunRecord, RunState
 from robrain.deploy.sweep.summary import SweepSummary, summarise, summary_csv
-from robrain.deploy.sweep.table import parquet_bytes, table_of
+from robrain.deploy.sweep.table import csv_bytes, parquet_bytes, table_of
 from robrain.deploy.sweep.worker import RunTask, run_task
 from robrain.sim.lockstep.pacing import StopOnInterrupt
 from robrain.sim.scenarios.scenario import Scenario
 
 TABLE = "table.parquet"
+RUNS_CSV = "runs.csv"
 SUMMARY = "summary.json"
 SUMMARY_CSV = "summary.csv"
 
@@ -207,8 +208,10 @@ def _finish(
     folder: SweepFolder, plan: SweepPlan, sessions: list[Session], versions: Mapping[str, str], *, is_interrupted: bool
 ) -> SweepResult:
     summary = summarise(plan, folder.records)
+    table = table_of(plan, folder.records)
     files = {
-        TABLE: parquet_bytes(table_of(plan, folder.records)),
+        TABLE: parquet_bytes(table),
+        RUNS_CSV: csv_bytes(table),
         SUMMARY: msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n",
         SUMMARY_CSV: summary_csv(summary),
         **figure_files(plan, folder.records, summary),

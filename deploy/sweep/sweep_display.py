@@ -7,17 +7,23 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robrain.coordinator.recording.report.mean_interval import MeanInterval
+from robrain.coordinator.recording.report.mean_interval import FEW, MeanInterval
 from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, results, say
 from robrain.deploy.sweep.plan import SweepPlan
 from robrain.deploy.sweep.run_outcome import RunState
 from robrain.deploy.sweep.summary import MEASURES, MILESTONES, Comparison, Measure, SweepSummary
 from robrain.deploy.sweep.sweep import SweepProgress, SweepResult
 
-SHOWN = ("sim_time_s", "explored_share", "distance_m", "energy_j", "collisions", "map_cells_off_share")
-"""Columns of the tables in the terminal, after the milestone."""
-COMPARED = (*MILESTONES, "explored_share", "energy_j", "collisions")
+SHOWN = (
+    *("sim_time_s", "explored_share", "tasks_done", "tasks_failed", "tasks_open", "makespan_s", "energy_per_task_j"),
+    *("distance_m", "energy_j", "waiting_s", "overlap", "collisions", "map_cells_off_share"),
+)
+"""Columns in the terminal, after the milestone."""
+IN_A_TABLE = 3
+"""Columns of one table: as many as fit into 80 characters."""
+COMPARED = (*MILESTONES, "explored_share", "makespan_s", "tasks_done", "energy_j", "collisions")
 """Columns whose comparisons are shown; the summary's files have all."""
+COMPARED_IN_A_TABLE = 2
 ERRORS_MAX = 5
 SIGNIFICANT = 0.05
 
@@ -53,15 +59,17 @@ def show_sweep(result: SweepResult) -> None:
     summary = result.summary
     out = results()
     columns = shown_columns(summary)
-    if columns:
-        out.print(_means(summary, columns))
-    if summary.comparisons and columns:
-        compared = [column for column in columns if column in COMPARED]
+    for start in range(0, len(columns), IN_A_TABLE):
+        out.print(_means(summary, columns[start : start + IN_A_TABLE]))
         print_line("")
-        out.print(_comparisons(summary, compared))
-        if any(_is_clear(each) for column in compared for each in summary.compared(column)):
-            print_line("* p < 0.05, paired t-test, corrected by Holm for the settings of a column")
+    compared = [column for column in columns if column in COMPARED and summary.compared(column)]
+    for start in range(0, len(compared), COMPARED_IN_A_TABLE):
+        out.print(_comparisons(summary, compared[start : start + COMPARED_IN_A_TABLE]))
         print_line("")
+    if any(_is_clear(each) for column in compared for each in summary.compared(column)):
+        print_line("* p < 0.05, paired t-test, corrected by Holm for the settings of a column")
+    if columns and summary.seeds < FEW:
+        print_line(f"fewer than {FEW} seeds: the intervals are rough, and too narrow; give more seeds, such as 1..10")
     for line in left_out(summary):
         print_line(line)
     for run, error in result.errors[:ERRORS_MAX]:
@@ -97,15 +105,9 @@ def left_out(summary: SweepSummary) -> list[str]:
 
 def digits_for(means: Sequence[MeanInterval], measure: Measure) -> int:
     """Decimals that suit a column: two significant digits of its widest interval."""
-    widths = [mean.half_width for mean in means if mean.half_width]
+    widths = [mean.width / 2 for mean in means if mean.width]
     size = abs(measure.scale) * max(widths or [abs(mean.mean) for mean in means], default=0.0)
     return 0 if size >= 20 or size == 0 else 1 if size >= 2 else 2 if size >= 0.2 else 3
-
-
-def number_words(mean: MeanInterval, measure: Measure, digits: int, *, signed: bool = False) -> str:
-    """`12.3 ± 0.4` in the measure's unit; without an interval if there is a single value."""
-    told = f"{mean.mean * measure.scale:{'+' if signed else ''}.{digits}f}"
-    return told if mean.half_width is None else f"{told} ± {mean.half_width * measure.scale:.{digits}f}"
 
 
 def _beginning(plan: SweepPlan, now: SweepProgress) -> str:
@@ -121,7 +123,8 @@ def _heading(column: str) -> str:
 
 
 def _means(summary: SweepSummary, columns: Sequence[str]) -> Table:
-    table = _table(f"{summary.scenario}: mean ± 95 % interval", ["runs", *map(_heading, columns)])
+    failed = ["failed"] if summary.count(RunState.FAILED) else []
+    table = _table(f"{summary.scenario}: mean [95 % interval]", ["runs", *failed, *map(_heading, columns)])
     told = {column: [each.means[column] for each in summary.settings if column in each.means] for column in columns}
     digits = {column: digits_for(means, MEASURES[column]) for column, means in told.items()}
     for setting in summary.settings:
@@ -130,8 +133,9 @@ def _means(summary: SweepSummary, columns: Sequence[str]) -> Table:
         for column in columns:
             mean = setting.means.get(column)
             few = f" ({mean.n})" if mean is not None and mean.n < done else ""
-            cells.append("–" if mean is None else number_words(mean, MEASURES[column], digits[column]) + few)
-        table.add_row(escape(setting.setting), str(done), *cells)
+            cells.append("–" if mean is None else mean.words(digits[column], MEASURES[column].scale) + few)
+        lost = [str(setting.runs.get(RunState.FAILED, 0))] if failed else []
+        table.add_row(escape(setting.setting), str(done), *lost, *cells)
     return table
 
 
@@ -153,8 +157,9 @@ def _compared(comparison: Comparison | None, digits: int) -> tuple[str, str]:
     if comparison is None:
         return "–", ""
     star = " *" if _is_clear(comparison) else "  "
-    words = number_words(comparison.paired.difference, MEASURES[comparison.column], digits, signed=True)
-    return words + star, f"{comparison.share_better:.0%}"
+    words = comparison.paired.difference.words(digits, MEASURES[comparison.column].scale, "+")
+    is_equal = comparison.paired.share_lower == comparison.paired.share_higher == 0
+    return words + star, "equal" if is_equal else f"{comparison.share_better:.0%}"
 
 
 def _is_clear(comparison: Comparison) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pyarrow.csv import write_csv
 
 from robrain.deploy.sweep.plan import SweepPlan
 from robrain.deploy.sweep.run_outcome import RunOutcome, RunRecord, RunState
@@ -51,6 +52,14 @@ def parquet_bytes(table: pa.Table) -> bytes:
     """The table as a Parquet file; equal tables give equal bytes."""
     out = io.BytesIO()
     pq.write_table(table, out, compression="zstd")
+    return out.getvalue()
+
+
+def csv_bytes(table: pa.Table) -> bytes:
+    """The table as CSV, a line for each run; without the columns that hold lists."""
+    out = io.BytesIO()
+    plain = [field.name for field in table.schema if not pa.types.is_list(field.type)]
+    write_csv(table.select(plain), out)
     return out.getvalue()
 
 

@@ -93,6 +93,8 @@ class TaskOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """The robot that has it, or had it when it ended."""
     why: str = ""
     """Why it was refused, or stands so; empty if there is no reason."""
+    ended_s: float | None = None
+    """Simulated time of its end."""
 
     @property
     def words(self) -> str:
@@ -168,7 +170,7 @@ class TaskSchedule:
             self._hear_answers(sim_time_s)
         for received in self._inbox.drain():
             event = received.message
-            self._note(event.task.id, event.state, event.robot, event.why)
+            self._note(event.task.id, event.state, event.robot, event.why, sim_time_s)
 
     def _explained(self, outcome: TaskOutcome) -> TaskOutcome:
         if outcome.state is None or outcome.state.ended or outcome.why:
@@ -195,12 +197,15 @@ class TaskSchedule:
                 if record is None:
                     self._asked.append((submission, later))
                 elif self._outcomes[name].state is None:
-                    self._note(name, record.state, record.robot, record.why)
+                    self._note(name, record.state, record.robot, record.why, sim_time_s)
 
-    def _note(self, name: str, state: TaskState, robot: str, why: str) -> None:
+    def _note(self, name: str, state: TaskState, robot: str, why: str, sim_time_s: float) -> None:
         known = self._outcomes.get(name)
         if known is not None and known.state is not state:
-            self._outcomes[name] = TaskOutcome(task=name, kind=known.kind, state=state, robot=robot, why=why)
+            ended_s = round(sim_time_s, 3) if state.ended else None
+            self._outcomes[name] = TaskOutcome(
+                task=name, kind=known.kind, state=state, robot=robot, why=why, ended_s=ended_s
+            )
             if state.ended:
                 self._open.discard(name)
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from robrain.coordinator.recording.report.figure_style import FAINT, INK, line_look, new_figure
-from robrain.coordinator.recording.report.mean_interval import mean_interval, t_factor
+from robrain.coordinator.recording.report.mean_interval import bootstrap_interval, mean_interval
 
 POINTS_AT, POINTS_HEIGHT = -0.17, 0.15
 """Middle of the strip of points from the middle of its row, and half the strip's height, in rows."""
@@ -77,24 +77,22 @@ def draw_mean_curves(axes: Axes, groups: Sequence[Sequence[Curve]], labels: Sequ
         told = [curve for curve in curves if curve]
         if not told:
             continue
-        times, mean, half = mean_curve(told)
+        times, mean, ends = mean_curve(told)
         look = line_look(index)
         axes.plot(times / unit_s, mean, label=label, **look)
-        if half is not None:
-            axes.fill_between(times / unit_s, mean - half, mean + half, color=look["color"], alpha=0.15, linewidth=0)
+        if ends is not None:
+            axes.fill_between(times / unit_s, *ends, color=look["color"], alpha=0.15, linewidth=0)
 
 
 def mean_curve(
     curves: Sequence[Curve],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
-    """Times, means and half widths of the 95 % interval; no half widths for a single curve."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]:
+    """Times, means and both ends of the 95 % interval; no ends for a single curve."""
     longest_s = max(curve[-1][0] for curve in curves)
     times = np.linspace(0.0, longest_s, CURVE_POINTS)
     values = np.array([np.interp(times, *np.array(curve, np.float64).T) for curve in curves])
     mean = values.mean(axis=0)
-    if len(curves) < 2:
-        return times, mean, None
-    return times, mean, t_factor(len(curves)) * values.std(axis=0, ddof=1) / math.sqrt(len(curves))
+    return times, mean, None if len(curves) < 2 else bootstrap_interval(values)
 
 
 def zero_line(axes: Axes) -> None:

@@ -247,10 +247,9 @@ def _mean_words(mean: MeanInterval | None, runs: int) -> str:
     if mean is None:
         return "–"
     few = f" ({mean.n} of {runs})" if mean.n < runs else ""
-    if not mean.half_width:
+    if not mean.width:
         return _number(mean.mean) + few
-    digits = max(0, 1 - math.floor(math.log10(mean.half_width)))
-    return f"{mean.mean:,.{digits}f} ± {mean.half_width:,.{digits}f}{few}"
+    return mean.words(max(0, 1 - math.floor(math.log10(mean.width / 2)))) + few
 
 
 def _who_did_what(one: RunData, two: RunData) -> str:

@@ -14,6 +14,8 @@ from robrain.coordinator.recording.report.happenings import Happening, Happening
 from robrain.coordinator.recording.writer.provenance import SCENARIO_ATTACHMENT
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
@@ -92,6 +94,10 @@ class MoteRun:
     voltage_v: "array[float]" = field(default_factory=lambda: array("d"))
 
 
+OWN_KINDS = (EXPLORE, RECHARGE)
+"""Kinds of the coordinator's own tasks, which are not counted as tasks of the run."""
+
+
 @dataclass
 class RunData:
     """One run."""
@@ -121,6 +127,15 @@ class RunData:
     def name(self) -> str:
         """Name of the file without its ending."""
         return self.path.stem
+
+    @property
+    def asked(self) -> list[TaskRun]:
+        """The tasks that people, scripts and rules asked for."""
+        return [task for task in self.tasks.values() if task.kind not in OWN_KINDS]
+
+    def count(self, state: TaskState) -> int:
+        """The number of `asked` tasks in a state at the end of the recording."""
+        return sum(task.state == state for task in self.asked)
 
 
 def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> RunData:

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from robrain.coordinator.recording.report.figure_style import label, line_look
 from robrain.coordinator.recording.report.interval_drawing import label_rows, panels
 from robrain.coordinator.recording.report.run_data import RobotRun, RunData
+from robrain.protocol.model.tasks.task import TaskState
 
-ENDED_BADLY = ("failed", "lost_contact")
 COMPARED = ("Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energy (kJ)", "Messages")
 """What the comparison of runs draws."""
 
@@ -20,7 +20,6 @@ def totals(run: RunData) -> dict[str, float | None]:
     robots = run.robots.values()
     told = [robot.accuracy for robot in robots if robot.accuracy is not None]
     of_map = run.map_accuracy[-1][1] if run.map_accuracy else None
-    states = [task.state for task in run.tasks.values()]
     return {
         "Duration (s)": run.duration_s,
         "Explored (%)": 100 * run.explored[-1][1] if run.explored else None,
@@ -36,8 +35,8 @@ def totals(run: RunData) -> dict[str, float | None]:
         "Worst position RMSE (m)": max((each.rmse_m for each in told if each.rmse_m is not None), default=None),
         "Silent divergence (s)": _sum(each.silent_divergence_s for each in told),
         "Lidar on the map (%)": _agreement_percent(robots),
-        "Tasks done": float(states.count("done")),
-        "Tasks failed": float(sum(state in ENDED_BADLY for state in states)),
+        "Tasks done": float(run.count(TaskState.DONE)),
+        "Tasks failed": float(run.count(TaskState.FAILED)),
         "Faults": float(sum(happening.lasts for happening in run.happenings)),
         "Messages": float(run.contents.info.messages),
         "File (MB)": run.contents.info.size_bytes / 1e6,

@@ -6,12 +6,12 @@ from pathlib import Path
 import msgspec
 
 from robrain.coordinator.drawing.natural_order import natural_key
-from robrain.coordinator.recording.report.run_data import RunData, TaskRun, read_run
+from robrain.coordinator.recording.report.run_data import OWN_KINDS, RunData, TaskRun, read_run
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE
+from robrain.protocol.model.tasks.task import TaskState
 
 SHARES = (0.25, 0.5, 0.75, 0.9, 0.95)
 """Explored shares whose times are told."""
-OWN_KIND = "explore"
-"""Tasks of the coordinator's own, which are counted and not told one by one."""
 
 
 class TaskOutcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -127,7 +127,6 @@ def compare_runs(one: Path | str, two: Path | str, on_progress: Callable[[float]
 
 def outcome_of(run: RunData) -> RunOutcome:
     """What came out of a run."""
-    asked = [task for task in run.tasks.values() if task.kind != OWN_KIND]
     done = [task for task in run.tasks.values() if task.state == "done"]
     reached: dict[str, float] = {}
     for share in SHARES:
@@ -139,20 +138,20 @@ def outcome_of(run: RunData) -> RunOutcome:
         duration_s=run.duration_s,
         explored_fraction=run.explored[-1][1] if run.explored else None,
         explored_at_s=reached,
-        done=sum(task.state == "done" for task in asked),
-        failed=sum(task.state == "failed" for task in asked),
+        done=run.count(TaskState.DONE),
+        failed=run.count(TaskState.FAILED),
         robots=[
             RobotOutcome(
                 robot=robot.name,
                 distance_m=robot.distance_m,
                 energy_j=robot.energy_j,
                 collisions=robot.collisions,
-                frontiers=sum(task.kind == OWN_KIND and task.robot == robot.name for task in done),
-                tasks=[task.name for task in done if task.kind != OWN_KIND and task.robot == robot.name],
+                frontiers=sum(task.kind == EXPLORE and task.robot == robot.name for task in done),
+                tasks=[task.name for task in done if task.kind not in OWN_KINDS and task.robot == robot.name],
             )
             for robot in sorted(run.robots.values(), key=lambda robot: natural_key(robot.name))
         ],
-        tasks=[_task(task) for task in asked],
+        tasks=[_task(task) for task in run.asked],
     )
 
 

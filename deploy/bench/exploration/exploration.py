@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.report.mean_interval import MeanInterval, mean_interval
+from robrain.coordinator.recording.report.mean_interval import mean_interval
 from robrain.deploy.bench.exploration.exploration_page import write_page
 from robrain.deploy.bench.exploration.exploration_runs import (
     FULL,
@@ -165,7 +165,7 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path |
 
 def table(runs: Sequence[ExplorationRun]) -> Table:
     """Means over the seeds, with their 95 % intervals where runs are judged; a row for each group."""
-    title = "Exploration: means over the seeds (± 95 % interval); drive to stand are shares of the robots' time in %"
+    title = "Exploration: means over the seeds [95 % interval]; drive to stand are shares of the robots' time in %"
     shown = Table(title=title, title_justify="left")
     for heading in ("map", "motion", "strategy"):
         shown.add_column(heading, no_wrap=True)
@@ -273,14 +273,11 @@ def _mean_s(runs: Sequence[ExplorationRun]) -> float | None:
 
 
 def _interval(values: Sequence[float | None], decimals: int = 1) -> str:
-    """`35.1 ± 2.0`; with `(8 of 10)` if some values are missing, and a dash if all are."""
+    """`35.1 [33.2, 37.5]`; with `(8 of 10)` if some values are missing, and a dash if all are."""
     known = [value for value in values if value is not None]
-    mean: MeanInterval | None = mean_interval(known)
-    if mean is None:
-        return "–"
-    half = "" if mean.half_width is None else f" ± {mean.half_width:.{decimals}f}"
+    mean = mean_interval(known)
     of = "" if len(known) == len(values) else f" ({len(known)} of {len(values)})"
-    return f"{mean.mean:.{decimals}f}{half}{of}"
+    return "–" if mean is None else mean.words(decimals) + of
 
 
 def _mean(values: Sequence[float | None], decimals: int = 1) -> str:

@@ -163,9 +163,7 @@ def _percent(value: float | None) -> str:
 
 def _interval(values: Sequence[float]) -> str:
     found = mean_interval(values)
-    if found is None:
-        return "–"
-    return f"{found.mean:.0f}" if found.half_width is None else f"{found.mean:.0f} ± {found.half_width:.0f}"
+    return "–" if found is None else found.words(0)
 
 
 def _write(path: Path | None, runs: list[MoteRun]) -> None:

@@ -73,7 +73,7 @@ STOCK = [query.chunks[-1] for query in HOST_QUERIES]
 
 
 def refusals(lab, topic):
-    return sum(one.count for one in lab.hosts[-1]._refusals.counts() if one.topic == topic)
+    return sum(one.count for one in lab.hosts[-1].refusals.counts() if one.topic == topic)
 
 
 def ask(lab, verb, data):

@@ -17,8 +17,9 @@ from robrain.coordinator.recording.report.figures import (
     traffic_figure,
 )
 from robrain.coordinator.recording.report.happenings import Happening
-from robrain.coordinator.recording.report.run_data import MoteRun, RunData
+from robrain.coordinator.recording.report.run_data import MoteRun, RunData, TaskRun
 from robrain.coordinator.recording.report.run_totals import comparison_figure, totals
+from robrain.coordinator.recording.report.two_runs import outcome_of
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from tests.coordinator.recording.drawn_runs import (
@@ -309,11 +310,22 @@ def test_totals_are_summed_over_what_was_told() -> None:
         "Silent divergence (s)": None,
         "Lidar on the map (%)": None,
         "Tasks done": 2,
-        "Tasks failed": 2,
+        "Tasks failed": 1,
         "Faults": 1,
         "Messages": 5000,
         "File (MB)": 2.0,
     }
+
+
+def test_report_and_diff_count_the_tasks_that_were_asked_for() -> None:
+    run = told_run()
+    for kind in ("explore", "recharge"):  # the coordinator's own
+        for state in ("done", "failed"):
+            run.tasks[f"{kind}-{state}"] = TaskRun(f"{kind}-{state}", kind, state)
+    outcome = outcome_of(run)
+    assert (outcome.done, outcome.failed) == (2, 1)
+    assert (totals(run)["Tasks done"], totals(run)["Tasks failed"]) == (2, 1)
+    assert [task.task for task in outcome.tasks] == ["0", "1", "2", "3", "4"]
 
 
 def test_totals_of_which_nothing_tells_are_left_open() -> None:

@@ -11,21 +11,36 @@ NUMBERS = st.lists(st.integers(-1000, 1000).map(float), min_size=2, max_size=30)
 
 
 @given(NUMBERS)
-def test_the_interval_is_that_of_student(values: list[float]) -> None:
+def test_the_interval_is_within_the_values(values: list[float]) -> None:
     found = mean_interval(values)
     assert found is not None
     assert found.low is not None
     assert found.high is not None
-    assert found.low <= found.mean <= found.high
-    if len(set(values)) > 1:
-        low, high = stats.t.interval(0.95, len(values) - 1, loc=stats.tmean(values), scale=stats.sem(values))
-        assert (found.low, found.high) == (pytest.approx(low), pytest.approx(high))
+    assert min(values) <= found.low <= found.mean <= found.high <= max(values)
+    assert (found.width > 0) == (len(set(values)) > 1)
+    assert found == mean_interval(values)
+
+
+def test_times_of_runs_are_never_negative() -> None:
+    found = mean_interval([2.0, 3.0, 40.0])  # by Student's t from -39 s
+    assert found is not None
+    assert found.low == 2.0
+    assert found.words(1) == "15.0 [2.0, 40.0]"
+
+
+def test_the_interval_of_many_values_is_nearly_that_of_student() -> None:
+    values = [float(value) for value in stats.norm.rvs(100.0, 10.0, size=60, random_state=3)]
+    found = mean_interval(values)
+    low, high = stats.t.interval(0.95, 59, loc=stats.tmean(values), scale=stats.sem(values))
+    assert found is not None
+    assert (found.low, found.high) == (pytest.approx(low, abs=0.4), pytest.approx(high, abs=0.4))
 
 
 def test_one_value_has_no_interval_and_none_no_mean() -> None:
     one = mean_interval([4.0])
     assert one is not None
-    assert (one.mean, one.low, one.high, one.half_width, one.n) == (4.0, None, None, None, 1)
+    assert (one.mean, one.low, one.high, one.width, one.n) == (4.0, None, None, 0.0, 1)
+    assert one.words(1, scale=10.0, sign="+") == "+40.0"
     assert mean_interval([]) is None
 
 

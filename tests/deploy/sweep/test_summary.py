@@ -1,12 +1,14 @@
 """Means and comparisons of a sweep, and what they leave out."""
 
-import math
-
+import msgspec
 import pytest
 
 from robrain.deploy.sweep.plan import SweepPlan, make_plan
-from robrain.deploy.sweep.run_outcome import RunRecord, RunState
+from robrain.deploy.sweep.run_outcome import RunRecord, RunState, outcome_of
 from robrain.deploy.sweep.summary import summarise, summary_csv
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.sim.lockstep.result import RunResult
+from robrain.sim.world.scenario_tasks import TaskOutcome
 from tests.deploy.sweep.conftest import SCENARIO, done, records
 
 
@@ -14,8 +16,7 @@ def test_the_mean_of_each_setting_has_its_interval(plan: SweepPlan) -> None:
     summary = summarise(plan, records(plan, [[10, 20, 30], [5, 5, 5]]))
     one, two = (setting.means["explored_90_s"] for setting in summary.settings)
     assert (one.mean, one.n) == (20.0, 3)
-    assert one.high is not None
-    assert one.high - one.mean == pytest.approx(4.302652729911275 * 10 / math.sqrt(3))  # t with 2 degrees, table value
+    assert (one.low, one.high) == (10.0, 30.0)  # of the 27 samples of three values one has all equal: more than 2.5 %
     assert (two.low, two.mean, two.high) == (5.0, 5.0, 5.0)
 
 
@@ -31,10 +32,20 @@ def test_settings_are_compared_with_the_first_by_seed(plan: SweepPlan) -> None:
 def test_more_explored_is_better_and_more_energy_is_not(plan: SweepPlan) -> None:
     told = {}
     for run in plan.runs():
-        told[run.name] = done(run.name, explored_share=0.5 + 0.2 * run.setting, energy_j=100.0 + run.setting)
+        ended = {"ended": "nothing_left", "explored_share": 0.5 + 0.2 * run.setting}
+        told[run.name] = done(run.name, **ended, energy_j=100.0 + run.setting)
     summary = summarise(plan, told)
     assert [each.share_better for each in summary.compared("explored_share")] == [1.0]
     assert [each.share_better for each in summary.compared("energy_j")] == [0.0]
+
+
+@pytest.mark.parametrize(("ended", "column"), [("explored", "explored_share"), ("time_limit", "sim_time_s")])
+def test_what_the_stop_criterion_decides_is_not_compared(plan: SweepPlan, ended: str, column: str) -> None:
+    told = {run.name: done(run.name, ended=ended, **{column: 0.95 + 0.001 * run.setting}) for run in plan.runs()}
+    summary = summarise(plan, told)
+    assert summary.compared(column) == []
+    assert summary.compared("energy_j") != []
+    assert summary.settings[0].means[column].mean == pytest.approx(0.95)
 
 
 def test_p_values_are_corrected_for_the_number_of_settings() -> None:
@@ -93,3 +104,36 @@ def test_the_means_are_a_table_as_well(plan: SweepPlan) -> None:
     lines = summary_csv(summarise(plan, records(plan, [[10, 20, 30], [5, 5, 5]]))).decode().splitlines()
     assert lines[0] == "setting,column,n,mean,low_95,high_95"
     assert "robots=2,explored_90_s,3,5.0,5.0,5.0" in lines
+
+
+RESULT = RunResult(
+    scenario="room", seed=1, robots=1, motes=0, ended="time_limit", sim_time_s=10.0, wall_time_s=1.0, setup_time_s=0.0,
+    real_time_factor=10.0, explored_fraction=0.5, explored_curve=[], distance_m=1.0, energy_j=300.0, collisions=0,
+    wall_overlap_m=0.0, per_robot=[], messages=0, outside_messages=0, mote_readings=0, recording=None, digest="",
+)  # fmt: skip
+DONE, FAILED, QUEUED = TaskState.DONE, TaskState.FAILED, TaskState.QUEUED
+
+
+@pytest.mark.parametrize(
+    ("tasks", "counts", "makespan_s", "per_task_j"),
+    [
+        ([(DONE, 5.0), (DONE, 9.0)], (2, 0, 0), 9.0, 150.0),
+        ([(DONE, 5.0), (FAILED, 9.0)], (1, 1, 0), 9.0, 300.0),
+        ([(DONE, 5.0), (QUEUED, None)], (1, 0, 1), None, 300.0),
+        ([(None, None)], (0, 1, 0), None, None),
+        ([], (None, None, None), None, None),
+    ],
+)
+def test_an_outcome_has_what_became_of_the_tasks(
+    tasks: list[tuple[TaskState | None, float | None]],
+    counts: tuple[int | None, ...],
+    makespan_s: float | None,
+    per_task_j: float | None,
+) -> None:
+    outcomes = [
+        TaskOutcome(task=f"t{number}", kind="visit", state=state, ended_s=ended_s, why="" if state else "refused")
+        for number, (state, ended_s) in enumerate(tasks)
+    ]
+    found = outcome_of(msgspec.structs.replace(RESULT, tasks=outcomes))
+    assert (found.tasks_done, found.tasks_failed, found.tasks_open) == counts
+    assert (found.makespan_s, found.energy_per_task_j) == (makespan_s, per_task_j)

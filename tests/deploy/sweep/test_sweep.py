@@ -1,5 +1,6 @@
 """A sweep in real processes: its table, its manifest and its figures, whatever happens to the processes."""
 
+import csv
 import hashlib
 import json
 import multiprocessing
@@ -48,6 +49,18 @@ def test_a_row_is_what_the_run_alone_gives(swept: SweepResult) -> None:
     assert alone.map_accuracy is not None
     assert row["map_cells_off_share"] == alone.map_accuracy.share_off
     assert list(row["curve_t_s"]) == [time_s for time_s, _ in alone.explored_curve]
+
+
+def test_the_table_is_csv_as_well_with_a_line_for_each_run(swept: SweepResult) -> None:
+    rows = list(csv.DictReader((swept.folder / "runs.csv").read_text().splitlines()))
+    assert [(row["setting"], row["seed"], row["state"]) for row in rows] == [
+        (f"robots={robots}", str(seed), "done") for robots in (1, 2) for seed in SEEDS
+    ]
+    table = swept.table()
+    for column in ("waiting_s", "standing_s", "overlap", "energy_j"):
+        assert [float(row[column]) for row in rows] == pytest.approx(list(table[column]))
+    assert {row["tasks_done"] for row in rows} == {""}  # the scenario has no tasks
+    assert (table["standing_s"] + table["waiting_s"] > 0).all()
 
 
 def test_the_table_is_the_same_whatever_the_number_of_workers(swept: SweepResult, folder: Path) -> None:

@@ -41,9 +41,9 @@ def test_it_says_how_many_runs_there_are_and_prints_means_and_differences(comman
     done = commands.run(*WORDS, "--seeds", "1,2")
     assert done.returncode == 0, done.stderr
     assert "arena_small: 4 runs (2 settings × 2 seeds), 2 processes" in done.stderr
-    assert "arena_small: mean ± 95 % interval" in done.stdout
+    assert "arena_small: mean [95 % interval]" in done.stdout
     assert "difference from robots=1, by seed" in done.stdout
-    assert "written to out: table.parquet, summary.json, summary.csv, figures" in done.stdout
+    assert "written to out: table.parquet, runs.csv, summary.json, summary.csv, figures" in done.stdout
     again = commands.run(*WORDS, "--seeds", "1,2", "--json")
     assert (again.returncode, again.stderr) == (0, "")
     assert json.loads(again.stdout)["summary"]["settings"][0]["runs"] == {"done": 2}
