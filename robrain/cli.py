@@ -14,6 +14,7 @@ from robrain.deploy.agents.agent_words import agent_words
 from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bench.commands import bench_app
 from robrain.deploy.bringup.command_line import bringup
+from robrain.deploy.commands.command_group import CommandGroup
 from robrain.deploy.commands.extras import missing_extra
 from robrain.deploy.commands.journal_commands import journal_app
 from robrain.deploy.commands.plugin_commands import plugin_app
@@ -66,6 +67,7 @@ EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
     name="robrain",
+    cls=CommandGroup,
     help="Coordinate teams of mobile robots and sensor motes over Zenoh.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -335,7 +337,7 @@ def main() -> None:
         sys.argv[1:] = set_up_logs(sys.argv[1:])
         words = agent_words(sys.argv[1:])
         if words is None:
-            app()
+            app(prog_name="robrain")
         else:
             _run_agent(*words)
 

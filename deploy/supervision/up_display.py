@@ -1,7 +1,7 @@
 """Displays for `robrain up`: on a terminal, line by line, or as lines of JSON."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,7 +14,8 @@ from robrain.deploy.processes.live_process import tell_json
 from robrain.deploy.supervision.part import PartEvent
 from robrain.deploy.supervision.part_table import drawn
 from robrain.deploy.supervision.up import TeamStatus, UpDisplay, UpResult
-from robrain.protocol.wire.hub import hub_endpoint
+from robrain.protocol.wire.access.identity import TLS_VARIABLE
+from robrain.protocol.wire.hub import CONNECT_VARIABLE, hub_endpoint
 
 
 class HubEvent(msgspec.Struct, frozen=True, tag_field="event", tag="hub", omit_defaults=True):
@@ -83,22 +84,26 @@ class JsonLines:
 class PlainLines:
     """Endpoints on stdout; a line on stderr for each team member that joins or leaves."""
 
-    def __init__(self) -> None:
+    def __init__(self, print_text: Callable[[str], None] = print_line) -> None:
         self._before: dict[str, str] = {}
+        self._print = print_text
 
     def hub(self, endpoint: str, taken: str, tls: Path | None = None) -> None:
         """Print where the hub listens, and how found by other commands."""
         _warn_of_taken(endpoint, taken)
-        found = f"other commands: {_options(endpoint, tls)}"
-        print_line(f"hub: {endpoint}  ({'found by other commands' if endpoint == hub_endpoint() else found})")
+        needed = {} if endpoint == hub_endpoint() else {CONNECT_VARIABLE: endpoint}
+        needed |= {} if tls is None else {TLS_VARIABLE: str(tls)}
+        self._print(f"hub: {endpoint}  ({'other commands find it after:' if needed else 'other commands find it'})")
+        if needed:
+            self._print(f"export {' '.join(f'{name}={shlex.quote(value)}' for name, value in needed.items())}")
 
     def journal(self, path: Path) -> None:
         """Print where the journal is."""
-        print_line(f"journal: {path}")
+        self._print(f"journal: {path}")
 
     def dashboard(self, url: str) -> None:
         """Print where the page is."""
-        print_line(f"dashboard: {url}")
+        self._print(f"dashboard: {url}")
 
     def part(self, event: PartEvent) -> None:
         """Print what happened to a part, in one line on stderr."""
@@ -119,7 +124,7 @@ class PlainLines:
         for robot, address in status.forwarders.items():
             if self._before.get(address) != robot:
                 self._before[address] = robot
-                print_line(said(robot, address))
+                self._print(said(robot, address))
 
     def ended(self, result: UpResult) -> None:
         """Print the result of the run."""
@@ -144,7 +149,8 @@ class DrawnTable(PlainLines):
     """A live table of the team below the endpoints."""
 
     def __init__(self, live: Live) -> None:
-        super().__init__()
+        # Above the table rich would break long lines, which then could not be copied.
+        super().__init__(say if both_at_a_terminal() else print_line)
         self._live = live
 
     def show(self, status: TeamStatus) -> None:
@@ -160,20 +166,15 @@ def up_display(*, as_json: bool) -> Iterator[UpDisplay]:
     if as_json:
         yield JsonLines()
     elif console.is_terminal:
-        with Live(console=console, refresh_per_second=5, redirect_stdout=both_at_a_terminal()) as live:
+        with Live(console=console, refresh_per_second=5, redirect_stdout=False) as live:
             yield DrawnTable(live)
     else:
         yield PlainLines()
 
 
-def _options(endpoint: str, tls: Path | None) -> str:
-    """How other commands find the team."""
-    return f"--connect {endpoint}" if tls is None else f"robrain --tls {shlex.quote(str(tls))} … --connect {endpoint}"
-
-
 def _warn_of_taken(endpoint: str, taken: str) -> None:
     if taken:
-        say(f"{taken} is in use: the hub of this team is at {endpoint}, other commands need --connect {endpoint}")
+        say(f"{taken} is in use: the hub of this team is at {endpoint}")
 
 
 def _print(event: HubEvent | JournalEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult) -> None:
