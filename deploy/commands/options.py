@@ -38,7 +38,7 @@ def choose_scenario(
     """Load the scenario of a command line.
 
     Args:
-        name: a built-in name or a scenario TOML.
+        name: a built-in name, a scenario TOML, or a ROS map_server file.
         map_file: a ROS map_server file, instead of a name.
         robots: overrides the scenario's.
         motes: overrides the scenario's.
@@ -52,7 +52,9 @@ def choose_scenario(
 
     """
     if (name is None) == (map_file is None):
-        raise UsageError("expected either a SCENARIO (a built-in name or a .toml file) or --map map.yaml")
+        raise UsageError("expected a SCENARIO (a built-in name, a .toml file or a map.yaml), or --map map.yaml")
+    if name is not None and Path(name).suffix in (".yaml", ".yml"):
+        name, map_file = None, Path(name)
     if map_file is not None:
         scenario = Scenario.from_map(map_file)
     elif name is not None and (name.endswith(".toml") or "/" in name):

@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-ScenarioArgument = Annotated[str | None, typer.Argument(help="A built-in name (depot) or a scenario .toml file.")]
+ScenarioArgument = Annotated[
+    str | None, typer.Argument(help="A built-in name (depot), a scenario .toml file, or a map.yaml.")
+]
 MapOption = Annotated[
     Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format instead of a scenario.")
 ]

@@ -127,8 +127,8 @@ def show_left(left: ExplorationLeft) -> None:
         largest = unseen[0]
         print_line(
             f"not seen yet: {len(unseen)} place{'s' if len(unseen) > 1 else ''} that robots can reach, "
-            f"up to {sum(one.area_m2 for one in unseen):.1f} m² (what lies in obstacles counts), the largest beyond "
-            f"{largest.place.x_m:.1f}, {largest.place.y_m:.1f}"
+            f"at most {sum(one.area_m2 for one in unseen):.1f} m² together with the inside of obstacles; the largest "
+            f"is near ({largest.place.x_m:.1f}, {largest.place.y_m:.1f})"
         )
     if not regions and not left.more:
         return
@@ -155,7 +155,7 @@ def links_line(links: LinkCounters) -> str:
     """What became of messages between robots and coordinator."""
     missed = links.lost + links.crowded + links.out_of_reach + links.overflowed
     sent = links.delivered + missed
-    share = f"{links.delivered / sent:.1%} of {sent} samples delivered" if sent else "no samples sent"
+    share = f"{links.delivered / sent:.1%} of {sent} messages delivered" if sent else "no messages sent"
     return (
         f"radio: {share}; {links.out_of_reach} out of reach, "
         f"{links.lost} lost, {links.crowded + links.overflowed} dropped; {links.timed_out} of {links.asked} queries "
@@ -168,8 +168,8 @@ def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccur
     lines = []
     if of_map is not None:
         lines.append(
-            f"map: {of_map.share_off:.1%} of {of_map.occupied_cells} occupied cells off the walls, "
-            f"{of_map.doubled_walls_m:.1f} m of walls doubled"
+            f"map: {of_map.share_off:.1%} of its {of_map.occupied_cells} wall cells are where no wall is, "
+            f"{of_map.doubled_walls_m:.1f} m of wall are in it twice"
         )
     told = {name: each for name, each in positions.items() if each is not None}
     if told:
@@ -183,11 +183,11 @@ def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccur
         if rmse_m and error_m:
             worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
             parts = [
-                f"RMSE at most {rmse_m[worst]:.3f} m ({worst})",
-                f"largest error {error_m[farthest]:.3f} m ({farthest})",
+                f"typically {rmse_m[worst]:.3f} m (RMSE of {worst}, the worst)",
+                f"at most {error_m[farthest]:.3f} m ({farthest})",
             ]
-        parts += [f"silent divergence: {', '.join(silent) or 'none'}", f"lost: {', '.join(lost) or 'none'}"]
-        lines.append(f"positions: {', '.join(parts)}")
+        parts += [f"wrong without knowing it: {', '.join(silent) or 'nobody'}", f"lost: {', '.join(lost) or 'nobody'}"]
+        lines.append(f"position errors: {', '.join(parts)}")
     return lines
 
 

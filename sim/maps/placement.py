@@ -44,7 +44,7 @@ def spawn_poses(
     between centres. With `near`, it is the region nearest to that point and the group gathers about it. Without, it
     is the largest region and the group gathers at a spot with room for `USUAL_TEAM` robots, the same for all counts.
     The same arguments and generator state give the same poses. Raises PlacementError if fewer places are found than
-    asked for, ValueError for a negative count, radius or spacing.
+    asked for, or `near` is off the map, ValueError for a negative count, radius or spacing.
     """
     _check_not_negative(count=count, radius_m=radius_m, spacing_m=spacing_m)
     fitting = ~plan.occupied & (plan.clearance_m >= radius_m + SPAWN_MARGIN_M)
@@ -56,6 +56,12 @@ def spawn_poses(
         region = _roomiest_region(fitting)
         anchor = _spot_with_room(plan, region, radius_m + spacing_m * math.sqrt(USUAL_TEAM) / 2, rng)
     else:
+        if not plan.holds_cell(*plan.cell_of(near.x_m, near.y_m)):
+            raise PlacementError(
+                f"{plan.name}: expected a start on the map, {_extent(plan)}; got {near.x_m:g}, {near.y_m:g}",
+                asked=count,
+                found=0,
+            )
         anchor = _nearest_cell(plan, fitting, near)
         labels, _ = ndimage.label(fitting)
         region = labels == labels[anchor]
@@ -159,6 +165,12 @@ def _spot_with_room(
     spots = np.argwhere(clearance_m >= min(room_m, float(clearance_m.max())))
     row, col = spots[rng.integers(len(spots))]
     return int(row), int(col)
+
+
+def _extent(plan: FloorPlan) -> str:
+    rows, columns = plan.occupied.shape
+    x_m, y_m = plan.origin_x_m + columns * plan.resolution_m, plan.origin_y_m + rows * plan.resolution_m
+    return f"x from {plan.origin_x_m:g} to {x_m:g} m and y from {plan.origin_y_m:g} to {y_m:g} m"
 
 
 def _nearest_cell(plan: FloorPlan, fitting: NDArray[np.bool_], near: Point2D) -> tuple[int, int]:

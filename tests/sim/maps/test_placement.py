@@ -251,3 +251,9 @@ def test_near_takes_the_team_into_a_rock_of_the_cave() -> None:
     poses = spawn_poses(plan, 8, 0.2, near=Point2D(11.0, 9.0), rng=_rng(), spacing_m=0.6)
     roamed = plan.reachable([Point2D(poses[0].x_m, poses[0].y_m)], 0.2)
     assert np.count_nonzero(roamed) * plan.resolution_m**2 < 25
+
+
+@pytest.mark.parametrize("near", [Point2D(-0.1, 1.0), Point2D(1.0, 99.0), Point2D(1e300, 1.0)])
+def test_a_start_off_the_map_is_refused(near: Point2D) -> None:
+    with pytest.raises(PlacementError, match=r"expected a start on the map, x from 0 to .*got"):
+        spawn_poses(_two_rooms(), 2, 0.2, near=near, rng=_rng(), spacing_m=0.5)
