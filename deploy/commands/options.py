@@ -53,10 +53,8 @@ def choose_scenario(
     """
     if (name is None) == (map_file is None):
         raise UsageError("expected a SCENARIO (a built-in name, a .toml file or a map.yaml), or --map map.yaml")
-    if name is not None and Path(name).suffix in (".yaml", ".yml"):
-        name, map_file = None, Path(name)
-    if map_file is not None:
-        scenario = Scenario.from_map(map_file)
+    if map_file is not None or Path(name or "").suffix in (".yaml", ".yml"):
+        scenario = Scenario.from_map(map_file or name or "")
     elif name is not None and (name.endswith(".toml") or "/" in name):
         scenario = Scenario.from_file(name)
     else:
