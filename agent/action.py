@@ -8,7 +8,7 @@ class Gripper(Unit):
         self._actions = ActionDesk(self.env, self.progress, self.finished)
 
     @external
-    def close(self) -> str:
+    def close(self) -> ActionId:
         self._action = self._actions.start("close")
         return self._action.id
 
@@ -22,17 +22,16 @@ class Gripper(Unit):
     def cancel(self, action: str) -> bool:
         return self._actions.cancel(action)
 
-What is still running when the plugin is deactivated, faults or is halted ends as cancelled by itself.
+A call that starts another action supersedes the one that runs; so does a call of the plugin's that says
+`action.supersede()`. An action that runs when the plugin is deactivated, faults or is halted ends as cancelled.
 """
 
 import threading
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any
-
-import msgspec
 
 from robrain.agent.event import Event
 from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
 
 if TYPE_CHECKING:
     from robrain.agent.environment import Environment
@@ -41,37 +40,11 @@ PROGRESS_PERIOD_NS = to_ns(0.5)
 NS_PER_MS = 1_000_000
 
 
-class Outcome(StrEnum):
-    """How an action ended."""
-
-    DONE = "done"
-    CANCELLED = "cancelled"
-    FAILED = "failed"
-
-
-class ActionProgress(msgspec.Struct, frozen=True, kw_only=True):
-    """How far an action is; at most twice a second."""
-
-    action: str
-    share: float
-    """0 to 1."""
-
-
-class ActionEnd(msgspec.Struct, frozen=True, kw_only=True):
-    """The end of an action; notified once for each started action."""
-
-    action: str
-    outcome: Outcome
-    why: str = ""
-    result: Any = None
-    """What the action was for, if it was for something."""
-
-
 class Action:
     """One action; made by `ActionDesk.start`. What is called after its end does nothing."""
 
     def __init__(self, desk: "ActionDesk", action_id: str, now_ns: int) -> None:
-        self.id = action_id
+        self.id: ActionId = action_id
         self.end: ActionEnd | None = None
         """None while it is running."""
         self._desk = desk
@@ -97,6 +70,17 @@ class Action:
         """It cannot be brought to its end."""
         self._desk.ended(self, ActionEnd(action=self.id, outcome=Outcome.FAILED, why=why))
 
+    def supersede(self, by: str = "") -> None:
+        """Another action, or another call, has taken its place.
+
+        Args:
+            by: name of that; the plugin whose call is under way if empty.
+
+        """
+        by = by or self._desk.caller() or "a call from outside"
+        end = ActionEnd(action=self.id, outcome=Outcome.SUPERSEDED, why=f"superseded by {by}", by=by)
+        self._desk.ended(self, end)
+
     def cancel(self, why: str) -> None:
         """It is not wanted any more."""
         self._desk.ended(self, ActionEnd(action=self.id, outcome=Outcome.CANCELLED, why=why))
@@ -109,14 +93,14 @@ class ActionDesk:
         env: the plugin's; the desk hears from it when the plugin ends or is halted.
         progress: told of each action's progress.
         finished: told of each action's end.
-        several: whether actions run side by side; if not, a new one cancels the one before.
+        several: whether actions run side by side; if not, a new one supersedes the one before.
 
     """
 
     def __init__(
         self, env: "Environment", progress: Event[ActionProgress], finished: Event[ActionEnd], *, several: bool = False
     ) -> None:
-        self._clock = env.clock
+        self._env = env
         self._progress = progress
         self._finished = finished
         self._several = several
@@ -134,7 +118,7 @@ class ActionDesk:
             before = [] if self._several else list(self._running.values())
             self._running[action.id] = action
         for other in before:
-            other.cancel(f"{action.id} has taken its place")
+            other.supersede(self.caller() or action.id)
         return action
 
     def running(self) -> list[Action]:
@@ -158,7 +142,11 @@ class ActionDesk:
 
     def now_ns(self) -> int:
         """The run's clock."""
-        return self._clock.now_ns()
+        return self._env.clock.now_ns()
+
+    def caller(self) -> str:
+        """The plugin whose call is under way; empty if none is, or the call comes from outside."""
+        return self._env.caller
 
     def told_progress(self, progress: ActionProgress) -> None:
         """Called by actions."""

@@ -37,6 +37,10 @@ class PluginRequests(Protocol):
     def mailbox(self) -> Mailbox:
         """Where notifications wait for the plugin."""
 
+    @property
+    def caller(self) -> str:
+        """See Environment.caller."""
+
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """See Environment.use."""
 
@@ -117,6 +121,11 @@ class Environment:
     def abandon(self) -> None:
         """Nothing that the instance does has a consequence any more. Not for plugins."""
         self.gone.append(True)
+
+    @property
+    def caller(self) -> str:
+        """The plugin that calls this one at present; empty in its own step, and for a call from outside."""
+        return self.__requests.caller
 
     @cached_property
     def rng(self) -> "np.random.Generator":

@@ -8,15 +8,17 @@ with team:
     print(team.wait(task).state, team.why(task).now)
 
 Both have the same methods. Live, time passes by itself. In lockstep it passes only within methods that wait:
-`wait`, `wait_all`, `run_for`, `events`, `readings`, `halt` and `resume`.
+`wait`, `wait_all`, `run_for`, `act`, `events`, `readings`, `halt` and `resume`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self, overload
 
 import msgspec
 
+from robrain.client.action_ends import ActionEnds
 from robrain.client.coordinator_answers import CoordinatorAnswers
 from robrain.client.errors import BadTask
 from robrain.client.fresh_ids import FreshIds
@@ -46,6 +48,7 @@ from robrain.protocol.wire.host_queries import (
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.action_messages import ActionEnd
 from robrain.protocol.wire.messages.robots.host_messages import (
     CommandRequest,
     HoldRequest,
@@ -376,6 +379,47 @@ class Team(CoordinatorAnswers):
         by = self.by if (robot, plugin) in self._held else ""
         given = arguments if named is None else named
         return self._requests.call(robot, plugin, function, given, timeout_s=timeout_s, by=by)
+
+    def act(
+        self,
+        robot: str,
+        plugin: str,
+        function: str,
+        *arguments: object,
+        named: Mapping[str, object] | None = None,
+        timeout_s: float | None = None,
+    ) -> ActionEnd:
+        """Call a function that starts a long action, such as the driver's `drive`, and wait for the action's end.
+
+        Args:
+            robot: name of the robot.
+            plugin: name of the plugin.
+            function: its external name.
+            arguments: by position.
+            named: arguments by name, in place of those by position.
+            timeout_s: time limit for the action; None for no limit.
+
+        Returns:
+            How it ended: `outcome` is done, failed, cancelled, or superseded if another call has moved the robot;
+            `by` then names the plugin, such as `explore`.
+
+        Raises:
+            CallError: the call is refused, or the plugin fails; the text says why.
+            NobodyThere: the robot is absent, or has gone.
+            TimeoutError: the action has not ended in time.
+
+        """
+        with self.action_ends(robot, plugin) as ends:
+            return ends.end_of(self.call(robot, plugin, function, *arguments, named=named), timeout_s)
+
+    @contextmanager
+    def action_ends(self, robot: str, plugin: str) -> Iterator[ActionEnds]:
+        """Ends of a plugin's long actions; open it before the call that starts one."""
+        wire = self._listening.open()
+        try:
+            yield ActionEnds(self.transport, wire, robot, plugin)
+        finally:
+            self._listening.end(wire)
 
     def command(self, robot: str, text: str) -> str:
         """Execute a call in the text form, such as `call driver drive(0.5)`; returns the result as text."""

@@ -4,7 +4,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from robrain.agent.action import ActionDesk, ActionEnd, ActionProgress, Outcome
+    from robrain.agent.action import ActionDesk
     from robrain.agent.environment import Environment
     from robrain.agent.errors import (
         AccessDenied,
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from robrain.protocol.model.tasks.task import Task, TaskState
     from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, NobodyThere, RobrainError, WireError
     from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+    from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
     from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
     from robrain.protocol.wire.messages.robots.robot_messages import RobotState
     from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
@@ -56,6 +57,7 @@ __all__ = [
     "AccessDenied",
     "ActionDesk",
     "ActionEnd",
+    "ActionId",
     "ActionProgress",
     "BadName",
     "BadTask",
@@ -133,7 +135,7 @@ __all__ = [
 
 # Imported on first use: a robot has the plain install, without the simulator.
 _NAMES = {
-    "robrain.agent.action": ("ActionDesk", "ActionEnd", "ActionProgress", "Outcome"),
+    "robrain.agent.action": ("ActionDesk",),
     "robrain.agent.environment": ("Environment",),
     "robrain.agent.errors": (
         "AccessDenied",
@@ -165,6 +167,7 @@ _NAMES = {
     "robrain.protocol.wire.messages.motes.mote_messages": ("MoteReading",),
     "robrain.protocol.wire.messages.tasks.offer_messages": ("TaskEvent",),
     "robrain.protocol.wire.messages.tasks.plan_messages": ("PlanningStatus",),
+    "robrain.protocol.wire.messages.robots.action_messages": ("ActionEnd", "ActionId", "ActionProgress", "Outcome"),
     "robrain.protocol.wire.messages.robots.plugin_messages": ("PluginInfo",),
     "robrain.protocol.wire.messages.robots.robot_messages": ("RobotState",),
     "robrain.protocol.wire.messages.tasks.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),

@@ -28,6 +28,7 @@ from robrain.deploy.commands.process_options import (
     WitnessesOption,
 )
 from robrain.deploy.commands.scenario_options import (
+    IdleOption,
     MapOption,
     MotesOption,
     NearOption,
@@ -117,6 +118,7 @@ def run(
     motes: MotesOption = None,
     seed: SeedOption = None,
     near: NearOption = None,
+    idle: IdleOption = False,
     strategy: Annotated[
         str | None, typer.Option(help="Exploration strategy: a name such as joint, or FILE.py:NAME.")
     ] = None,
@@ -142,7 +144,9 @@ def run(
     def choose() -> "Scenario":
         from robrain.deploy.commands.options import choose_scenario
 
-        return choose_scenario(scenario, map_file, robots, motes, seed, near, strategy=strategy, method=method)
+        return choose_scenario(
+            scenario, map_file, robots, motes, seed, near, idle=idle, strategy=strategy, method=method
+        )
 
     options = RunOptions(
         until=until,

@@ -20,6 +20,7 @@ from robrain.agent.text_form import (
 )
 from robrain.agent.type_text import signature_text
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages.robots.action_messages import ActionId
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo
 
 TYPE_WORDS: Mapping[Any, str] = {type(None): "void", float: "double", str: "string", Any: "any"}
@@ -93,6 +94,7 @@ class Signature:
             doc=inspect.getdoc(function) or "",
             parameters=msgspec.json.schema(self._struct, schema_hook=schema_of_own),
             returns=returned,
+            starts_action=returns == ActionId,
         )
 
     def run(self, plugin: Plugin, arguments: dict[str, Any]) -> Any:

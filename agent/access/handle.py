@@ -63,21 +63,26 @@ class Handle:
 
 def _locked_call(callee: Callee, caller: Caller, user: Environment | None, name: str) -> Callable[..., Any]:
     def call(*args: Any, **kwargs: Any) -> Any:
-        with callee.turn:
+        turn = callee.turn
+        with turn:
             plugin = callee.live_plugin()
             if user is not None:
                 if user.has_gone:
                     raise _gone(caller)
                 if not callee.manifest.tag.shared:
                     callee.exclusive.keep(caller)
-            return getattr(plugin, name)(*args, **kwargs)
+            before, turn.caller = turn.caller, caller.name
+            try:
+                return getattr(plugin, name)(*args, **kwargs)
+            finally:
+                turn.caller = before
 
     return call
 
 
 def _lockstep_call(callee: Callee, caller: Caller, user: Environment | None, name: str) -> Callable[..., Any]:
     """As `_locked_call`, for one thread: nobody else can be in the plugin."""
-    is_gone = user.gone if user is not None else ()
+    is_gone, own_name = user.gone if user is not None else (), caller.name
 
     def call(*args: Any, **kwargs: Any) -> Any:
         plugin = callee.callable
@@ -85,14 +90,16 @@ def _lockstep_call(callee: Callee, caller: Caller, user: Environment | None, nam
             plugin = callee.live_plugin()
         if is_gone:
             raise _gone(caller)
-        if not callee.manifest.tag.shared and user is not None and callee.exclusive.inside != caller.name:
+        if not callee.manifest.tag.shared and user is not None and callee.exclusive.inside != own_name:
             callee.exclusive.keep(caller)
         turn = callee.turn
+        before, turn.caller = turn.caller, own_name
         turn.depth += 1
         try:
             return getattr(plugin, name)(*args, **kwargs)
         finally:
             turn.depth -= 1
+            turn.caller = before
 
     return call
 

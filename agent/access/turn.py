@@ -27,6 +27,8 @@ class Turn:
         self._lock = threading.RLock()
         self.depth = 0
         """How often the thread that is in the plugin has taken the turn; 0 if nobody is."""
+        self.caller = ""
+        """The plugin that calls this one at present; empty if none does."""
         self._since_ns: int
         self._owner: int
 

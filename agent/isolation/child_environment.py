@@ -176,6 +176,11 @@ class ChildEnvironment(Environment):
         """Refused: tasks are given out in the robot's own process."""
         raise PluginError(self.plugin, f"{self.plugin} runs in a process of its own and cannot do tasks")
 
+    @property
+    def caller(self) -> str:
+        """Empty: the parent does not report who calls."""
+        return ""
+
     def hurry(self) -> None:
         """Nothing: the step of an isolated plugin comes when it is due."""
 

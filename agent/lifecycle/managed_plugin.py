@@ -139,6 +139,11 @@ class ManagedPlugin:
         return own is not Plugin.emergency_halt or instance.environment.ends_actions
 
     @property
+    def caller(self) -> str:
+        """The plugin that calls this one at present; empty if none does."""
+        return self.turn.caller
+
+    @property
     def mailbox(self) -> Mailbox:
         """Where notifications wait for the plugin."""
         return self.holdings.mailbox

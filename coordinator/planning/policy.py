@@ -10,7 +10,7 @@ import msgspec
 from robrain.coordinator.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
-from robrain.protocol.exploration.strategies import AUTO, JOINT, STRATEGIES
+from robrain.protocol.exploration.strategies import AUTO, JOINT, NO_EXPLORATION, STRATEGIES
 from robrain.protocol.exploration.strategies import NEAREST as NEAREST_STRATEGY
 from robrain.protocol.model.ranges import Text
 from robrain.protocol.model.tasks.objective import Objective
@@ -42,7 +42,8 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Name of the allocator that makes the plans: stock, an entry point `robrain.allocators`, or `FILE.py:NAME`;
     `nearest` for none."""
     exploration: Text = AUTO
-    """Name of the exploration strategy: stock, an entry point `robrain.exploration_strategies`, or `FILE.py:NAME`."""
+    """Name of the exploration strategy: stock, an entry point `robrain.exploration_strategies`, or `FILE.py:NAME`;
+    `none`: the team explores only if a task tells it to."""
     revise_s: float = 1.0
     """Period, seconds, in which the exploring robots of a team of two or more may be given another goal; 0: a robot
     keeps its goal, as one alone always does."""
@@ -92,7 +93,8 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     def __post_init__(self) -> None:
         if self.exploration in RENAMED_STRATEGIES:
             msgspec.structs.force_setattr(self, "exploration", RENAMED_STRATEGIES[self.exploration])
-        STRATEGIES.check(self.exploration)
+        if self.exploration != NO_EXPLORATION:
+            STRATEGIES.check(self.exploration)
         for name in self.passes:
             PASSES.check(name)
         if len(set(self.passes)) < len(self.passes):

@@ -11,13 +11,14 @@ from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.exploration.explorer import Explorer, Scout
 from robrain.protocol.exploration.situation import Busy, Choice
+from robrain.protocol.exploration.strategies import NO_EXPLORATION
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.idle import IdleReason, LacksRange, PlanPending, TaskSoon
+from robrain.protocol.wire.reasons.idle import ExplorationOff, IdleReason, LacksRange, PlanPending, TaskSoon
 
 SETTLED_NS = to_ns(3.0)
 """The floor counts as explored when for this long no robot could be given a frontier."""
@@ -65,6 +66,9 @@ class FrontierDesk:
             now_ns: the time.
 
         """
+        if self._planning.policy.exploration == NO_EXPLORATION:
+            self._kept_idle, self._busy_ns = {robot.name: ExplorationOff() for robot in idle}, now_ns
+            return []
         pauses, is_unplanned = self._backoff.robots, self._planning.has_unplanned()
         free = [robot for robot in idle if not (is_unplanned or self._planning.is_reserved(robot.name, now_ns))]
         why, names = PlanPending() if is_unplanned else TaskSoon(), {robot.name for robot in free}

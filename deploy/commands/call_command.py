@@ -1,4 +1,4 @@
-"""`robrain call ROBOT PLUGIN FUNCTION ARGUMENTS`: one call of a robot's plugin, and its result."""
+"""`robrain call ROBOT PLUGIN FUNCTION ARGUMENTS`: one call of a robot's plugin, and its result or its action's end."""
 
 from typing import Any
 
@@ -7,15 +7,19 @@ import msgspec
 from robrain.agent.host.text_command import Call, parse_call
 from robrain.agent.text_form import parse_argument, parse_value, print_value
 from robrain.client.team import Team
+from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.border.safe_text import safe_json
 from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.messages.robots.action_messages import Outcome
+
+EXIT_NOT_DONE = 1
 
 
 def call_command(
     connect: str | None, team: str, robot: str, plugin: str, function: str, words: list[str], *, as_json: bool
-) -> str:
-    """Call an external function of a robot's plugin.
+) -> int:
+    """Call an external function of a robot's plugin and print its result; wait for the end of a long action.
 
     Args:
         connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
@@ -24,10 +28,10 @@ def call_command(
         plugin: name of the plugin.
         function: its external name, or the text form `drive(1.0)` including the arguments.
         words: the arguments, each `VALUE` or `NAME=VALUE` as in the text form; or a single JSON array or object.
-        as_json: return the result as JSON.
+        as_json: print the result, or the end of the action, as JSON.
 
     Returns:
-        The result as text (empty if there is none), or as JSON.
+        Exit status: 1 if a long action has ended otherwise than done.
 
     Raises:
         CallError: the robot refuses the call, or the plugin fails.
@@ -42,17 +46,34 @@ def call_command(
     if text and as_json:
         call = parse_call(text)
         function, given = call.function, _plain_values(call)
-    with Team.connect(connect, team=team) as client:
+    with Team.connect(connect, team=team) as client, client.action_ends(robot, plugin) as ends:
         if given is None:
-            return client.command(robot, text)
-        check_name("function", function)
-        if isinstance(given, dict):
-            result = client.call(robot, plugin, function, named=given)
+            result: Any = client.command(robot, text)
+            said = result
         else:
-            result = client.call(robot, plugin, function, *given)
+            check_name("function", function)
+            named = given if isinstance(given, dict) else None
+            result = client.call(robot, plugin, function, *([] if named is not None else given), named=named)
+            said = "" if result is None else print_value(result)
+        if not isinstance(result, str) or not _starts_action(client, robot, plugin, function):
+            if as_json:
+                print_line(safe_json(msgspec.json.encode(result)))
+            elif said:
+                print_line(said)
+            return 0
+        if not as_json:
+            print_line(said)
+        end = ends.end_of(result)
     if as_json:
-        return safe_json(msgspec.json.encode(result))
-    return "" if result is None else print_value(result)
+        print_line(safe_json(msgspec.json.encode(end)))
+    else:
+        print_line(end.words if end.result is None else f"{end.words}: {print_value(end.result)}")
+    return 0 if end.outcome is Outcome.DONE else EXIT_NOT_DONE
+
+
+def _starts_action(client: Team, robot: str, plugin: str, function: str) -> bool:
+    known = (info for one in client.plugins(robot) if one.name == plugin for info in one.functions)
+    return any(info.starts_action for info in known if info.name == function.partition("(")[0])
 
 
 def _json_of(word: str) -> list[Any] | dict[str, Any]:

@@ -32,6 +32,7 @@ def choose_scenario(
     seed: int | None,
     near: str | None = None,
     *,
+    idle: bool = False,
     strategy: str | None = None,
     method: str | None = None,
 ) -> Scenario:
@@ -44,6 +45,7 @@ def choose_scenario(
         motes: overrides the scenario's.
         seed: overrides the scenario's.
         near: X,Y, around which the robots start together; overrides the scenario's starts.
+        idle: whether the team explores only if a task tells it to; True overrides the scenario's.
         strategy: name of an exploration strategy, or FILE.py:NAME; overrides the scenario's.
         method: name of an allocator, or FILE.py:NAME; overrides the scenario's.
 
@@ -75,4 +77,6 @@ def choose_scenario(
     around = place_of("--near", near)
     if around is not None:
         scenario = scenario.replace(near=around, starts=Starts.TOGETHER)
+    if idle:
+        scenario = scenario.replace(idle=True)
     return scenario.replace(**{option: value for option, value in changes.items() if value is not None})

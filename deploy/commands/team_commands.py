@@ -108,7 +108,11 @@ def call(
     team: TeamOption = DEFAULT_TEAM,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Call a function of a robot's plugin, and print its result: call r1 localisation pose, call r1 driver drive 1."""
+    """Call a function of a robot's plugin, and print its result: call r1 localisation pose, call r1 driver drive 1.
+
+    For a long action, such as that of drive, it prints the action's id and waits for its end; exit status 1 if the
+    action is not done, for example because `explore` has superseded it.
+    """
     from robrain.deploy.commands.call_command import call_command
 
     if said := call_command(connect, team, robot, plugin, function, arguments or [], as_json=as_json):

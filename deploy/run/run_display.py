@@ -80,6 +80,7 @@ def show_result(result: RunResult) -> None:
     why = {
         "explored": "target reached",
         "nothing_left": "nothing left that a robot could reach",
+        "tasks_ended": "all tasks have ended",
         "time_limit": "time limit",
         "interrupted": "interrupted",
     }

@@ -55,7 +55,7 @@ def scenario_parts(site: Site, scenario: Scenario, words: Sequence[str], wanted:
         parts.append(recorder_part(site, wanted.record, provenance, wanted.on_recorder))
     if ARENA in wanted.parts:
         parts.append(_arena_part(site, words, wanted.on_arena))
-    options = ["--planning", str(write_planning(site.folder / "planning.toml", scenario.planning))]
+    options = ["--planning", str(write_planning(site.folder / "planning.toml", scenario.policy))]
     if scenario.rules:
         options += ["--rules", str(write_rules(site.folder / "rules.toml", scenario.rules))]
     first, stands_by = COORDINATOR in wanted.parts, STAND_BY in wanted.parts

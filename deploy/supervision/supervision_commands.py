@@ -16,6 +16,7 @@ from robrain.deploy.commands.process_options import (
     until_explored,
 )
 from robrain.deploy.commands.scenario_options import (
+    IdleOption,
     MapOption,
     MotesOption,
     RobotsOption,
@@ -47,6 +48,7 @@ def up(
     robots: RobotsOption = None,
     motes: MotesOption = None,
     seed: SeedOption = None,
+    idle: IdleOption = False,
     until: UntilOption = None,
     time_limit: TimeLimitOption = None,
     record: RecordOption = None,
@@ -83,7 +85,8 @@ def up(
     words = UpWords(until_explored(until), above_zero("--time-limit", time_limit), as_json)
     if scenario is not None and is_team_file(Path(scenario)):
         given = {
-            "--map": map_file, "--robots": robots, "--motes": motes, "--seed": seed, "--record": record, "--port": port,
+            "--map": map_file, "--robots": robots, "--motes": motes, "--seed": seed, "--idle": idle or None,
+            "--record": record, "--port": port,
             "--listen": listen, "--journal": journal, "--stand-by": stand_by or None, "--rules": rules,
             "--no-dashboard": None if dashboard else True, "--secured": secured or None, "--pki": pki,
             "--team": None if team == DEFAULT_TEAM else team,
@@ -98,7 +101,7 @@ def up(
         if host is not None:
             raise UsageError(f"--host {host}: expected a team file with [[hosts]]")
         check_name("team", team)
-        chosen = choose_scenario(scenario, map_file, robots, motes, seed)
+        chosen = choose_scenario(scenario, map_file, robots, motes, seed, idle=idle)
         if rules is not None:
             from robrain.deploy.run.rules_file import read_rules
 

@@ -27,7 +27,7 @@ class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
     robots: int
     motes: int
     ended: str
-    """`explored`, `nothing_left` or `time_limit`."""
+    """`explored`, `nothing_left`, `tasks_ended` or `time_limit`."""
     sim_time_s: float
     explored_share: float
     explored_50_s: float | None = None

@@ -33,6 +33,10 @@ AUTO: Final = "auto"
 """The default: `tours` for up to four robots, or `rooms` for three and four where rooms are small; `joint` for more."""
 
 
+NO_EXPLORATION: Final = "none"
+"""Robots explore only if a task tells them to."""
+
+
 class Strategy(Protocol):
     """Sends idle robots to frontiers."""
 
@@ -69,6 +73,8 @@ def strategy_of(name: str, on_failure: Callable[[str, str], None]) -> Strategy:
         UnknownEntry: there is none of this name, or it cannot be imported.
 
     """
+    if name == NO_EXPLORATION:
+        return lambda _situation: []
     strategy = STRATEGIES.get(name)
     return strategy if STRATEGIES.is_stock(name) else _checked(name, strategy, on_failure)
 

@@ -36,7 +36,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     robots: int
     motes: int
     ended: str
-    """Why the run ended: `explored`, `nothing_left`, `time_limit` or `interrupted`."""
+    """Why the run ended: `explored`, `nothing_left`, `tasks_ended`, `time_limit` or `interrupted`."""
     sim_time_s: float
     wall_time_s: float
     """Wall time of the run itself; time before the first tick is `setup_time_s`."""

@@ -66,9 +66,10 @@ def drive(
 
 
 def why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
-    """Why a run ends now: `interrupted`, `explored`, `time_limit` or `nothing_left`; empty while it goes on.
+    """Why a run ends now, as in `RunResult.ended`; empty while it goes on.
 
-    While a task of the scenario or of a rule is open, only Ctrl-C and the time limit end it.
+    While a task of the scenario or of a rule is open, only Ctrl-C and the time limit end it. A team that does not
+    explore by itself ends with the tasks of its scenario, if that has any.
     """
     if interrupted:
         return "interrupted"
@@ -77,4 +78,6 @@ def why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, i
         return "explored"
     if run.sim_time_s >= time_limit_s - 1e-9:
         return "time_limit"
+    if is_done and run.world.idle and run.world.tasks:
+        return "tasks_ended"
     return "nothing_left" if is_done and run.nothing_left else ""

@@ -19,6 +19,7 @@ from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.writer.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.coordinator.rules.rule import Rule
+from robrain.protocol.exploration.strategies import NO_EXPLORATION
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.links.radio_network import EVERYWHERE
@@ -79,6 +80,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """Together or scattered over the floor."""
     starts_known: bool = True
     """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
+    idle: bool = False
+    """Whether the team explores only if a task tells it to."""
     hardware: RobotHardware = RobotHardware()
     """Hardware of each robot."""
     network: SensorNetwork = SensorNetwork()
@@ -180,6 +183,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             near=Point2D(*tables.team.near_m) if tables.team.near_m is not None else None,
             starts=tables.team.starts,
             starts_known=tables.team.starts_known,
+            idle=tables.team.idle,
             hardware=tables.robot,
             network=tables.network,
             chargers=tables.chargers,
@@ -213,7 +217,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             scenario=ScenarioTable(self.name, self.about, self.seed, self.until_explored, self.time_limit_s),
             floor=None if isinstance(self.floor, Path) else self.floor,
             map=MapTable(str(map_file or self.floor.resolve())) if isinstance(self.floor, Path) else None,
-            team=TeamTable(self.robots, near_m, self.starts, self.starts_known),
+            team=TeamTable(self.robots, near_m, self.starts, self.starts_known, self.idle),
             motes=MotesTable(
                 count=self.motes,
                 places_m=self.mote_places[: self.motes],
@@ -244,6 +248,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         except TypeError as error:
             known = ", ".join(self.__struct_fields__)
             raise ScenarioError(f"{self.name}: {error}; a scenario has {known}") from error
+
+    @property
+    def policy(self) -> PlanningPolicy:
+        """`planning`, without exploration if the team is idle."""
+        return msgspec.structs.replace(self.planning, exploration=NO_EXPLORATION) if self.idle else self.planning
 
     def plan(self) -> FloorPlan:
         """The floor (ScenarioError naming file and key if it cannot be read)."""
@@ -291,6 +300,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             surfaces=self.surfaces,
             disturbance=self.disturbance,
             starts_known=self.starts_known,
+            idle=self.idle,
             tasks=self.tasks,
             traffic=traffic,
             links=self.links,
@@ -465,7 +475,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             scenario_toml=self.toml,
             listen=listen,
             session=session,
-            planning=self.planning,
+            planning=self.policy,
             rules=self.rules,
             should_stop=should_stop,
             setup=setup,

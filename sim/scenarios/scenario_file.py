@@ -78,6 +78,9 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     starts_known: bool = True
     """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
 
+    idle: bool = False
+    """Whether the team explores only if a task tells it to; it is then there for tasks, scripts and your hands."""
+
     def __post_init__(self) -> None:
         if self.starts is Starts.SCATTERED and self.near_m is not None:
             raise ValueError("expected either near_m or scattered starts, got both")

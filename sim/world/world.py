@@ -16,6 +16,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.coordinator.recording.writer.provenance import MAP_ATTACHMENT
 from robrain.plugins.device.lidar_mount import Mount
+from robrain.protocol.exploration.strategies import NO_EXPLORATION
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial_lines.serial_line import SIMULATED
 from robrain.protocol.wire.endpoint import Endpoint
@@ -70,6 +71,8 @@ class World:
     """Late frames and scans, paused agents."""
     starts_known: bool = True
     """Whether robots are told where they start; if not, only the first robot is."""
+    idle: bool = False
+    """Whether robots without a coordinator explore only if a task tells them to."""
     tasks: tuple[TaskSpec, ...] = ()
     """What the scenario asks of the team."""
     traffic: TrafficPlan | None = None
@@ -138,6 +141,7 @@ class World:
             **_home(self.chargers),
             "obstacle_distance": {"radius_m": robot.radius_m},
             **_gateway(self.network, robot.name),
+            **({"explore": {"exploration": NO_EXPLORATION}} if self.idle else {}),
             **(self.links.idle_parameters(start) if self.links is not None and is_known and not connect else {}),
         }
         load = None if robot.load is None else [*robot.load, *([IMU_PLUGIN] if robot.imu is not None else [])]

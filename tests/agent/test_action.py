@@ -6,16 +6,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.agent.action import ActionDesk, ActionEnd, ActionProgress, Outcome
+from robrain.agent.action import ActionDesk
 from robrain.agent.event import Event, Mailbox
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionProgress, Outcome
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topics import HALT, ROBOT_EVENT
 
 OVEN = """
-    from robrain.agent.action import Action, ActionDesk, ActionEnd, ActionProgress
+    from robrain.agent.action import Action, ActionDesk
+    from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionProgress
 
     class Oven(Device):
         period_s = 0.02
@@ -108,7 +110,7 @@ def test_one_at_a_time_the_new_one_takes_the_place_of_the_old(bench):
     oven(bench)
     first, second = (bench.call("oven", "bake", [3]) for _ in range(2))
     bench.tick(3)
-    assert ends(bench) == [(first, "cancelled", f"{second} has taken its place"), (second, "done", "")]
+    assert ends(bench) == [(first, "superseded", f"superseded by {second}"), (second, "done", "")]
 
 
 def test_several_run_side_by_side(bench):
@@ -192,6 +194,7 @@ class Env:
     def __init__(self):
         self.clock = VirtualClock()
         self.at_end = lambda function: None
+        self.caller = ""
 
 
 class Heard:

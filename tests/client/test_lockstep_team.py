@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 import robrain
-from robrain import NobodyThere, Scenario, Team
+from robrain import NobodyThere, Outcome, Scenario, Team
+from robrain.protocol.wire.reasons.idle import ExplorationOff
 from robrain.sim.lockstep.lockstep import LockstepTransport
+from robrain.sim.world.scenario_tasks import TaskSpec
 
 SCENARIO = Scenario.builtin("arena_small").replace(robots=1, motes=1)
 
@@ -64,6 +67,38 @@ def test_what_is_listened_to_ends_with_the_loop_and_with_the_team() -> None:
         assert len(team._listening._open) == kept + 1
     team.close()
     assert team._listening._open == []
+
+
+@pytest.mark.slow
+def test_action_that_a_behavior_supersedes_ends_with_its_name() -> None:
+    with SCENARIO.team() as team:
+        team.run_for(2.0)
+        end = team.act("r1", "driver", "drive", -3.0, timeout_s=10.0)
+        assert (end.outcome, end.by, end.words) == (Outcome.SUPERSEDED, "explore", "superseded by explore")
+        assert end.action.startswith("drive-")
+
+
+def test_nothing_supersedes_an_action_in_an_idle_team() -> None:
+    with SCENARIO.replace(idle=True).team() as team:
+        team.run_for(2.0)
+        end = team.act("r1", "driver", "turn", 1.0)
+        assert (end.outcome, end.by) == (Outcome.DONE, msgspec.UNSET)
+        with pytest.raises(TimeoutError, match=r"has not ended after 0\.5 s"):
+            team.act("r1", "driver", "turn", 3.0, timeout_s=0.5)
+
+
+@pytest.mark.slow
+def test_idle_team_explores_only_as_a_task_says_and_ends_with_its_tasks() -> None:
+    tasks = (TaskSpec(kind="visit", place_m=(5.5, 3.2)),)
+    result = SCENARIO.replace(idle=True, tasks=tasks, time_limit_s=60.0).run()
+    assert (result.ended, [task.state for task in result.tasks]) == ("tasks_ended", ["done"])
+    with SCENARIO.replace(idle=True).team() as team:
+        team.run_for(2.0)
+        assert isinstance(team.state().robots[0].idle, ExplorationOff)
+        team.transport.run.end_coordinator()  # alone, a robot would choose a frontier after 3 s
+        began = team.state("r1").pose
+        team.run_for(5.0)
+        assert team.state("r1").pose.distance_m(began) < 0.05
 
 
 def test_a_client_is_made_of_any_transport() -> None:

@@ -14,7 +14,7 @@ from robrain.plugins.behavior.explore.team_choice import ALONE, TeamChoice
 from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
-from robrain.protocol.exploration.strategies import JOINT, STRATEGIES, strategy_of
+from robrain.protocol.exploration.strategies import JOINT, NO_EXPLORATION, STRATEGIES, strategy_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.navigation.clearance import mapped_gap_cells
@@ -61,14 +61,15 @@ class ExploreBehavior(Behavior):
         """After this time without a message from a coordinator the robot chooses frontiers itself."""
         exploration: Name = JOINT
         """Name of the exploration strategy by which it does so, as in `[planning]`; the same for all robots. Not
-        `auto`: `tours` would be compiled on the way, which stops a live robot for seconds."""
+        `auto`: `tours` would be compiled on the way, which stops a live robot for seconds. `none`: it chooses none."""
 
         reserve_share: Share = 0.1
         """Share of the battery that stays in it on the way to a frontier of its own choice and on to a charger."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
-            STRATEGIES.check(self.exploration)
+            if self.exploration != NO_EXPLORATION:
+                STRATEGIES.check(self.exploration)
 
     period_s = 0.2
     parameters: Parameters
@@ -78,6 +79,7 @@ class ExploreBehavior(Behavior):
         self._task: Task | None = None
         self._is_own = False
         """The robot has chosen the task itself."""
+        self._chooses = self.parameters.exploration != NO_EXPLORATION
         self._own_choices = 0
         self._is_hidden = False
         """No place from which the robot could see its frontier is known."""
@@ -119,7 +121,7 @@ class ExploreBehavior(Behavior):
         if self._is_own and self._frame != self.env.board.frame:  # what it chose is a place of another frame
             self._finish(TaskState.FAILED, "the robot maps in another frame now")
             self._spent.clear()
-        may_choose = self._may_roam() if self._travel.lost else self._is_alone()
+        may_choose = self._chooses and (self._may_roam() if self._travel.lost else self._is_alone())
         if self._task is None and may_choose and self._is_free() and tasks.occupy(own):
             self._travel.roams, self._frame = bool(self._travel.lost), self.env.board.frame
             self._choose()

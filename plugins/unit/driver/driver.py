@@ -1,7 +1,7 @@
 """Driver: moves an omnidirectional base smoothly, and stops in front of what lidar and range sensors see.
 
 `follow` is for plugins that replan all the time. `drive_path`, `drive`, `turn` and `go_to` are long actions: they
-return an id, and end as done, as cancelled by whatever moves the robot next, or as failed when the way stays blocked.
+return an id, and end as done, as superseded by the next call that moves the robot, or as failed if it stays blocked.
 
 The robot stands whenever it does not know what is ahead or where it goes: without a fresh scan, with a frozen lidar,
 without word from its wheels; and after a bump it does not press on.
@@ -15,7 +15,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.agent.action import Action, ActionDesk, ActionEnd, ActionProgress
+from robrain.agent.action import Action, ActionDesk
 from robrain.agent.event import Event
 from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, MocDeviceInterface
@@ -34,6 +34,7 @@ from robrain.protocol.model.ranges import Count, Metres, Name, Radians, Speed, c
 from robrain.protocol.wire.answers.hand_control import HandLease
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 
 PERIOD_S = 0.06
 HAND_PERIOD_S = PERIOD_S / 3
@@ -160,7 +161,7 @@ class Driver(OnBase):
         """Drive along these points to the last one, at most this fast; `is_narrow` lets it squeeze where needed."""
         check_range("follow", *itertools.chain.from_iterable(map(_X_Y, path)))
         if self._action is not None:
-            self._action.cancel("another path was given")
+            self._action.supersede()
         way = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
         if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the hand lets go
             self._path = way
@@ -168,7 +169,7 @@ class Driver(OnBase):
             self._stand() if way is None else self._set_out(way)
 
     @external
-    def drive_path(self, points: Annotated[list[Point2D], Meta(max_length=POINTS_MAX)]) -> str:
+    def drive_path(self, points: Annotated[list[Point2D], Meta(max_length=POINTS_MAX)]) -> ActionId:
         """Drive along these points, frame odom, to the last one; returns the action's id."""
         if not points:
             raise CallError(ErrorCode.BAD_ARGUMENTS, "drive_path: expected at least one point, got none")
@@ -199,7 +200,7 @@ class Driver(OnBase):
             self.env.hurry()
 
     @external
-    def drive(self, distance_m: Metres) -> str:
+    def drive(self, distance_m: Metres) -> ActionId:
         """Drive straight ahead, or back if negative, without turning; returns the action's id."""
         check_range("drive", distance_m)
         pose = self._moc.pose()
@@ -208,7 +209,7 @@ class Driver(OnBase):
         return self._start_path("drive", Path([goal], PLACED_M, pose.yaw_rad, is_straight=True, steers=steers))
 
     @external
-    def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> str:
+    def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> ActionId:
         """Drive straight to a pose, frame odom, turning on the way; returns the action's id."""
         check_range("go_to", x_m, y_m, yaw_rad)
         steers = not self._steering.is_holonomic
@@ -220,7 +221,7 @@ class Driver(OnBase):
         return self._start_path("go_to", path)
 
     @external
-    def turn(self, angle_rad: Radians) -> str:
+    def turn(self, angle_rad: Radians) -> ActionId:
         """Turn on the spot, to the left if positive, also by more than a full turn; returns the action's id.
 
         A base that cannot turn on the spot drives to and fro.
@@ -248,7 +249,8 @@ class Driver(OnBase):
     @external
     def stop(self) -> None:
         """Stand still."""
-        self._actions.cancel_all("the driver was told to stop")
+        caller = self.env.caller
+        self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
         self._stand()
 
     @external
@@ -280,7 +282,7 @@ class Driver(OnBase):
         """Last status of the motor controller; null before the first."""
         return self._moc.status()
 
-    def _start_path(self, name: str, path: Path) -> str:
+    def _start_path(self, name: str, path: Path) -> ActionId:
         pose = self._moc.pose()
         action = self._actions.start(name)
         self._set_out(path)

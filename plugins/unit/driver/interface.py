@@ -6,9 +6,9 @@ from typing import Protocol
 
 import msgspec
 
-from robrain.agent.action import ActionEnd, ActionProgress
 from robrain.agent.event import Event
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 
 
 class Motion(StrEnum):
@@ -49,16 +49,16 @@ class DriverInterface(Protocol):
         With `is_narrow` the robot squeezes, slowly, through places hardly wider than itself.
         """
 
-    def drive_path(self, points: list[Point2D]) -> str:
-        """As `follow`, as an action; its id. Whatever moves the robot next cancels it."""
+    def drive_path(self, points: list[Point2D]) -> ActionId:
+        """As `follow`, as an action; its id. The next call that moves the robot supersedes it."""
 
-    def drive(self, distance_m: float) -> str:
+    def drive(self, distance_m: float) -> ActionId:
         """Drive straight ahead, or back if negative, without turning; returns the action's id."""
 
-    def go_to(self, x_m: float, y_m: float, yaw_rad: float) -> str:
+    def go_to(self, x_m: float, y_m: float, yaw_rad: float) -> ActionId:
         """Drive straight to a pose, turning on the way; the action's id."""
 
-    def turn(self, angle_rad: float) -> str:
+    def turn(self, angle_rad: float) -> ActionId:
         """Turn on the spot, to the left if positive; the action's id."""
 
     def cancel(self, action: str) -> bool:

@@ -8,7 +8,7 @@ import math
 
 import msgspec
 
-from robrain.agent.action import Action, ActionDesk, ActionEnd, ActionProgress
+from robrain.agent.action import Action, ActionDesk
 from robrain.agent.event import Event
 from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
@@ -22,6 +22,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Radians, check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 
 POINTS_MAX = 100_000
 MOVES_M_S, MOVES_RAD_S = 0.05, 0.1
@@ -131,11 +132,11 @@ class Ros2Navigator(OnBase):
         if before is not None and before.action is None and self._is_near(goal, before.pose):
             return
         if before is not None and before.action is not None:
-            before.action.cancel("another path was given")
+            before.action.supersede()
         self._send(goal)
 
     @external
-    def drive_path(self, points: list[Point2D]) -> str:
+    def drive_path(self, points: list[Point2D]) -> ActionId:
         """Drive to the last of these points, frame odom; returns the action's id."""
         if not 1 <= len(points) <= POINTS_MAX:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"drive_path: expected 1 to {POINTS_MAX} points")
@@ -143,19 +144,19 @@ class Ros2Navigator(OnBase):
         return self._start("drive_path", self._end_of(points))
 
     @external
-    def drive(self, distance_m: Metres) -> str:
+    def drive(self, distance_m: Metres) -> ActionId:
         """Drive to a place straight ahead, or back if negative; returns the action's id."""
         check_range("drive", distance_m)
         return self._start("drive", self._moc.pose().compose(Pose2D(distance_m, 0.0, 0.0)))
 
     @external
-    def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> str:
+    def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> ActionId:
         """Drive to a pose, frame odom; returns the action's id."""
         check_range("go_to", x_m, y_m, yaw_rad)
         return self._start("go_to", Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)))
 
     @external
-    def turn(self, angle_rad: Radians) -> str:
+    def turn(self, angle_rad: Radians) -> ActionId:
         """Turn to a heading; returns the action's id. More than half a turn is done the shorter way."""
         check_range("turn", angle_rad)
         return self._start("turn", self._moc.pose().compose(Pose2D(0.0, 0.0, wrap_angle_rad(angle_rad))))
@@ -171,7 +172,8 @@ class Ros2Navigator(OnBase):
     @external
     def stop(self) -> None:
         """Stand still."""
-        self._actions.cancel_all("the driver was told to stop")
+        caller = self.env.caller
+        self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
         self._stand()
 
     @external
@@ -200,7 +202,7 @@ class Ros2Navigator(OnBase):
         """Width of the gap that is too narrow for the robot: Nav2 does not say."""
         return None
 
-    def _start(self, name: str, goal: Pose2D) -> str:
+    def _start(self, name: str, goal: Pose2D) -> ActionId:
         action = self._actions.start(name)
         self._send(goal, action)
         return action.id

@@ -49,6 +49,10 @@ class LacksRange(Reason, frozen=True, kw_only=True, tag="lacks_range"):
     """Length of path that its energy lasts for."""
 
 
+class ExplorationOff(Reason, frozen=True, kw_only=True, tag="exploration_off"):
+    """The team explores only if a task tells it to."""
+
+
 class PlanPending(Reason, frozen=True, kw_only=True, tag="plan_pending"):
     """Tasks are being planned, and the robot may get one."""
 
@@ -72,6 +76,7 @@ IdleReason = (
     | TriedInVain
     | OthersExplore
     | LacksRange
+    | ExplorationOff
     | PlanPending
     | TaskSoon
     | TeamHalted

@@ -219,6 +219,8 @@ def words(reason: AnyReason) -> str:
             return "idle because its position is unknown"
         case tasks.PlanLeavesOut(because=left_out):
             return f"the plan leaves it out: {words(left_out)}"
+        case idle.ExplorationOff():
+            return "idle because the team explores only if a task tells it to"
         case idle.PlanPending():
             return "idle because tasks are being planned"
         case offers.PluginOut(plugin=plugin, state=name, why=why):

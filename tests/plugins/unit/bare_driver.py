@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from robrain.agent.action import ActionEnd, ActionProgress
 from robrain.agent.event import Event, Mailbox
 from robrain.plugins.device.mocdevice.interface import Counters
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing
@@ -14,6 +13,7 @@ from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.unit.driver.driver import PERIOD_S, Driver
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionProgress
 
 RADIUS_M = 0.2
 RAYS = 360
@@ -150,6 +150,10 @@ class BareDriver:
 
     def observe(self, event: Event[Any], function: Callable[[Any], None]) -> None:
         event.add(function, self._mailbox)
+
+    @property
+    def caller(self) -> str:
+        return "explore"
 
     def hurry(self) -> None:
         self.hurries += 1

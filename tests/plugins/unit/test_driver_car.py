@@ -5,11 +5,11 @@ import math
 
 import pytest
 
-from robrain.agent.action import Outcome
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.unit.driver.driver import NEEDS_SPEED, NO_ROOM, PARKED_M, PARKED_RAD
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.wire.messages.robots.action_messages import Outcome
 from tests.plugins.unit.bare_driver import BareDriver
 
 RADIUS_MIN_M = 0.3

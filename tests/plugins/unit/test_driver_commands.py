@@ -5,13 +5,13 @@ import math
 
 import pytest
 
-from robrain.agent.action import Outcome
 from robrain.plugins.device.mocdevice.interface import ControllerStatus
 from robrain.plugins.unit.driver.driver import PERIOD_S
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.path import CORNER_M
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.messages.robots.action_messages import Outcome
 from tests.plugins.unit.bare_driver import BareDriver
 
 
@@ -182,7 +182,7 @@ def test_what_comes_next_takes_the_place_of_a_turn_and_of_a_path(robot, next_one
         else:
             robot.plugin.drive(0.0)
         run(robot, 100)
-        assert robot.ends[0].outcome is Outcome.CANCELLED
+        assert robot.ends[0].outcome is Outcome.SUPERSEDED
         assert robot.wheels.at.distance_m(Point2D(before.x_m, before.y_m)) < 0.1
 
 
@@ -190,7 +190,7 @@ def test_path_that_is_followed_after_an_action_does_not_end_as_that_one(robot):
     robot.plugin.drive(5.0)
     robot.plugin.follow([Point2D(0.3, 0.0)])
     run(robot)
-    assert ended(robot) == (Outcome.CANCELLED, "another path was given")
+    assert ended(robot) == (Outcome.SUPERSEDED, "superseded by explore")
     assert robot.wheels.at.x_m == pytest.approx(0.3, abs=0.08)
 
 

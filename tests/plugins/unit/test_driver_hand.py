@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from robrain.agent.action import Outcome
 from robrain.plugins.unit.driver.by_hand import LONGEST_LEASE_S, ByHand
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.messages.robots.action_messages import Outcome
 from tests.plugins.unit.bare_driver import BareDriver
 
 STILL = Twist2D()

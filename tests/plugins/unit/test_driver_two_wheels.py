@@ -4,13 +4,13 @@ import math
 
 import pytest
 
-from robrain.agent.action import Outcome
 from robrain.plugins.unit.driver.driver import PERIOD_S, STEERED_M
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.path import Ramp, RampLimits
 from robrain.plugins.unit.driver.steering import Steering
 from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.wire.messages.robots.action_messages import Outcome
 from tests.plugins.unit.bare_driver import BareDriver
 
 

@@ -12,8 +12,10 @@ from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_COMMAND
+from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, Outcome
+from robrain.protocol.wire.messages.robots.plugin_messages import Event, PluginInfo
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS
 from tests.system.conftest import Commands
 
 pytestmark = pytest.mark.system
@@ -22,6 +24,8 @@ pytestmark = pytest.mark.system
 class Drawer(Unit):
     """Echoes its arguments."""
 
+    pulled: ActionEnd | None = None
+
     @external
     def draw(self, x_m: float, label: str = "-") -> tuple[float, str]:
         return (x_m, label)
@@ -29,6 +33,11 @@ class Drawer(Unit):
     @external
     def clear(self) -> None:
         return
+
+    @external
+    def pull(self, end: str) -> ActionId:
+        self.pulled = ActionEnd(action=f"pull-{end}", outcome=Outcome(end), why=f"{end} by push", by="push")
+        return self.pulled.action
 
     @external
     def fail(self) -> None:
@@ -53,6 +62,14 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
 
         wire.token(ROBOT_ALIVE, robot="r1")
         wire.answer(HOST_COMMAND, command, robot="r1")
+
+        def plugins(_request: Request) -> list[PluginInfo]:
+            known = [info for function in functions.values() for info in function.infos]
+            finished.put(Event(robot="r1", plugin="drawer", event="finished", value=drawer.pulled))
+            return [PluginInfo(name="drawer", level="unit", state="active", functions=known)]
+
+        finished = wire.publisher(ROBOT_EVENT, robot="r1", plugin="drawer", event="finished")
+        wire.answer(ROBOT_PLUGINS, plugins, robot="r1")
         wire.answer(ROBOT_CALL, called, robot="r1", plugin="drawer")
         yield commands
         wire.close()
@@ -76,6 +93,23 @@ def test_arguments_are_text_or_json_and_the_result_is_text(robot: Commands, word
     done = robot.run("call", "r1", "drawer", *words)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout in (said, said.replace("[1,", "[1.0,").replace("[3,", "[3.0,"))
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "lines"),
+    [
+        (["pull", "superseded"], 1, ["pull-superseded", "superseded by push"]),
+        (["pull(done)"], 0, ["pull-done", "done: done by push"]),
+        (["pull", "failed", "--json"], 1, ['{"action":"pull-failed","outcome":"failed","why":"failed by push",']),
+    ],
+)
+def test_call_waits_for_the_end_of_a_long_action(
+    robot: Commands, words: list[str], status: int, lines: list[str]
+) -> None:
+    done = robot.run("call", "r1", "drawer", *words)
+    assert (done.returncode, done.stderr) == (status, "")
+    shown = done.stdout.splitlines()
+    assert [line[: len(wanted)] for line, wanted in zip(shown, lines, strict=True)] == lines
 
 
 @pytest.mark.parametrize("words", [["draw", "2", "5x"], ["draw", '[2, "5x"]'], ["draw", "label=5x", "x_m=2"]])

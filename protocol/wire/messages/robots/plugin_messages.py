@@ -52,6 +52,8 @@ class FunctionInfo(msgspec.Struct, frozen=True, kw_only=True):
     """JSON Schema of an object with one property for each parameter."""
     returns: JsonSchema
     """JSON Schema of the result."""
+    starts_action: bool = False
+    """Whether it starts a long action and returns its id; the event `finished` reports the action's end."""
 
 
 class ProcessInfo(msgspec.Struct, frozen=True):
