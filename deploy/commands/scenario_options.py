@@ -18,10 +18,7 @@ NearOption = Annotated[
     str | None, typer.Option(help="X,Y in metres, around which the robots start; default: as the scenario says.")
 ]
 IdleOption = Annotated[
-    bool,
-    typer.Option(
-        "--idle", help="No exploration by itself: for driving by hand, and for tasks on the floor that robots see."
-    ),
+    bool, typer.Option("--idle", help="The team explores only if a task tells it to: for hands and scripts.")
 ]
 UntilOption = Annotated[str | None, typer.Option(help="Stop when this share is explored, such as explored=0.95.")]
 TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after this many simulated seconds.")]

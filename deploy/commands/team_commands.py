@@ -115,8 +115,8 @@ def call(
     """
     from robrain.deploy.commands.call_command import call_command
 
-    if said := call_command(connect, team, robot, plugin, function, arguments or [], as_json=as_json):
-        say(said)
+    if failed := call_command(connect, team, robot, plugin, function, arguments or [], as_json=as_json):
+        raise typer.Exit(failed)
 
 
 @team_app.command()
