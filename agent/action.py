@@ -43,8 +43,8 @@ NS_PER_MS = 1_000_000
 class Action:
     """One action; made by `ActionDesk.start`. What is called after its end does nothing."""
 
-    def __init__(self, desk: "ActionDesk", action_id: str, now_ns: int) -> None:
-        self.id: ActionId = action_id
+    def __init__(self, desk: "ActionDesk", action_id: ActionId, now_ns: int) -> None:
+        self.id = action_id
         self.end: ActionEnd | None = None
         """None while it is running."""
         self._desk = desk
@@ -114,7 +114,7 @@ class ActionDesk:
         """A new action, named `NAME-NUMBER`."""
         with self._lock:
             self._count += 1
-            action = Action(self, f"{name}-{self._count}", self.now_ns())
+            action = Action(self, ActionId(f"{name}-{self._count}"), self.now_ns())
             before = [] if self._several else list(self._running.values())
             self._running[action.id] = action
         for other in before:

@@ -1,19 +1,17 @@
 """What a team's coordinator is asked about the team as a whole, and about tasks that are not submitted."""
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robrain.client.requests import Requests
-from robrain.client.submission import dry_submission_of
+from robrain.client.submission import TaskName, asked_task, id_of
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun
 from robrain.protocol.wire.messages.team.standing_messages import LeadRequest, RobotRemoval
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.wire.topics import COORDINATOR_LEFT_NOW, TASK_DRY_RUN
-
-NO_FIELDS: Mapping[str, Any] = MappingProxyType({})
 
 
 class CoordinatorAnswers:
@@ -22,13 +20,22 @@ class CoordinatorAnswers:
     by: str
     _requests: Requests
 
-    def dry_run(self, task: str | Task, fields: Mapping[str, Any] = NO_FIELDS, *, id: str | None = None) -> TaskDryRun:
-        """Return what would follow if a task were submitted now. Nothing is submitted.
-
-        Args:
-            task: a kind, such as `visit`, with the fields below; or a whole task.
-            fields: fields and parameters of that kind, named as in the messages, such as `{"place": (3, 4)}`.
-            id: the task's name; None for one that no task has.
+    def dry_run(
+        self,
+        task: str | Task,
+        *,
+        id: str | None = None,
+        place: Point2D | Sequence[float] | None = None,
+        priority: float | None = None,
+        earliest_s: float | None = None,
+        deadline_s: float | None = None,
+        service_s: float | None = None,
+        needs: Sequence[str] = (),
+        after: Sequence[TaskName] = (),
+        robots: int | None = None,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> TaskDryRun:
+        """Return what would follow if `submit` were called with these arguments. Nothing is submitted.
 
         Raises:
             BadTask: a field is missing or invalid.
@@ -36,7 +43,19 @@ class CoordinatorAnswers:
             NobodyThere: no coordinator answers.
 
         """
-        return self._requests.coordinator(TASK_DRY_RUN, dry_submission_of(task, id, fields, self.by))
+        fields = {
+            "id": id,
+            "place": place,
+            "priority": priority,
+            "earliest_in_s": earliest_s,
+            "deadline_in_s": deadline_s,
+            "service_s": service_s,
+            "needs": tuple(needs) or None,
+            "after": tuple(map(id_of, after)) or None,
+            "robots": robots,
+        }
+        asked = asked_task(task, self.by, f"{task}-dry-run", fields, parameters)
+        return self._requests.coordinator(TASK_DRY_RUN, asked)
 
     def left(self) -> ExplorationLeft | None:
         """Return what exploration has left so far, by the coordinator's map; None before anything is known."""

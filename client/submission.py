@@ -12,7 +12,10 @@ from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_paramete
 from robrain.protocol.model.tasks.task import BadParameters, Task
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskSubmission
+
+TaskName = str | TaskRecord
+"""A task by its id, or by any record of it."""
 
 POINTS = ("place", "look_at")
 RELATIVE = ("earliest_in_s", "deadline_in_s")
@@ -70,20 +73,37 @@ def submission_of(
     return submission
 
 
-def dry_submission_of(task: str | Task, id: str | None, fields: Mapping[str, Any], by: str) -> TaskSubmission:
-    """What is asked of the coordinator for a dry run; see `Team.dry_run`.
+def asked_task(
+    task: str | Task, by: str, new_id: str, fields: Mapping[str, Any], parameters: Mapping[str, Any] | None
+) -> TaskSubmission:
+    """Build the request of `Team.submit` and `Team.dry_run` from their arguments.
+
+    Args:
+        task: a kind or a whole task.
+        by: name of the client.
+        new_id: id of the task if the fields have none.
+        fields: the arguments, named as in the messages; those that are None are not given.
+        parameters: further fields, and those of the kind.
 
     Raises:
-        BadTask: a field is missing or invalid, or a whole task has further fields.
+        BadTask: a field is missing, invalid or given twice, or a whole task has further fields than times.
 
     """
-    if isinstance(task, str):
-        asked = submission_of(task, {**fields, "id": f"{task}-dry-run" if id is None else id})
-        return msgspec.structs.replace(asked, by=by)
-    if fields or id is not None:
-        names = ", ".join(sorted([*fields, *(["id"] if id is not None else [])]))
-        raise BadTask(f"task {task.id} is whole already: leave out {names}")
-    return TaskSubmission(task=task, by=by)
+    given = {name: value for name, value in fields.items() if value is not None}
+    if not isinstance(task, str):
+        times = {name: given.pop(name) for name in RELATIVE if name in given}
+        if given or parameters:
+            names = ", ".join(sorted([*given, *(parameters or {})]))
+            raise BadTask(f"task {task.id} is whole already: leave out {names}")
+        return TaskSubmission(task=task, by=by, **times)
+    if twice := sorted({*given, "id"} & (parameters or {}).keys()):
+        raise BadTask(f"a task to {task}: give {', '.join(twice)} as an argument, not among the parameters")
+    return msgspec.structs.replace(submission_of(task, {"id": new_id, **given, **(parameters or {})}), by=by)
+
+
+def id_of(task: TaskName) -> str:
+    """The id of a task."""
+    return task if isinstance(task, str) else task.task.id
 
 
 def _typed(path: str, typed: Mapping[str, str]) -> str:

@@ -12,22 +12,19 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, Self, overload
 
 import msgspec
 
-from robrain.client.action_ends import ActionEnds
 from robrain.client.coordinator_answers import CoordinatorAnswers
-from robrain.client.errors import BadTask
 from robrain.client.fresh_ids import FreshIds
 from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.listening import Listening
 from robrain.client.members import team_found
-from robrain.client.requests import ROBOT_TIMEOUT_S, Requests
+from robrain.client.requests import Requests
+from robrain.client.robot_calls import RobotCalls
 from robrain.client.standing import Standing
-from robrain.client.submission import submission_of
+from robrain.client.submission import TaskName, asked_task, id_of
 from robrain.client.task_stream import TaskStream
 from robrain.client.transport import PATIENCE_S, LiveTransport, Transport, operator_name
 from robrain.protocol.model.geometry import Point2D
@@ -37,26 +34,9 @@ from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.errors import CallError, NobodyThere
-from robrain.protocol.wire.host_queries import (
-    HOST_COMMAND,
-    HOST_HOLD,
-    HOST_LOAD,
-    HOST_RELEASE,
-    HOST_RELOAD,
-    HOST_UNLOAD,
-)
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd
-from robrain.protocol.wire.messages.robots.host_messages import (
-    CommandRequest,
-    HoldRequest,
-    LoadRequest,
-    ReleaseRequest,
-    ReloadRequest,
-    UnloadRequest,
-)
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
@@ -75,7 +55,6 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_PLANNING,
     HALT,
     MOTE_READING,
-    ROBOT_PLUGINS,
     TASK_GET,
     TASK_KINDS,
     TASK_LIST,
@@ -88,15 +67,12 @@ Names = list[str]
 PluginInfos = list[PluginInfo]
 TaskRecords = list[TaskRecord]
 KnownKinds = list[KnownKind]
-TaskName = str | TaskRecord
-"""A task by its id, or by any record of it."""
-
 LOOK_S = 0.2
 POLL_S = 0.02
 TASK_TIMEOUT_S = 600.0
 
 
-class Team(CoordinatorAnswers):
+class Team(CoordinatorAnswers, RobotCalls):
     """A connection to a team; use it in a `with` block.
 
     While a live coordinator is away, for example during a restart, each query to it is repeated until it is answered or
@@ -207,29 +183,19 @@ class Team(CoordinatorAnswers):
             NobodyThere: no coordinator answers, and no robot accepts the task.
 
         """
-        optional = {
+        fields = {
+            "id": id,
             "place": place,
             "priority": priority,
+            "earliest_in_s": earliest_s,
+            "deadline_in_s": deadline_s,
             "service_s": service_s,
             "needs": tuple(needs) or None,
-            "after": tuple(map(_id_of, after)) or None,
+            "after": tuple(map(id_of, after)) or None,
             "robots": robots,
         }
-        given = {name: value for name, value in optional.items() if value is not None}
-        if not isinstance(task, str):
-            if given or id is not None or parameters:
-                names = ", ".join(sorted([*given, *(["id"] if id is not None else []), *(parameters or {})]))
-                raise BadTask(f"task {task.id} is whole already: leave out {names}")
-            asked = TaskSubmission(task=task, by=self.by, earliest_in_s=earliest_s, deadline_in_s=deadline_s)
-            return self._requests.submit(asked)
-        times = {"earliest_in_s": earliest_s, "deadline_in_s": deadline_s}
-        given |= {name: value for name, value in times.items() if value is not None}
-        if twice := sorted({*given, "id"} & (parameters or {}).keys()):
-            raise BadTask(f"a task to {task}: give {', '.join(twice)} as an argument, not among the parameters")
-        given |= parameters or {}
-
-        asked = msgspec.structs.replace(submission_of(task, {**given, "id": task if id is None else id}), by=self.by)
-        if id is not None:
+        asked = asked_task(task, self.by, f"{task}", fields, parameters)
+        if id is not None or not isinstance(task, str):
             return self._requests.submit(asked)
 
         def named(task_id: str) -> TaskSubmission:
@@ -251,15 +217,15 @@ class Team(CoordinatorAnswers):
             NobodyThere: no coordinator answers, and no robot accepts the cancellation.
 
         """
-        return self._requests.cancel(TaskRequest(id=_id_of(task), by=self.by, why=why))
+        return self._requests.cancel(TaskRequest(id=id_of(task), by=self.by, why=why))
 
     def get(self, task: TaskName) -> TaskRecord:
         """Return a task's record (CallError for an unknown id)."""
-        return self._requests.coordinator(TASK_GET, TaskRequest(id=_id_of(task)))
+        return self._requests.coordinator(TASK_GET, TaskRequest(id=id_of(task)))
 
     def why(self, task: TaskName) -> TaskWhy:
         """Explain a task's state, with each robot's cost or exclusion (CallError for an unknown id)."""
-        return self._requests.coordinator(TASK_WHY, TaskRequest(id=_id_of(task)))
+        return self._requests.coordinator(TASK_WHY, TaskRequest(id=id_of(task)))
 
     def list(self, wanted: TaskFilter | None = None) -> TaskRecords:
         """Return the matching tasks, in the order of acceptance."""
@@ -271,7 +237,7 @@ class Team(CoordinatorAnswers):
 
     def wait_all(self, tasks: Iterable[TaskName], *, timeout_s: float | None = TASK_TIMEOUT_S) -> TaskRecords:
         """Wait until all these tasks have ended, and return their records (TimeoutError if they have not in time)."""
-        wanted = [_id_of(task) for task in tasks]
+        wanted = [id_of(task) for task in tasks]
         if wanted:
             for _ in self.events(wanted, timeout_s=timeout_s):
                 pass
@@ -293,7 +259,7 @@ class Team(CoordinatorAnswers):
 
         """
         wire = self._listening.open()
-        stream = TaskStream(self.transport, wire, self.get, list(dict.fromkeys(map(_id_of, tasks))))
+        stream = TaskStream(self.transport, wire, self.get, list(dict.fromkeys(map(id_of, tasks))))
         return self._listening.until_done(wire, stream.events(timeout_s))
 
     # -- planning ---------------------------------------------------------------------------------------------
@@ -345,131 +311,6 @@ class Team(CoordinatorAnswers):
         wire, inbox = self._listening.open(), Inbox(4096)
         wire.subscribe(inbox, MOTE_READING, **({"mote": mote} if mote else {}))
         return self._listening.until_done(wire, self._readings(inbox, seconds))
-
-    def call(
-        self,
-        robot: str,
-        plugin: str,
-        function: str,
-        *arguments: object,
-        named: Mapping[str, object] | None = None,
-        timeout_s: float = ROBOT_TIMEOUT_S,
-    ) -> Any:
-        """Call an external function of a robot's plugin.
-
-        Args:
-            robot: name of the robot.
-            plugin: name of the plugin.
-            function: its external name.
-            arguments: by position.
-            named: arguments by name, in place of those by position.
-            timeout_s: time limit for the result.
-
-        Returns:
-            The result, as decoded JSON.
-
-        Raises:
-            CallError: the call is refused, or the plugin fails; the text says why.
-            NobodyThere: the robot is absent; the text lists the present ones.
-            ValueError: arguments are given by position and by name.
-
-        """
-        if arguments and named is not None:
-            raise ValueError("expected arguments by position or by name, got both")
-        by = self.by if (robot, plugin) in self._held else ""
-        given = arguments if named is None else named
-        return self._requests.call(robot, plugin, function, given, timeout_s=timeout_s, by=by)
-
-    def act(
-        self,
-        robot: str,
-        plugin: str,
-        function: str,
-        *arguments: object,
-        named: Mapping[str, object] | None = None,
-        timeout_s: float | None = None,
-    ) -> ActionEnd:
-        """Call a function that starts a long action, such as the driver's `drive`, and wait for the action's end.
-
-        Args:
-            robot: name of the robot.
-            plugin: name of the plugin.
-            function: its external name.
-            arguments: by position.
-            named: arguments by name, in place of those by position.
-            timeout_s: time limit for the action; None for no limit.
-
-        Returns:
-            How it ended: `outcome` is done, failed, cancelled, or superseded if another call has moved the robot;
-            `by` then names the plugin, such as `explore`.
-
-        Raises:
-            CallError: the call is refused, or the plugin fails; the text says why.
-            NobodyThere: the robot is absent, or has gone.
-            TimeoutError: the action has not ended in time.
-
-        """
-        with self.action_ends(robot, plugin) as ends:
-            return ends.end_of(self.call(robot, plugin, function, *arguments, named=named), timeout_s)
-
-    @contextmanager
-    def action_ends(self, robot: str, plugin: str) -> Iterator[ActionEnds]:
-        """Ends of a plugin's long actions; open it before the call that starts one."""
-        wire = self._listening.open()
-        try:
-            yield ActionEnds(self.transport, wire, robot, plugin)
-        finally:
-            self._listening.end(wire)
-
-    def command(self, robot: str, text: str) -> str:
-        """Execute a call in the text form, such as `call driver drive(0.5)`; returns the result as text."""
-        return self._requests.robot(HOST_COMMAND, CommandRequest(text=text, by=self.by), robot)
-
-    def hold(self, robot: str, plugin: str, *, lease_s: float = 5.0) -> None:
-        """Hold an exclusive plugin for at most 60 s; call again before the end to renew the lease.
-
-        Meanwhile no other caller can use it, including plugins of the robot.
-
-        Raises:
-            CallError: another holder has it (`busy`), or the plugin does not exist.
-
-        """
-        self._requests.robot(HOST_HOLD, HoldRequest(plugin=plugin, by=self.by, lease_s=lease_s), robot)
-        self._held.add((robot, plugin))
-
-    def release(self, robot: str, plugin: str) -> bool:
-        """Release a held plugin; False if it was not held, or no longer."""
-        self._held.discard((robot, plugin))
-        return self._requests.robot(HOST_RELEASE, ReleaseRequest(plugin=plugin, by=self.by), robot)
-
-    def plugins(self, robot: str) -> PluginInfos:
-        """Return the plugins of a robot with state, functions and, if not running, the reason."""
-        return self._requests.robot(ROBOT_PLUGINS, None, robot)
-
-    def load(self, robot: str, plugin: str | Path) -> PluginInfos:
-        """Load a plugin into a running robot, with the plugins that it requires.
-
-        Args:
-            robot: name of the robot.
-            plugin: a plugin in the robot's places, by name; a folder or manifest on the robot's machine, by its
-                absolute path; or a `Path` on this machine, if the robot is on the same.
-
-        Raises:
-            CallError: it cannot be loaded; the text says why.
-
-        """
-        if isinstance(plugin, Path):
-            plugin = str(plugin.resolve())
-            self.transport.open_folder(robot, Path(plugin))
-        return self._requests.robot(HOST_LOAD, LoadRequest(plugin=plugin), robot)
-
-    def unload(self, robot: str, plugin: str, *, cascade: bool = False) -> PluginInfos:
-        """Unload a plugin (CallError if others require it); `cascade` unloads those too."""
-        return self._requests.robot(HOST_UNLOAD, UnloadRequest(plugin=plugin, cascade=cascade), robot)
-
-    def reload(self, robot: str, plugin: str) -> PluginInfos:
-        """Load a new version of a plugin; if it cannot start (CallError), the old one keeps running."""
-        return self._requests.robot(HOST_RELOAD, ReloadRequest(plugin=plugin), robot)
 
     # -- emergency halt ---------------------------------------------------------------------------------------
 
@@ -535,7 +376,3 @@ class Team(CoordinatorAnswers):
         while (left_s := ends_s - self.transport.elapsed_s()) > 1e-9:
             self.transport.pass_time(min(left_s, POLL_S))
             yield from [received.message for received in inbox.drain()]
-
-
-def _id_of(task: TaskName) -> str:
-    return task if isinstance(task, str) else task.task.id

@@ -69,7 +69,7 @@ class Signature:
         returns = hints.get("return", Any)
         self._returns_nothing = returns is type(None)
         words = [type_word(hint) for hint in self.hints.values()]
-        self.signature_name = "-".join([f"{type_word(returns)}.{name}", *words])
+        self.signature_name = "-".join([f"{type_word(str if returns is ActionId else returns)}.{name}", *words])
         """As in section 3.4 of the paper: `void.foo-int-string`."""
         fields = [
             (field, hint, self._defaults[field]) if field in self._defaults else (field, hint)
@@ -94,7 +94,7 @@ class Signature:
             doc=inspect.getdoc(function) or "",
             parameters=msgspec.json.schema(self._struct, schema_hook=schema_of_own),
             returns=returned,
-            starts_action=returns == ActionId,
+            starts_action=returns is ActionId,
         )
 
     def run(self, plugin: Plugin, arguments: dict[str, Any]) -> Any:

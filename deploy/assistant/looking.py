@@ -158,7 +158,7 @@ class Looking:
     def foresee(self, asked: NewTask, task_id: str | None = None) -> TaskDryRun:
         """The coordinator's dry run of a task (Refused if it is no valid task)."""
         try:
-            return self._team.dry_run(asked.kind, asked.fields, id=task_id)
+            return self._team.dry_run(asked.kind, id=task_id, parameters=asked.fields)
         except BadTask as error:
             raise Refused(Ban.BAD_ARGUMENTS, str(error)) from error
 

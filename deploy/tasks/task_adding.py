@@ -106,7 +106,7 @@ def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_jso
     from robrain.deploy.tasks.dry_run_words import dry_run_lines
 
     with connect_team(connect, team) as client:
-        found = [client.dry_run(kind, fields, id=fields.pop("id", None)) for kind, fields in tasks]
+        found = [client.dry_run(kind, id=fields.pop("id", None), parameters=fields) for kind, fields in tasks]
     for one in found:
         if as_json:
             print_json(one)

@@ -1,12 +1,14 @@
 """In lockstep time passes only within methods that wait, and equal calls give equal runs."""
 
+import inspect
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 import robrain
-from robrain import NobodyThere, Outcome, Scenario, Team
+from robrain import BadTask, NobodyThere, Outcome, Scenario, Team
 from robrain.protocol.wire.reasons.idle import ExplorationOff
 from robrain.sim.lockstep.lockstep import LockstepTransport
 from robrain.sim.world.scenario_tasks import TaskSpec
@@ -32,6 +34,26 @@ def test_time_stands_still_while_a_team_is_asked() -> None:
         ended_s = team.now_s
         team.wait(team.cancel(task))
         assert team.now_s == ended_s  # it has ended already
+
+
+def test_a_dry_run_takes_the_arguments_of_a_submission() -> None:
+    assert inspect.signature(Team.dry_run).parameters == inspect.signature(Team.submit).parameters
+    with SCENARIO.team() as team:
+        team.run_for(1.0)
+        given: dict[str, Any] = {"id": "look", "place": (2, 1), "priority": 2.0, "earliest_s": 3.0, "deadline_s": 90.0}
+        given |= {"service_s": 4.0, "needs": ["camera"], "after": ["door"], "robots": 1}
+        kind: dict[str, Any] = {"parameters": {"look_at": (1, 1)}}
+        team.submit("visit", id="door", place=(3, 1))
+        foreseen = team.dry_run("inspect", **given, **kind)
+        submitted = team.submit("inspect", **given, **kind)
+        assert (foreseen.refused, foreseen.task) == ("", submitted.task)
+        for ask in (team.submit, team.dry_run):
+            with pytest.raises(BadTask, match="a task to visit has no plce"):
+                ask("visit", parameters={"plce": (2, 1)})
+            with pytest.raises(BadTask, match="give place as an argument"):
+                ask("visit", place=(2, 1), parameters={"place": (2, 1)})
+            with pytest.raises(BadTask, match="task look is whole already: leave out place"):
+                ask(submitted.task, place=(2, 1))
 
 
 def test_a_wait_ends_in_the_tick_of_the_end() -> None:

@@ -128,7 +128,7 @@ def test_the_end_of_a_goal_that_was_replaced_is_not_that_of_the_new_one(robot):
     robot.driver.drive(2.0)
     robot.run(0.2)
     assert robot.driver.motion() is Motion.DRIVING
-    assert [outcome for outcome, _ in robot.ends()] == ["cancelled"]
+    assert [outcome for outcome, _ in robot.ends()] == ["superseded"]
 
 
 def test_a_goal_that_fails_blocks_the_robot_and_is_sent_again_until_its_patience_ends(build):

@@ -119,14 +119,14 @@ def test_a_task_is_named_done_and_told_of(team: Team) -> None:
 
 def test_a_dry_run_submits_nothing(team: Team) -> None:
     before = [record.task.id for record in team.list()]
-    found = team.dry_run("visit", {"place": (2, 1), "service_s": 5.0})
+    found = team.dry_run("visit", place=(2, 1), service_s=5.0)
     assert (found.refused, found.known, found.task.place) == ("", None, Point2D(2.0, 1.0))
     assert [one.robot for one in found.robots] == ["r1", "r2"]
     whole = Task(id="whole", kind="visit", place=Point2D(2.0, 1.0), deadline_ns=1)
     assert "its deadline was" in team.dry_run(whole).refused
     assert [record.task.id for record in team.list()] == before
     with pytest.raises(BadTask, match="task whole is whole already: leave out id, place"):
-        team.dry_run(whole, {"place": (1, 1)}, id="other")
+        team.dry_run(whole, place=(1, 1), id="other")
     with pytest.raises(BadTask, match="a task to visit needs place"):
         team.dry_run("visit")
 

@@ -1,12 +1,11 @@
 """Long actions of a robot's plugins: their ids, progress and ends."""
 
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Any, NewType
 
 import msgspec
-from msgspec import Meta
 
-ActionId = Annotated[str, Meta(title="ActionId")]
+ActionId = NewType("ActionId", str)
 """Result of a function that starts a long action."""
 
 
