@@ -48,11 +48,16 @@ def backup(
         return
     from robrain.deploy.processes.live_process import client_session, live_endpoint
     from robrain.protocol.wire.border.safe_text import safe_text
+    from robrain.protocol.wire.errors import NobodyThere
+    from robrain.protocol.wire.hub import wrong_team
     from robrain.protocol.wire.standing_topics import COORDINATOR_BACKUP
 
     check_name("team", team)
     with client_session(connect) as session, live_endpoint(session, team) as wire:
-        told = wire.ask(COORDINATOR_BACKUP)
+        try:
+            told = wire.ask(COORDINATOR_BACKUP)
+        except NobodyThere as error:
+            raise wrong_team(f"no coordinator of team {team} answers", wire) from error
     text = f"{told.path} on {told.host}: {told.tasks} tasks, {told.open} of them open, {told.bytes / 1e6:.2f} MB"
     _print(told, safe_text(text), as_json=as_json)
 

@@ -4,6 +4,9 @@ import os
 
 import zenoh
 
+from robrain.protocol.wire.access.identity import Connection, connection_of
+from robrain.protocol.wire.access.member import MemberRole
+from robrain.protocol.wire.access.trial import missing_rights
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.session import check_endpoint
@@ -78,6 +81,20 @@ def wrong_team(what: str, wire: Endpoint) -> NobodyThere:
         teams = teams_there(wire)
     except zenoh.ZError:  # the hub has gone meanwhile: no teams to name
         teams = []
+    connection = connection_of(wire.session)
+    if not teams and connection is not None:
+        return NobodyThere(f"{what}; {_doubt(wire, connection)}")
     if teams:
         return NobodyThere(f"{what}; there {'is team' if len(teams) == 1 else 'are the teams'} {', '.join(teams)}")
     return NobodyThere(f"{what}; `robrain up` brings a team up")
+
+
+def _doubt(wire: Endpoint, connection: Connection) -> str:
+    """Why a member of a secured team may see nobody."""
+    member, where = connection.identity.member, ", ".join(connection.connect)
+    old = "is revoked, or the router's members.json is older than it"
+    if missing_rights(wire.session, connection.connect, connection.identity).is_all:
+        return f"the router at {where} lets {member} do nothing: the certificate {old}"
+    if member.role is MemberRole.OPERATOR:
+        return "`robrain up` brings a team up"
+    return f"if the team is up, the certificate of {member} {old}"

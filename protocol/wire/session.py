@@ -11,7 +11,14 @@ from typing import Any
 
 import zenoh
 
-from robrain.protocol.wire.access.identity import TLS_VARIABLE, Identity, read_identity, remember, tls_folder
+from robrain.protocol.wire.access.identity import (
+    TLS_VARIABLE,
+    Connection,
+    Identity,
+    read_identity,
+    remember,
+    tls_folder,
+)
 from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.errors import NobodyThere, PortTaken, WireError
 
@@ -115,7 +122,7 @@ def open_session(
     try:
         session = _open(settings, what=f"a {mode} session")
         if identity is not None:
-            remember(session, identity.member)
+            remember(session, Connection(identity, tuple(connect)))
     except WireError as error:
         for endpoint in listen:  # another process may have taken the port meanwhile
             check_port_free(endpoint)

@@ -28,7 +28,7 @@ from robrain.protocol.wire.access.member import Member, MemberRole, member
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, WireError
-from robrain.protocol.wire.hub import CONNECT_VARIABLE
+from robrain.protocol.wire.hub import CONNECT_VARIABLE, wrong_team
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_WHO, HALT, ROBOT_CALL, ROBOT_LOG
 from tests.system.conftest import Commands
@@ -200,6 +200,18 @@ def test_member_that_the_router_does_not_know_is_told_so(pki: Path, router: Secu
     ):
         check_rights("agent", pytest.fail, robot.session, [router.endpoint], identity)
     _close(robot)
+
+
+@pytest.mark.slow
+def test_revoked_operator_is_told_that_the_certificate_is_revoked(pki: Path, router: SecuredRouter) -> None:
+    ann = _wire(pki, router, ANN)
+    assert "revoked" not in str(wrong_team("nobody is there", ann))
+    revoke(pki, ANN)
+    router.look()
+    again = _wire(pki, router, ANN)
+    says = "lets operator:ann do nothing: the certificate is revoked, or the router's members.json is older than it"
+    assert says in str(wrong_team("nobody is there", again))
+    _close(ann, again)
 
 
 def test_rules_that_lack_a_row_are_told_and_do_not_keep_a_robot_out(

@@ -25,7 +25,7 @@ RENEW_BELOW = 1 / 3
 HOUR_S = 3600.0
 IDENTITIES_MAX = 1024
 """Sessions of one process whose members are remembered."""
-_OF_SESSION: dict[str, Member] = {}
+_OF_SESSION: "dict[str, Connection]" = {}
 
 
 class Identity(NamedTuple):
@@ -123,16 +123,30 @@ def duration(seconds: float) -> str:
     return f"{hours} hours" if hours < 72 else f"{hours // 24} days"
 
 
-def remember(session: zenoh.Session, member: Member) -> None:
-    """Note as whom a session connects."""
+class Connection(NamedTuple):
+    """How a secured session connects."""
+
+    identity: Identity
+    connect: tuple[str, ...]
+    """Endpoints of routers."""
+
+
+def remember(session: zenoh.Session, connection: Connection) -> None:
+    """Note how a session connects."""
     if len(_OF_SESSION) >= IDENTITIES_MAX:
         del _OF_SESSION[next(iter(_OF_SESSION))]  # the oldest
-    _OF_SESSION[str(session.zid())] = member
+    _OF_SESSION[str(session.zid())] = connection
+
+
+def connection_of(session: zenoh.Session) -> Connection | None:
+    """How a session connects; None if it is not secured."""
+    return _OF_SESSION.get(str(session.zid())) if _OF_SESSION else None
 
 
 def member_on(session: zenoh.Session) -> Member | None:
     """As whom a session connects; None if it is not secured."""
-    return _OF_SESSION.get(str(session.zid())) if _OF_SESSION else None
+    connection = connection_of(session)
+    return None if connection is None else connection.identity.member
 
 
 def _load(path: Path) -> Any:

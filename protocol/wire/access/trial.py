@@ -17,12 +17,20 @@ import zenoh
 
 from robrain.protocol.wire.access.identity import Identity
 from robrain.protocol.wire.access.member import Member, MemberRole
+from robrain.protocol.wire.access.signed_keys import signed
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topic import JSON, Query, Token
-from robrain.protocol.wire.topics import COORDINATOR_CLAIM, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_LOG, ROBOT_WHO
+from robrain.protocol.wire.topics import (
+    COORDINATOR_CLAIM,
+    COORDINATOR_WHO,
+    REPLAY_CONTROL,
+    ROBOT_CLAIM,
+    ROBOT_LOG,
+    ROBOT_WHO,
+)
 
 TRIES = "tries"
 """Stage of the claim that a trial announces; nobody takes it for a real one."""
@@ -55,7 +63,7 @@ class Missing(NamedTuple):
 
 
 def missing_rights(session: zenoh.Session, connect: Sequence[str], identity: Identity) -> Missing:
-    """Which rights a robot or coordinator lacks.
+    """Which rights a robot, coordinator or operator lacks.
 
     Args:
         session: its own.
@@ -78,7 +86,10 @@ def missing_rights(session: zenoh.Session, connect: Sequence[str], identity: Ide
 
 
 def _rows(member: Member) -> tuple[str, str] | None:
+    """Keys of a token and of a question that a member may announce and answer; an operator has no token."""
     names = {"robot": member.name} if member.role is MemberRole.ROBOT else {}
+    if member.role is MemberRole.OPERATOR:
+        return "", signed(REPLAY_CONTROL.key(member.team), member)
     rows: dict[MemberRole, tuple[Token, Query[Any, Any]]] = {
         MemberRole.ROBOT: (ROBOT_CLAIM, ROBOT_WHO),
         MemberRole.COORDINATOR: (COORDINATOR_CLAIM, COORDINATOR_WHO),
@@ -113,7 +124,7 @@ def _trials(
         finally:
             held.undeclare()
 
-    return [(Right.ANNOUNCE, announces), (Right.ANSWER, answers)]
+    return [*([(Right.ANNOUNCE, announces)] if token else []), (Right.ANSWER, answers)]
 
 
 def _publishes(session: zenoh.Session, other: zenoh.Session, robot: Member) -> bool:
