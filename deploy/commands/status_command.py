@@ -14,6 +14,7 @@ from robrain.deploy.commands.terminal import cell, print_line, results
 from robrain.deploy.processes.live_process import client_session, live_endpoint
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.border.refusals import Refusal
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
@@ -86,20 +87,26 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 def status_of(connect: str | None, team: str) -> TeamStatus:
-    """The members of a team that are present.
+    """The members of a team.
 
     Raises:
         NobodyThere: no member is present; the text lists the teams that have members present.
 
     """
     with client_session(connect) as session, live_endpoint(session, team) as wire:
-        inbox = Inbox()
-        wire.subscribe(inbox, ROBOT_STATE)
-        wire.subscribe(inbox, COORDINATOR_STATE)
-        found = team_found(wire)
+        found = status_by(wire)
         if not found.robots and not found.coordinator:
             raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
-        refused, summary, states = _told(inbox, len(found.robots) + found.coordinator)
+        return found
+
+
+def status_by(wire: Endpoint) -> TeamStatus:
+    """The members of the endpoint's team."""
+    inbox = Inbox()
+    wire.subscribe(inbox, ROBOT_STATE)
+    wire.subscribe(inbox, COORDINATOR_STATE)
+    found = team_found(wire)
+    refused, summary, states = _told(inbox, len(found.robots) + found.coordinator)
     standing = {name: standing_of(name, states.get(name)) for name in found.robots}
     standing |= {
         robot.name: RobotStanding(
@@ -109,7 +116,7 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         if isinstance(robot.out, Gone) and robot.name not in standing
     }
     return TeamStatus(
-        team=team,
+        team=found.team,
         coordinator=found.coordinator,
         robots=found.robots,
         standing=[standing[name] for name in sorted(standing, key=natural_key)],
@@ -133,7 +140,7 @@ def show_status(found: TeamStatus) -> None:
         results().print(table)
     reasons: dict[str, list[str]] = {}
     for robot in found.standing:
-        for reason in _reasons(robot):
+        for reason in reasons_of(robot):
             reasons.setdefault(reason, []).append(robot.robot)
     for reason, robots in reasons.items():
         print_line(f"{', '.join(robots)}: {reason}")
@@ -160,7 +167,8 @@ def _cells(robot: RobotStanding) -> list[str]:
     ]
 
 
-def _reasons(robot: RobotStanding) -> Iterator[str]:
+def reasons_of(robot: RobotStanding) -> Iterator[str]:
+    """What is wrong with a robot, in words."""
     if robot.why:
         yield robot.why
     for reason, plugins in robot.plugins_out.items():

@@ -19,6 +19,8 @@ class CheckName(StrEnum):
     VERSION = "version"
     NAME = "name"
     """Whether another process has the name."""
+    ROBOT = "robot"
+    """How a robot that runs is."""
     PORT = "port"
     ADDRESS = "address"
     """Whether an address is one of this machine's."""

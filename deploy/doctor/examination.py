@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from robrain.agent.host.robot_file import TlsTable, folder_of
+from robrain.deploy.commands.status_command import status_by
 from robrain.deploy.doctor.certificate_checks import OwnCertificate, check_certificates
 from robrain.deploy.doctor.check import Check, CheckName, is_good
 from robrain.deploy.doctor.network_checks import check_address, check_port, check_router
@@ -22,6 +23,7 @@ from robrain.deploy.doctor.team_checks import (
     check_clock,
     check_key_space,
     check_name_free,
+    check_robots,
     check_versions,
     heard_skews_s,
     holders,
@@ -29,6 +31,7 @@ from robrain.deploy.doctor.team_checks import (
 )
 from robrain.deploy.errors import UsageError
 from robrain.deploy.pki.errors import PkiError
+from robrain.deploy.processes.live_process import live_endpoint
 from robrain.deploy.supervision.credentials import OPERATOR, Credentials
 from robrain.deploy.supervision.part import ARENA, HUB
 from robrain.deploy.supervision.team_file import Host, TeamFile, read_team_file
@@ -142,6 +145,8 @@ def examine_team(joining: Joining) -> list[Check]:
     try:
         checks += [check_key_space(joining.endpoints, joining.team, robot) for robot in names]
         with closing(open_session(connect=joining.endpoints)) as session:
+            with live_endpoint(session, joining.team) as wire:
+                checks += check_robots(status_by(wire))
             checks.append(check_clock(heard_skews_s(session, joining.team)))
             checks.append(check_versions(own_version(), members(session, joining.team)))
             checks += [check_name_free(robot, holders(session, joining.team, robot)) for robot in joining.robots]

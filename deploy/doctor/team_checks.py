@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import zenoh
 
+from robrain.deploy.commands.status_command import RobotCondition, RobotStanding, TeamStatus, reasons_of
 from robrain.deploy.doctor.check import Check, CheckName
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import NS_PER_S, LiveClock
@@ -54,6 +55,20 @@ def check_key_space(endpoints: Sequence[str], team: str, robot: str) -> Check:
         f"the router does not pass on what {robot} of team {team} says: its access rules do not allow these keys",
         f"the certificate must be that of robot {robot} of team {team}; look at the router's access rules",
     )
+
+
+def check_robots(status: TeamStatus) -> list[Check]:
+    """Whether each robot of a team is well, as its state says."""
+    return [_check_robot(robot) for robot in status.standing]
+
+
+def _check_robot(robot: RobotStanding) -> Check:
+    name = robot.robot
+    if robot.condition is RobotCondition.GONE:
+        return Check(CheckName.ROBOT, False, f"{name} has gone", f"start its agent, or `robrain remove {name}`")
+    is_well = robot.condition in (RobotCondition.UP, RobotCondition.HALTED) and not robot.plugins_out
+    sentence = f"{name}: {'; '.join(reasons_of(robot)) or robot.condition}"
+    return Check(CheckName.ROBOT, is_well, sentence, "" if is_well else f"look at `robrain plugin list {name}`")
 
 
 def check_clock(skews_s: Sequence[float]) -> Check:

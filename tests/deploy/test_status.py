@@ -3,6 +3,7 @@
 import pytest
 
 from robrain.deploy.commands.status_command import RobotCondition, RobotStanding, TeamStatus, show_status, standing_of
+from robrain.deploy.doctor.team_checks import check_robots
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
@@ -97,3 +98,19 @@ def test_who_elected_the_coordinator_is_shown(capsys: pytest.CaptureFixture[str]
     lead = Lead(election=4, journal="a", heard=2, witnesses=["r1", "r2", "r3"])
     show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP, lead=lead))
     assert "the coordinator leads by election 4: 2 of 3 witnesses hear it" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("state", "ok", "sentence"),
+    [
+        (RobotState(robot="r1"), True, "r1: up"),
+        (RobotState(robot="r1", halted=True, halted_by=["ann"]), True, "r1: halted by ann"),
+        (RobotState(robot="r1", faulted=FAULTS), False, "r1: mocdevice, driver do not run: OSError: no bus"),
+        (RobotState(robot="r1", lost="bumped"), False, "r1: lost: bumped"),
+        (None, False, "r1: no state published for 1 s"),
+    ],
+)
+def test_doctor_checks_robots_that_run(state: RobotState | None, ok: bool, sentence: str) -> None:
+    status = TeamStatus(team="default", coordinator=True, robots=["r1"], standing=[standing_of("r1", state)])
+    (check,) = check_robots(status)
+    assert (check.ok, check.sentence, bool(check.remedy)) == (ok, sentence, not ok)
