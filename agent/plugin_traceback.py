@@ -12,13 +12,17 @@ from collections.abc import Iterator
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from robrain.agent.errors import PackageMissing, short_path
 
 MOST_CHARACTERS = 4000
 MOST_FRAMES = 20
 MOST_CAUSES = 10
+_ELSEWHERE = "_robrain_raised"
+"""Attribute of an error that was raised in another process: its `Raised`."""
+
+ErrorT = TypeVar("ErrorT", bound=BaseException)
 
 
 class Raised(NamedTuple):
@@ -39,6 +43,12 @@ def raised(error: BaseException | None) -> Raised:
     return Raised(where_raised(error), plugin_traceback(error)) if error is not None else Raised()
 
 
+def raised_elsewhere(error: ErrorT, where: Raised) -> ErrorT:
+    """The error, with the line and traceback of another process that it comes from."""
+    vars(error)[_ELSEWHERE] = where
+    return error
+
+
 def log_error(logger: logging.Logger, what: str, error: BaseException) -> str:
     """Log at level error what failed, with `plugin_traceback(error)`; returns that traceback."""
     detail = plugin_traceback(error)
@@ -49,6 +59,8 @@ def log_error(logger: logging.Logger, what: str, error: BaseException) -> str:
 def where_raised(error: BaseException) -> str:
     """The innermost line in the plugin's own folder, such as `lamp/lamp.py:12 in step`; empty if there is none."""
     for cause in causes_of(error):
+        if (elsewhere := getattr(cause, _ELSEWHERE, None)) is not None:
+            return str(elsewhere.where)
         frames = _frames(cause)
         if source := _not_python(cause):
             return f"{short_path(Path(source))}:{getattr(cause, 'lineno', 0)}"
@@ -67,6 +79,8 @@ def plugin_traceback(error: BaseException) -> str:
     if isinstance(error, PackageMissing):
         return ""
     for cause in causes_of(error):
+        if (elsewhere := getattr(cause, _ELSEWHERE, None)) is not None:
+            return str(elsewhere.detail)
         frames = _frames(cause)
         source = _not_python(cause)
         if not frames and not source:
@@ -101,14 +115,14 @@ def causes_of(error: BaseException) -> Iterator[BaseException]:
 def _not_python(error: BaseException) -> str:
     """The plugin's file with the syntax error, if the error is one; else empty."""
     file = error.filename if isinstance(error, SyntaxError) else None
-    return file if file and not _is_of_host(file) else ""
+    return file if file and not is_of_host(file) else ""
 
 
 def _frames(error: BaseException) -> list[traceback.FrameSummary]:
     """The frames from the plugin's first one; empty if no plugin code is in the traceback."""
     frames = list(traceback.extract_tb(error.__traceback__))
     for index, frame in enumerate(frames):
-        if not _is_of_host(frame.filename):
+        if not is_of_host(frame.filename):
             return frames[index:]
     return []
 
@@ -122,7 +136,7 @@ def _format(frames: list[traceback.FrameSummary]) -> list[str]:
     return lines
 
 
-def _is_of_host(file: str) -> bool:
+def is_of_host(file: str) -> bool:
     """Whether a file belongs to the host or to Python itself, not to a plugin."""
     if file.startswith(("<", *_host_folders())):
         return True

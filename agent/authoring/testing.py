@@ -7,7 +7,9 @@ def test_lamp_is_bright():
 """
 
 import contextlib
-from collections.abc import Mapping, Sequence
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,9 +17,12 @@ from typing import Any, Self
 import msgspec
 import zenoh
 
+from robrain.agent.errors import PluginHung
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.hung_thread import end_thread, traceback_in
 from robrain.agent.manifest import find_manifests, role_in
+from robrain.agent.plugin_traceback import where_raised
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
@@ -27,6 +32,9 @@ from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
 
 ROBOT = "r1"
 TICK_S = 0.02
+HANG_CPU_S, HANG_S = 10.0, 120.0
+"""A plugin of a `PluginBench` hangs if one call takes so much time of the processor, or of the wall's clock."""
+WATCH_S = 0.25
 
 
 class HostBench:
@@ -103,6 +111,7 @@ class PluginBench:
             parameters={name: dict(values) for name, values in (parameters or {}).items()},
         )
         self._seed = seed
+        self._ticks = 0
         self._open = contextlib.ExitStack()
         self._bench: HostBench
         self.clock: VirtualClock
@@ -118,7 +127,8 @@ class PluginBench:
             opening.callback(self._bench.close)
             self.clock, self.wire = self._bench.clock, self._bench.wire
             self.host = self._bench.add(self._robot_file, seed=self._seed)
-            self.host.start()
+            with self._watched():
+                self.host.start()
             self._open = opening.pop_all()
         return self
 
@@ -128,17 +138,27 @@ class PluginBench:
         self._open.close()
 
     def run(self, seconds: float) -> None:
-        """Let that much of the robot's time pass, in ticks of 20 ms."""
-        self._bench.tick(round(seconds / TICK_S))
+        """Let that much of the robot's time pass, in ticks of 20 ms.
+
+        Raises:
+            PluginHung: a plugin does not come back; the text names file and line.
+
+        """
+        with self._watched():
+            for _ in range(round(seconds / TICK_S)):
+                self._ticks += 1
+                self._bench.tick()
 
     def call(self, plugin: str, function: str, *arguments: Any) -> Any:
         """Call an external function over the wire; the result as JSON has it.
 
         Raises:
             CallError: the call was refused, or the plugin raised; the text says why.
+            PluginHung: a plugin does not come back; the text names file and line.
 
         """
-        return self._bench.call(plugin, function, *arguments)
+        with self._watched():
+            return self._bench.call(plugin, function, *arguments)
 
     def info(self, plugin: str) -> PluginInfo:
         """What the robot reports of a plugin: its state, and why.
@@ -157,3 +177,30 @@ class PluginBench:
 
         """
         return self.host.manager.get(name).live_plugin()
+
+    @contextlib.contextmanager
+    def _watched(self) -> Iterator[None]:
+        done, hung = threading.Event(), list[PluginHung]()
+        watch = threading.Thread(target=self._watch, args=(threading.get_ident(), done, hung), daemon=True)
+        watch.start()
+        try:
+            yield
+        finally:
+            done.set()
+            watch.join()
+            if hung:
+                raise hung[0]
+
+    def _watch(self, caller: int, done: threading.Event, hung: list[PluginHung]) -> None:
+        seen, cpu_s, wall_s = -1, 0.0, 0.0
+        while not done.wait(WATCH_S):
+            if self._ticks != seen:
+                seen, cpu_s, wall_s = self._ticks, time.process_time(), time.monotonic()
+            if time.process_time() - cpu_s < HANG_CPU_S and time.monotonic() - wall_s < HANG_S:
+                continue
+            owners = {plugin.turn.owner: plugin.name for plugin in self.host.manager.plugins.values()}
+            thread, name = next(((owner, name) for owner, name in owners.items() if owner is not None), (caller, ROBOT))
+            error = PluginHung(name, f"{name} does not come back").with_traceback(traceback_in(thread, None))
+            hung.append(PluginHung(name, f"{error}: {where_raised(error)}"))
+            end_thread(thread)
+            seen = -1

@@ -124,7 +124,8 @@ class FaultDesk:
         if overdue:
             # The lowest one hangs; those above it are in a call to it, and are deactivated as its users.
             plugin = min(overdue, key=lambda plugin: plugin.level)
-            plugin.fault(PluginHung(plugin.name, f"{plugin.name} has not come back for {plugin.turn.limit_s:g} s"))
+            error = PluginHung(plugin.name, f"{plugin.name} has not come back for {plugin.turn.limit_s:g} s")
+            plugin.fault(error.with_traceback(plugin.stuck_at()))
 
     def _look_for_floods(self, now_ns: int) -> None:
         elapsed_s = (now_ns - self._looked_ns) / NS_PER_S

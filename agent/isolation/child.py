@@ -15,15 +15,17 @@ from pathlib import Path
 from typing import Any
 
 from robrain.agent.class_import import import_class
-from robrain.agent.errors import PluginError
+from robrain.agent.errors import PluginError, PluginHung
 from robrain.agent.event import Event, Mailbox
+from robrain.agent.hung_thread import traceback_in
 from robrain.agent.isolation.child_environment import ChildEnvironment, Parent
 from robrain.agent.isolation.contract import Contract, contract_of
-from robrain.agent.isolation.messages import OWN, Begin, Call, Do, Get, Log, Notify, Request, Told
+from robrain.agent.isolation.messages import OWN, WHERE, Begin, Call, Do, Get, Log, Notify, Request, Told
 from robrain.agent.isolation.peer import Peer, PeerLost
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.plugin import Plugin
+from robrain.agent.plugin_traceback import raised
 
 BYTES_PER_MB = 1_000_000
 
@@ -70,8 +72,11 @@ class Child:
                     raise PluginError(self._name, f"{type(request).__name__} is not for this end")
         return b""
 
-    def _halt(self, _request: Request) -> bytes:
-        """An emergency halt: without the turn, which may never end."""
+    def _halt(self, request: Request) -> bytes:
+        """An emergency halt, or a question where the plugin is: without the turn, which may never end."""
+        if request == Do(WHERE):
+            stuck = traceback_in(threading.main_thread().ident or 0, type(self._plugin))
+            return encode(raised(PluginHung(self._name, "hangs").with_traceback(stuck)))
         self._end_actions("emergency halt")
         self._plugin.emergency_halt()
         return b""

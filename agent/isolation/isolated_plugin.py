@@ -25,13 +25,14 @@ from robrain.agent.errors import PluginCrashed, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.child_process import ChildProcess
 from robrain.agent.isolation.contract import Contract, contract_of
-from robrain.agent.isolation.messages import OWN, Begin, Call, Do, Get, Request, Told
+from robrain.agent.isolation.messages import OWN, WHERE, Begin, Call, Do, Get, Request, Told
 from robrain.agent.isolation.parent_desk import ParentDesk
 from robrain.agent.isolation.peer import PeerLate, PeerLost
-from robrain.agent.isolation.plain_data import encode
+from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.isolation.process_group import how_it_ended
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
+from robrain.agent.plugin_traceback import Raised, raised_elsewhere
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 
@@ -39,6 +40,8 @@ _PERIOD = msgspec.msgpack.Decoder(float | None)
 
 CALL_SHARE = 0.8
 """Of the manifest's `hang_s`: the process is killed before the host takes the whole plugin for hung."""
+WHERE_S = 0.5
+"""How long a process that hangs may take to report the line that it is at."""
 START_SHARE = 0.3
 """Of the manifest's `start_s`, for its process, `init` and `activate`, which may come together."""
 
@@ -197,10 +200,10 @@ class IsolatedPlugin(Plugin):
         except PeerLost as error:
             raise self._crashed(child, f"{child.how_it_ended()} in {_what(request)}") from error
         except PeerLate as error:
+            where = _where(child)
             child.kill()
-            raise self._crashed(
-                child, f"did not come back from {_what(request)} within {limit_s:g} s, and its process was killed"
-            ) from error
+            why = f"did not come back from {_what(request)} within {limit_s:g} s, and its process was killed"
+            raise raised_elsewhere(self._crashed(child, why), where) from error
 
     def _hear(self, subscription: int, value: Any) -> None:
         """An event that the plugin observes has happened; in its turn."""
@@ -281,6 +284,14 @@ def _function(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _attribute(name: str) -> property:
     return property(lambda self: self._get(name))
+
+
+def _where(child: ChildProcess) -> Raised:
+    """The line that a process is at; empty if it does not answer, as in native code."""
+    try:
+        return decoder(Raised).decode(child.halts.ask(Do(WHERE), WHERE_S))  # type: ignore[no-any-return]
+    except Exception:  # noqa: BLE001 - the other end may be in any state, and is about to be killed
+        return Raised()
 
 
 def _what(request: Request) -> str:

@@ -4,6 +4,8 @@ import msgspec
 
 OWN = 0
 """The handle that stands for the isolated plugin itself."""
+WHERE = "where"
+"""In `Do`: report the line that the plugin is at."""
 
 
 class Message(msgspec.Struct, frozen=True, tag=True, array_like=True):
@@ -116,7 +118,10 @@ class Failure(Message, frozen=True):
     """Name of the exception's class."""
     text: str
     attributes: dict[str, str]
+    where: str
+    """The line of plugin code, as in `Raised`."""
     traceback: str
+    """The traceback, as in `Raised`."""
 
 
 Request = Begin | Do | Told | Call | Get | Use | Observe | ReadBoard | WriteBoard | Notify | Log

@@ -2,7 +2,6 @@
 
 import builtins
 import sys
-import traceback
 from typing import Any, get_origin
 
 import msgspec
@@ -10,6 +9,7 @@ import msgspec
 from robrain.agent import errors as agent_errors
 from robrain.agent.errors import PluginError
 from robrain.agent.isolation.messages import Failure
+from robrain.agent.plugin_traceback import Raised, raised, raised_elsewhere
 from robrain.protocol.wire import errors as wire_errors
 from robrain.protocol.wire.errors import ErrorCode, RobrainError
 
@@ -38,8 +38,7 @@ def decoder(kind: Any) -> "msgspec.msgpack.Decoder[Any]":
 def failure_of(error: Exception) -> Failure:
     """An exception as it travels."""
     kept = {name: str(value) for name, value in vars(error).items() if isinstance(value, str)}
-    trace = "".join(traceback.format_exception(error))
-    return Failure(type(error).__name__, str(error), kept, trace)
+    return Failure(type(error).__name__, str(error), kept, *raised(error))
 
 
 def error_of(failure: Failure, plugin: str) -> Exception:
@@ -55,7 +54,7 @@ def error_of(failure: Failure, plugin: str) -> Exception:
         if isinstance(error, wire_errors.CallError):
             error.code = ErrorCode(failure.attributes["code"])
     error.add_note(f"in the process of {plugin}:\n{failure.traceback}")
-    return error
+    return raised_elsewhere(error, Raised(failure.where, failure.traceback))
 
 
 def _exception_class(name: str) -> type[Exception] | None:

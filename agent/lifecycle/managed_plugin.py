@@ -7,6 +7,7 @@ Instances come and go: a restart or a reload makes a new one, handles on the plu
 import logging
 import threading
 from collections.abc import Callable, Mapping
+from types import TracebackType
 from typing import Any, TypeVar, cast
 
 from robrain.agent.access.callee import Caller, check_outside, check_use
@@ -28,6 +29,7 @@ from robrain.agent.errors import (
     short_path,
 )
 from robrain.agent.event import Event, EventView, Mailbox
+from robrain.agent.hung_thread import end_thread, traceback_in
 from robrain.agent.lifecycle.instance import Holdings, Instance
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
 from robrain.agent.lifecycle.robot_context import RobotContext
@@ -93,6 +95,8 @@ class ManagedPlugin:
         """The plugin itself while it may be called; see `live_plugin`."""
         self._making: Environment | None = None
         self._in_halt: Instance | None = None
+        self._stuck: int | None = None
+        """The thread that was in the instance which was abandoned last."""
         self._deciding = threading.Lock()
         """Held while a state is looked at and changed; no other lock is taken meanwhile."""
 
@@ -255,7 +259,15 @@ class ManagedPlugin:
         finally:
             self._context.release(self.name)  # what it used once more for that
 
+    def stuck_at(self) -> TracebackType | None:
+        """Where a thread is in the plugin, also in an instance that was abandoned; None if none is."""
+        thread = self.turn.owner or self._stuck
+        return traceback_in(thread, self.plugin_class) if thread and self._code is not None else None
+
     def _leave(self) -> None:
+        self._stuck = self.turn.owner
+        if self._stuck is not None and self._stuck != threading.get_ident() and self.stuck_at() is not None:
+            end_thread(self._stuck)
         self.leave_new()
         instance, self.instance, self.callable = self.instance, None, None
         self.generation += 1

@@ -5,9 +5,11 @@ from collections import defaultdict
 
 import msgspec
 
+from robrain.agent.errors import PluginError
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.registry import Registry
 from robrain.agent.plugin import PluginState
+from robrain.agent.plugin_traceback import where_raised
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo, TaskKind
 from robrain.protocol.wire.messages.robots.robot_messages import PluginFault
@@ -33,7 +35,7 @@ def plugin_info(plugin: ManagedPlugin, registry: Registry) -> PluginInfo:
         name=plugin.name,
         level=code.plugin_class.level.name.lower() if code is not None else "",
         state=plugin.state.value,
-        why=cut(plugin.why),
+        why=cut(plugin.why + _still_inside(plugin)),
         because_of=root_cause.name if root_cause is not plugin else "",
         needs=plugin.needs,
         where=cut(plugin.raised.where),
@@ -48,6 +50,14 @@ def plugin_info(plugin: ManagedPlugin, registry: Registry) -> PluginInfo:
         functions=[info for each in code.functions.values() for info in each.infos] if code is not None else [],
         task_kind=_announced_kind(plugin),
     )
+
+
+def _still_inside(plugin: ManagedPlugin) -> str:
+    """A note on a thread that is still in a plugin that does not run; empty if there is none."""
+    if plugin.state not in (PluginState.FAULTED, PluginState.UNLOADED) or (stuck := plugin.stuck_at()) is None:
+        return ""
+    where = where_raised(PluginError(plugin.name, "").with_traceback(stuck))
+    return f"; its code still runs, at {where}, until the agent ends"
 
 
 def _announced_kind(plugin: ManagedPlugin) -> TaskKind | None:

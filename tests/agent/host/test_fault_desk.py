@@ -44,6 +44,9 @@ class Tag:
     def events(self) -> dict[str, Any]:
         return {"one": SimpleNamespace(dropped=self.dropped), "other": SimpleNamespace(dropped=0)}
 
+    def stuck_at(self) -> None:
+        return None
+
     def fault(self, error: Exception) -> None:
         self.state, self.why = PluginState.FAULTED, str(error)
         self.error = error

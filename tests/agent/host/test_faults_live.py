@@ -1,5 +1,6 @@
 """Faults stay where they are: live, where a plugin can hang."""
 
+import re
 import threading
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import pytest
 from robrain.agent.errors import PluginHung, PluginInactive
 from robrain.agent.host import live_drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.wire.host_queries import HOST_UNLOAD
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
@@ -41,7 +43,9 @@ MINE = """
             if self.broken: raise RuntimeError("broken")
             if HANG.is_set() and not self.hung:
                 self.hung = True
-                GO.wait(600)
+                try:
+                    GO.wait(600)
+                except SystemExit: pass
                 try:
                     self.door.press("late")
                 except PluginUnloaded:
@@ -50,7 +54,9 @@ MINE = """
         def push(self) -> str:
             if HANG_CALL.is_set():
                 IN_CALL.set()
-                GO.wait(600)
+                try:
+                    GO.wait(600)
+                except SystemExit: pass
             return "pushed"
 
     class Miner(Skill):
@@ -109,7 +115,11 @@ def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on
     handle = robot.tag("miner").plugin.mule
     hang(robot)
     why = f"PluginHung: mule has not come back for {HANG_S} s"
-    until(lambda: states(robot)["mule"] == ("faulted", why))
+    until(lambda: states(robot)["mule"][0] == "faulted")
+    info = robot.infos()["mule"]
+    assert info.why.startswith(why)
+    assert line_at(robot, info.where).strip() == "GO.wait(600)"
+    assert "GO.wait(600)" in info.detail
     until(lambda: states(robot)["miner"] == ("inactive", f"requires mule, which is faulted: {why}"))
     steps, told = watch.steps, inbox.received
     until(lambda: watch.steps > steps + 5 and inbox.received > told)
@@ -119,6 +129,44 @@ def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on
     with pytest.raises(CallError) as refused:
         robot.call("mule", "push")
     assert refused.value.code is ErrorCode.INACTIVE
+
+
+def line_at(robot, where):
+    """The line of code at `file:number in function`."""
+    path = robot.tag("mule").manifest.path.with_name("mine.py")
+    return path.read_text().splitlines()[int(where.partition(":")[2].partition(" ")[0]) - 1]
+
+
+LOOPS = """
+    class Loop(Device):
+        period_s = 0.01
+        def step(self):
+            while True: pass
+
+    class Deaf(Device):
+        period_s = 0.01
+        going = [True]
+        def step(self):
+            while self.going:
+                try:
+                    while self.going: pass
+                except: pass
+"""
+
+
+def test_an_endless_loop_ends_when_its_plugin_is_abandoned_and_one_that_cannot_be_ended_is_named(mine, bench):
+    robot = mine()
+    bench.code("loops", LOOPS)
+    for name in ("loop", "deaf"):
+        bench.manifest(name, f"loops:{name.title()}", hang_s=HANG_S)
+        robot.host.manager.load(str(bench.place / f"{name}.toml"))
+    until(lambda: states(robot)["loop"][0] == states(robot)["deaf"][0] == "faulted")
+    until(lambda: robot.tag("loop").instance is None and robot.tag("loop").stuck_at() is None)
+    until(lambda: "its code still runs, at " in states(robot)["deaf"][1])
+    deaf = robot.tag("deaf").plugin_class
+    (info,) = robot.wire.ask(HOST_UNLOAD, HOST_UNLOAD.request(plugin="deaf"), robot="r1")
+    assert re.search(r"its code still runs, at .*loops\.py:\d+ in step", info.why)
+    deaf.going.clear()
 
 
 def test_callers_of_a_plugin_that_hangs_are_told_within_the_limit(mine):

@@ -15,6 +15,7 @@ from robrain.agent.errors import AccessDenied, HardwareAbsent, PluginBusy, Plugi
 from robrain.agent.event import Event
 from robrain.agent.isolation.isolated_plugin import IsolatedPlugin
 from robrain.agent.plugin import Level
+from robrain.agent.plugin_traceback import plugin_traceback, where_raised
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -274,7 +275,8 @@ def test_what_it_raises_is_raised_here(bench, raised, kind, text):
         """)
     with pytest.raises(kind, match=text) as caught:
         vision.fail()
-    assert "vision_0.py" in caught.value.__notes__[0]
+    assert "vision_0.py" in where_raised(caught.value)
+    assert "vision_0.py" in plugin_traceback(caught.value)
     if isinstance(caught.value, CallError):
         assert caught.value.code is ErrorCode.REFUSED
     if isinstance(caught.value, PluginBusy):

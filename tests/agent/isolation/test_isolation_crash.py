@@ -14,6 +14,7 @@ import pytest
 
 from robrain.agent.errors import PluginCrashed
 from robrain.agent.isolation.isolated_plugin import Limits
+from robrain.agent.plugin_traceback import raised
 from tests.agent.isolation.isolation_bench import IsolationBench
 from tests.waiting import PATIENCE_S, until
 
@@ -115,7 +116,10 @@ def test_a_crash_is_an_error_of_the_plugin(fragile, function, text):
     ],
 )
 def test_a_call_that_does_not_end_is_an_error_of_the_plugin(stuck, function, text):
-    check_crash(stuck, function, text)
+    error = check_crash(stuck, function, text)
+    where = "" if function == "loop_in_native_code" else f" in {function}"
+    assert raised(error).where.endswith(where)
+    assert bool(raised(error).where) is bool(where)
 
 
 def check_crash(vision, function, text):
@@ -127,6 +131,7 @@ def check_crash(vision, function, text):
     assert gone(pid)
     with pytest.raises(PluginCrashed, match=r"vision (was ended|has ended|did not come back)"):
         vision.halted()
+    return caught.value
 
 
 def test_memory_beyond_the_limit_is_not_given_and_the_plugin_lives(bench):
