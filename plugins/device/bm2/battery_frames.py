@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from robrain.plugins.device.bm2.interface import ASSUMED_C
 from robrain.plugins.device.mocdevice.frame_map import Checksum, Sign, SignalName
-from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc, signal_frame
+from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc, signal_frames
 from robrain.protocol.can.frame_port import Frame
 from robrain.protocol.can.frames import BadFrame, FrameCodec
 from robrain.protocol.can.payload import EXTENDED, ID_MASK
@@ -135,20 +135,23 @@ class BatteryFrames:
 
     def __init__(self, wanted: BatteryMap) -> None:
         dbc = read_dbc(wanted.dbc)
-        self._codecs: dict[int, _Read] = {}
+        self._codecs: dict[int, list[_Read]] = {}
+        """The parts of each frame: several if it is multiplexed."""
         for one in wanted.frames:
             try:
-                codec = signal_frame(dbc, one.frame, tuple(one.signals), wanted.counter, wanted.checksum)
+                parts = signal_frames(dbc, one.frame, tuple(one.signals), wanted.counter, wanted.checksum)
             except ValueError as error:
                 raise ValueError(f"battery.frames: {error}") from error
-            if codec.arbitration_id in self._codecs:
+            if parts[0].arbitration_id in self._codecs:
                 raise ValueError(f"battery.frames: expected each frame once, got {one.frame} again")
-            quantities = one.signals.values()
-            self._codecs[codec.arbitration_id] = _Read(
-                codec,
-                tuple((quantity.field, *quantity.scale) for quantity in quantities),
-                any(quantity.field == "voltage" for quantity in quantities),
-            )
+            for codec in parts:
+                quantities = [one.signals[name] for name in codec.signals]
+                read = _Read(
+                    codec,
+                    tuple((quantity.field, *quantity.scale) for quantity in quantities),
+                    any(quantity.field == "voltage" for quantity in quantities),
+                )
+                self._codecs.setdefault(codec.arbitration_id, []).append(read)
         self._wanted = wanted
         fields = {quantity.field for one in wanted.frames for quantity in one.signals.values()}
         self._has_current, self._has_soc = "current" in fields, "soc" in fields
@@ -167,14 +170,17 @@ class BatteryFrames:
 
     def read(self, frame: Frame) -> BatteryValues | None:
         """The measurement that a frame completes, if it does (BadFrame: wrong length or checksum, or no number)."""
-        known = self._codecs.get(frame.identifier)
-        if known is None:
-            return None
+        for known in self._codecs.get(frame.identifier, ()):
+            try:
+                return self._read(known, known.codec.decode(frame.data), frame.stamp_ns)
+            except OtherPart:
+                continue
+        return None
+
+    def _read(self, known: _Read, values: tuple[float, ...], stamp_ns: int) -> BatteryValues | None:
         codec, signals, has_voltage = known
-        values = codec.decode(frame.data)
         if not all(map(math.isfinite, values)):
             raise BadFrame(f"{codec.name}: expected finite values, got {values}")
-        stamp_ns = frame.stamp_ns
         for (field, factor, offset), value in zip(signals, values, strict=False):
             self._told[field] = factor * value + offset, stamp_ns
         if not has_voltage:

@@ -7,6 +7,7 @@ import can
 
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
+from robrain.plugins.device.mocdevice.signal_frame import OtherPart
 from robrain.plugins.device.mocdevice.wheel_frames import SPEED_MODULUS, SPEED_TICKS_PER_RAD, Codec, WheelFrames
 from robrain.plugins.device.mocdevice.wheel_link import WheelReport
 from robrain.protocol.can.bus_state import BusState, state_in
@@ -44,13 +45,15 @@ class CanLink:
         self._sent: deque[bytes] = deque(maxlen=ECHOES)
         stop = [frames.stop] if frames.stop is not None else []
         self._own = {codec.arbitration_id for codec in (*(one.codec for one in frames.commands), *stop)}
-        self._by_id = {one.codec.arbitration_id: number for number, one in enumerate(frames.encoders)}
+        self._by_id: dict[int, list[int]] = {}
+        for number, one in enumerate(frames.encoders):  # a multiplexed frame has several parts
+            self._by_id.setdefault(one.codec.arbitration_id, []).append(number)
         first = frames.encoders[0]
         is_plain = frames.has_counter and not frames.is_speed and set(first.factors) == {1.0}
         self._plain_id = first.codec.arbitration_id if is_plain and len(frames.encoders) == 1 else -1
         """Of counts that need no conversion."""
         self._status_id = frames.status.arbitration_id if frames.status is not None else -1
-        self._sequences = [SequenceWatch() for _ in frames.encoders]
+        self._sequences = {identifier: SequenceWatch() for identifier in self._by_id}
         self._parts: list[tuple[float, ...] | None] = [None] * len(frames.encoders)
         """Values of each encoder frame since the last complete report."""
         self._added_up = [0.0] * sum(len(one.factors) for one in frames.encoders)
@@ -62,6 +65,9 @@ class CanLink:
         """Rounds of several encoder frames that were not complete since the last report."""
         self._last_ns: int | None = None
         self._rejected = self._foreign = self._errors = 0
+        self._refused = self._others = 0
+        """Frames since the last report: refused ones, and all that are not this robot's own."""
+        self._why_refused = ""
 
     def command(self, values: Sequence[float]) -> None:
         """As WheelLink."""
@@ -89,14 +95,15 @@ class CanLink:
         except (can.CanError, OSError) as error:
             self.broken = BusFault(self._plugin, f"the CAN bus cannot be read: {error}")
             return reports
-        plain, sequence = self._frames.encoders[0].codec, self._sequences[0]
+        plain = self._frames.encoders[0].codec
+        sequence = self._sequences[plain.arbitration_id]
         for frame in frames:
             identifier = frame.identifier
             if identifier == self._plain_id:  # the Robertino's: nothing to convert
                 try:
                     *counts, counter = map(int, plain.decode(frame.data))
-                except BadFrame:
-                    self._rejected += 1
+                except BadFrame as error:
+                    self._refuse(error)
                     continue
                 if counter == sequence.expected:
                     sequence.expected = (counter + 1) % MODULUS
@@ -104,8 +111,8 @@ class CanLink:
                 else:
                     missing = sequence.note(counter)
                 reports.append(WheelReport(tuple(counts), frame.stamp_ns, counter, missing))
-            elif (number := self._by_id.get(identifier)) is not None:
-                if (report := self._read_encoders(number, frame)) is not None:
+            elif identifier in self._by_id:
+                if (report := self._read_encoders(frame)) is not None:
                     reports.append(report)
             elif identifier & ERROR:
                 self._read_error(frame)
@@ -115,11 +122,23 @@ class CanLink:
                 self._foreign += frame.data not in self._sent
             elif identifier not in self._frames.known:
                 self._foreign += 1
+        if reports:
+            self._refused = self._others = 0
+        elif frames:
+            self._others += sum(not frame.identifier & ERROR and frame.identifier not in self._own for frame in frames)
         return reports
+
+    @property
+    def refusal(self) -> str:
+        """As WheelLink."""
+        if self._refused:
+            return f"{self._refused} frames were refused: {self._why_refused}"
+        names = ", ".join(dict.fromkeys(one.codec.name for one in self._frames.encoders))
+        return f"{self._others} frames came, but not all counts of {names}" if self._others else ""
 
     def counters(self, believed: int, rejected: int) -> Counters:
         """As WheelLink."""
-        lost = sum(sequence.lost for sequence in self._sequences)
+        lost = sum(sequence.lost for sequence in self._sequences.values())
         return Counters(believed, rejected + self._rejected, self._foreign, lost, self._errors)
 
     def close(self) -> None:
@@ -136,19 +155,30 @@ class CanLink:
             # The caller is not to blame, and may be a halt: the device's own step tells of it.
             self.broken = BusFault(self._plugin, f"the CAN bus takes no frames: {error}")
 
-    def _read_encoders(self, number: int, frame: Frame) -> WheelReport | None:
+    def _refuse(self, error: BadFrame) -> None:
+        self._rejected += 1
+        self._refused += 1
+        self._why_refused = str(error)
+
+    def _read_encoders(self, frame: Frame) -> WheelReport | None:
         """The counts of all wheels, if this frame completes them."""
-        wheels = self._frames.encoders[number]
-        try:
-            values = wheels.codec.decode(frame.data)
-        except BadFrame:
-            self._rejected += 1
-            return None
-        counter = None
+        for number in self._by_id[frame.identifier]:
+            try:
+                values = self._frames.encoders[number].codec.decode(frame.data)
+            except OtherPart:
+                continue
+            except BadFrame as error:
+                self._refuse(error)
+                return None
+            return self._note_part(number, values, frame)
+        return None  # of no wheel
+
+    def _note_part(self, number: int, values: tuple[float, ...], frame: Frame) -> WheelReport | None:
+        counter, wheels = None, self._frames.encoders[number]
         if self._frames.has_counter:
             counter = int(values[-1])
-            lost = self._sequences[number].note(counter)
-            self._missing += lost if number == 0 else 0
+            lost = self._sequences[frame.identifier].note(counter)
+            self._missing += lost if 0 in self._by_id[frame.identifier] else 0
         if frame.stamp_ns - self._round_ns > self._round_most_ns:  # what is left is of a round that was not complete
             self._missing += self._parts[0] is not None
             self._parts = [None] * len(self._parts)
@@ -188,8 +218,10 @@ class CanLink:
             return
         try:
             values = codec.decode(data)
-        except BadFrame:
-            self._rejected += 1
+        except OtherPart:
+            return
+        except BadFrame as error:
+            self._refuse(error)
             return
         told = dict(zip(self._frames.status_fields, map(int, values), strict=False))
         self.status = ControllerStatus(**told)

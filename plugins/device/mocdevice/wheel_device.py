@@ -275,7 +275,7 @@ class WheelDevice(Device):
         if since_ns is None:
             if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
                 if self._first.is_missing(now_ns):
-                    logger.warning("%s: no encoder frame yet: %s", self.env.robot, self._where)
+                    logger.warning("%s: no encoder frame yet: %s", self.env.robot, link.refusal or self._where)
                 return
             if 0 <= now_ns - self._since_ns < self._start_ns:
                 return
@@ -285,7 +285,7 @@ class WheelDevice(Device):
         silent_ns = self._silence.since(since_ns, now_ns)
         if silent_ns > self._silent_ns:
             silent_s = silent_ns / NS_PER_S
-            raise BusFault(self.env.plugin, f"no encoder frame for {silent_s:.2f} s: {self._where}")
+            raise BusFault(self.env.plugin, f"no encoder frame for {silent_s:.2f} s: {link.refusal or self._where}")
 
     def _note_failure(self, link: WheelLink) -> None:
         now_ns = self.env.clock.now_ns()

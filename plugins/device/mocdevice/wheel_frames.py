@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, Measure
 from robrain.plugins.device.mocdevice.interface import ControllerStatus
-from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc, signal_frame
+from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc, signal_frames
 from robrain.protocol.can.frames import FrameCodec, known_identifiers
 from robrain.protocol.can.payload import EXTENDED
 
@@ -44,26 +44,32 @@ class WheelFrames:
         dbc = read_dbc(wanted.dbc)
         is_speed = wanted.measure is Measure.SPEED
 
-        def codec(what: str, frame: str, signals: tuple[str, ...]) -> Codec:
+        def codecs(what: str, frame: str, signals: tuple[str, ...]) -> list[Codec]:
             try:
-                return signal_frame(dbc, frame, signals, wanted.counter, wanted.checksum)
+                return signal_frames(dbc, frame, signals, wanted.counter, wanted.checksum)
             except ValueError as error:
                 raise ValueError(f"frames.{what}: {error}") from error
+
+        def codec(what: str, frame: str, signals: tuple[str, ...]) -> Codec:
+            found = codecs(what, frame, signals)
+            if len(found) > 1:
+                raise ValueError(f"frames.{what}: no frame {frame} has all of {', '.join(signals)}: it is multiplexed")
+            return found[0]
 
         def wheels_of(what: str, frames: Sequence[FrameSignals], number: int, exponent: int) -> list[Wheels]:
             there = sum(len(one.signals) for one in frames)
             if there != number:
                 raise ValueError(f"frames.{what}: expected {number} signals for this base, got {there}")
-            return [
-                Wheels(
-                    codec(what, one.frame, one.signals),
-                    tuple(
-                        sign * unit.per_si(wheel_radius_m) ** exponent
-                        for unit, sign in zip(_each(one.units, one), _each(one.signs, one), strict=True)
-                    ),
-                )
-                for one in frames
-            ]
+            parts = []
+            for one in frames:
+                factors = [
+                    sign * unit.per_si(wheel_radius_m) ** exponent
+                    for unit, sign in zip(_each(one.units, one), _each(one.signs, one), strict=True)
+                ]
+                for part in codecs(what, one.frame, one.signals):
+                    parts.append(Wheels(part, tuple(factors[: len(part.signals)])))
+                    del factors[: len(part.signals)]
+            return parts
 
         self.commands = wheels_of("commands", wanted.commands, commands, 1)
         self.encoders = wheels_of("encoders", wanted.encoders, wheels, -1 if is_speed else 0)
@@ -125,5 +131,6 @@ def _modulus(encoders: Sequence[Wheels]) -> int:
 def _status_signals(dbc: Any, frame: str, state: str) -> tuple[str, ...]:
     """The state, then the other signals whose names are those of ControllerStatus."""
     found = next((message for message in dbc.messages if message.name == frame), None)
-    names = [signal.name for signal in found.signals] if found is not None else []
-    return (state, *(name for name in names if name in STATUS_FIELDS and name != state))
+    ids = {signal.name: signal.multiplexer_ids for signal in found.signals} if found is not None else {}
+    together = [name for name in ids if ids[name] in (None, ids.get(state))]
+    return (state, *(name for name in together if name in STATUS_FIELDS and name != state))

@@ -36,6 +36,10 @@ class WheelLink(Protocol):
     broken: MotionFault | None
     """Why nothing can be sent or read any more; None if it can."""
 
+    @property
+    def refusal(self) -> str:
+        """What has come since the last report and is none, and why; empty if nothing has come."""
+
     def command(self, values: Sequence[float]) -> None:
         """Send the base's commands."""
 

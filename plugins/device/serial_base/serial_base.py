@@ -103,6 +103,8 @@ class SerialLink:
         self._line, self._codec, self._plugin, self._port = line, codec, plugin, port
         self._now_ns, self._period_ns = now_ns, period_ns
         self._asked_ns: int | None = None
+        self._bytes = 0
+        """Bytes since the last report."""
         self._is_cut = False
         """Whether the line has taken only a part of what was written last."""
 
@@ -121,15 +123,23 @@ class SerialLink:
             return []
         now_ns = self._now_ns()
         try:
-            counts = self._codec.feed(self._line.read())
+            data = self._line.read()
         except OSError as error:
             self._lose(error)
             return []
+        counts = self._codec.feed(data)
+        self._bytes = 0 if counts else self._bytes + len(data)
         if self._asked_ns is None or not 0 <= now_ns - self._asked_ns < self._period_ns:
             self._asked_ns = now_ns
             if asks := self._codec.poll():
                 self._write(asks)
         return [WheelReport(each, now_ns) for each in counts]
+
+    @property
+    def refusal(self) -> str:
+        """As WheelLink."""
+        what = "no counts: check the baud rate, the wiring and what the manifest expects"
+        return f"{self._bytes} bytes came on {self._port}, but {what}" if self._bytes else ""
 
     def counters(self, believed: int, rejected: int) -> Counters:
         """As WheelLink."""

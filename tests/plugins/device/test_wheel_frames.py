@@ -9,6 +9,7 @@ import can
 import msgspec
 import pytest
 
+from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
     FrameMap,
@@ -19,7 +20,7 @@ from robrain.plugins.device.mocdevice.frame_map import (
     Unit,
 )
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
-from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
+from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc
 from robrain.protocol.can.frames import BadFrame, codec, crc8_j1850
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential
@@ -354,7 +355,7 @@ def test_values_that_are_no_numbers_and_signals_that_a_frame_lacks_make_it_a_bad
             real.decode(struct.pack("<2f", 1.5, bad))
     mixed = SignalFrame(dbc.get_message_by_name("Mixed"), ("left",), "", Checksum.NONE)
     assert mixed.decode(b"\x00\x05\x00\x00") == (5.0,)
-    with pytest.raises(BadFrame, match="Mixed: no signal 'left' in this frame"):
+    with pytest.raises(OtherPart, match="Mixed: its kind is 1"):
         mixed.decode(b"\x01\x05\x00\x00")
 
 
@@ -388,3 +389,115 @@ def test_a_bus_is_left_also_if_the_stop_cannot_be_sent() -> None:
     with pytest.raises(ZeroDivisionError):
         device.it.deactivate()
     assert not device.bus.is_open
+
+
+MAKERS = """VERSION ""
+NS_ :
+BS_:
+BU_: Host Motor
+BO_ 512 Drive: 4 Host
+ SG_ left : 0|16@1- (0.1,0) [0|0] "rpm" Motor
+ SG_ right : 16|16@1- (0.1,0) [0|0] "rpm" Motor
+BO_ 513 Encoder: 5 Motor
+ SG_ wheel M : 0|8@1+ (1,0) [0|3] "" Host
+ SG_ left m0 : 8|32@1- (1,0) [0|0] "" Host
+ SG_ right m1 : 8|32@1- (1,0) [0|0] "" Host
+ SG_ long m2 : 8|64@1- (1,0) [0|0] "" Host
+BO_ 514 Selected: 5 Host
+ SG_ motor M : 0|8@1+ (1,0) [0|3] "" Motor
+ SG_ left m1 : 8|16@1- (0.1,0) [0|0] "rpm" Motor
+ SG_ right m2 : 8|16@1- (0.1,0) [0|0] "rpm" Motor
+BO_ 600 Unused: 2 Motor
+ SG_ one : 0|16@1- (1,0) [0|0] "" Host
+ SG_ two : 8|16@1- (1,0) [0|0] "" Host
+BO_ 601 Overlap: 8 Motor
+ SG_ left : 0|32@1- (1,0) [0|0] "" Host
+ SG_ right : 16|32@1- (1,0) [0|0] "" Host
+ SG_ far : 48|32@1- (1,0) [0|0] "" Host
+"""
+
+
+def frames_of_makers(path: Path, **changes: Any) -> FrameMap:
+    path.write_text(MAKERS)
+    settings: dict[str, Any] = {
+        "commands": (FrameSignals(frame="Drive", signals=("left", "right"), units=(Unit.RPM,)),),
+        "encoders": (FrameSignals(frame="Encoder", signals=("left", "right")),),
+    }
+    plain: dict[str, Any] = {"counter": "", "checksum": Checksum.NONE, "stop": StopFrame(frame="")}
+    return FrameMap(dbc=str(path), status=StatusFrame(frame=""), **{**settings, **plain, **changes})
+
+
+@pytest.mark.parametrize("is_split", [False, True])
+def test_counts_that_take_turns_in_one_frame_are_odometry_beside_unused_frames_that_are_not_sound(
+    tmp_path: Path, is_split: bool
+) -> None:
+    changes = {}
+    if is_split:
+        changes["encoders"] = tuple(FrameSignals(frame="Encoder", signals=(name,)) for name in ("left", "right"))
+    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", **changes))
+    device.it.activate()
+    for number in range(11):
+        for wheel in (0, 1, 3):  # 3 is of no wheel
+            device.wait(0.005)
+            data = struct.pack("<Bi", wheel, 20 * number)
+            frame = can.Message(arbitration_id=513, data=data, is_extended_id=False)
+            frame.timestamp = device.clock.now_ns() / 1e9
+            device.bus.arrived.append(frame)
+        device.wait(0.005)
+        device.it.step()
+    assert device.it.counters().rejected == 0
+    assert device.it.pose().x_m == pytest.approx(200 / 1000 * math.tau * 0.1, abs=1e-3)
+
+
+def test_commands_that_a_multiplexer_selects_are_a_frame_each(tmp_path: Path) -> None:
+    commands = (FrameSignals(frame="Selected", signals=("left", "right"), units=(Unit.RPM,)),)
+    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", commands=commands))
+    device.it.activate()
+    device.it.drive_wheels((1.0, -1.0))
+    tenths = round(RPM_PER_RAD_S * 10)
+    assert [struct.unpack("<Bh", frame.data[:3]) for frame in device.bus.sent] == [(1, tenths), (2, -tenths)]
+
+
+@pytest.mark.parametrize(
+    ("signals", "why"),
+    [
+        (("left", "far"), "frames.encoders: Overlap: The signal far does not fit in message Overlap"),
+        (("left", "right"), "frames.encoders: Overlap: The signals .* are overlapping in message Overlap"),
+    ],
+)
+def test_a_signal_that_cannot_be_used_is_named_at_the_start(tmp_path: Path, signals: tuple[str, ...], why: str) -> None:
+    encoders = (FrameSignals(frame="Overlap", signals=signals),)
+    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", encoders=encoders))
+    with pytest.raises(ValueError, match=why):
+        device.it.activate()
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data", "why"),
+    [
+        (513, b"\0\0", "frames were refused: Encoder: expected 5 bytes, got 2"),
+        (513, b"\0" * 5, "frames came, but not all counts of Encoder"),
+        (77, b"\0" * 5, "frames came, but not all counts of Encoder"),
+        (None, b"", "is cut or its controller gone"),
+    ],
+)
+def test_a_controller_whose_frames_are_refused_is_not_reported_as_silent(
+    tmp_path: Path, identifier: int | None, data: bytes, why: str
+) -> None:
+    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc"))
+    device.it.activate()
+    for wheel in (0, 1):
+        frame = can.Message(arbitration_id=513, data=struct.pack("<Bi", wheel, 5), is_extended_id=False)
+        frame.timestamp = device.clock.now_ns() / 1e9
+        device.bus.arrived.append(frame)
+    device.it.step()
+
+    def pass_a_second() -> None:
+        for _ in range(10):
+            device.wait(0.1)
+            if identifier is not None:
+                device.bus.arrived.append(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+            device.it.step()
+
+    with pytest.raises(BusFault, match=why):
+        pass_a_second()
