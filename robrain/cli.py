@@ -46,6 +46,7 @@ from robrain.deploy.machine.machine_files import machine_files
 from robrain.deploy.observability.json_logs import set_up_logs
 from robrain.deploy.pki.pki_commands import pki_app, router
 from robrain.deploy.processes.native_threads import limit_native_threads
+from robrain.deploy.processes.standard_streams import guarded_streams
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.ros2.ros2_commands import ros2_app
 from robrain.deploy.soak.soak_commands import soak_app
@@ -337,7 +338,7 @@ def wire(
 def main() -> None:
     """Entry point: prints an error as one sentence, with exit status 2."""
     limit_native_threads()
-    with _said_in_words():
+    with guarded_streams(), _said_in_words():
         sys.argv[1:] = set_up_logs(sys.argv[1:])
         words = agent_words(sys.argv[1:])
         if words is None:
@@ -375,8 +376,6 @@ def _said_in_words() -> Iterator[None]:
         sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
-    except BrokenPipeError:
-        sys.exit(1)
 
 
 if __name__ == "__main__":
