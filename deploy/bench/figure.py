@@ -14,6 +14,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from robrain.deploy.commands.terminal import new_console
 from robrain.deploy.errors import UsageError
 
 WIDTH = 110
@@ -180,7 +181,7 @@ def write_json(path: Path, report: msgspec.Struct) -> None:
 
 def report(bench: str, figures: Iterable[Figure], *, as_json: bool) -> None:
     """Print what a benchmark measures, to stdout: a table, or one JSON object."""
-    console = Console(stderr=True)
+    console = new_console(stderr=True)
     found = []
     with console.status(f"{bench}: measuring", spinner="line"):
         for figure in figures:
@@ -190,4 +191,4 @@ def report(bench: str, figures: Iterable[Figure], *, as_json: bool) -> None:
     if as_json:
         sys.stdout.write(msgspec.json.encode(measured(bench, found)).decode() + "\n")
     else:
-        show_figures(f"{bench}, each figure beside the bound that it is to keep", found, Console(width=WIDTH))
+        show_figures(f"{bench}, each figure beside the bound that it is to keep", found, new_console(width=WIDTH))

@@ -138,7 +138,8 @@ def _show(infos: "list[PluginInfo]") -> None:
     from rich.console import JustifyMethod
     from rich.table import Table
 
-    from robrain.deploy.commands.terminal import cell, results
+    from robrain.deploy.commands.terminal import results
+    from robrain.protocol.wire.border.safe_text import safe_lines
 
     headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")
     rows = [
@@ -160,7 +161,7 @@ def _show(infos: "list[PluginInfo]") -> None:
         justify: JustifyMethod = "right" if headings[index] == "functions" else "left"
         table.add_column(headings[index], justify=justify, overflow="fold")
     for row in rows:
-        table.add_row(*(cell(row[index]) for index in said))
+        table.add_row(*(safe_lines(row[index]) for index in said))
     results().print(table)
     for info in infos:
         if info.detail:

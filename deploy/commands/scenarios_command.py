@@ -23,7 +23,6 @@ def scenarios(as_json: JsonOption = False) -> None:
 
 
 def _show(found: "list[ListedScenario]") -> None:
-    from rich.markup import escape
     from rich.table import Table
 
     from robrain.deploy.commands.terminal import results
@@ -34,5 +33,5 @@ def _show(found: "list[ListedScenario]") -> None:
     table.add_column("about")
     for one in found:
         size = f"{one.width_m:g} × {one.height_m:g} m"
-        table.add_row(escape(one.name), size, str(one.robots), str(one.motes), escape(one.about))
+        table.add_row(one.name, size, str(one.robots), str(one.motes), one.about)
     results().print(table)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
+from rich.progress import TextColumn
 
 from robrain.deploy.processes.live_process import tell
 from robrain.protocol.wire.border.safe_text import safe_lines
@@ -15,19 +15,25 @@ from robrain.protocol.wire.border.safe_text import safe_lines
 PLAIN_WIDTH = 200
 """Width of a table written to a file or pipe, in columns."""
 
-console = Console(stderr=True, highlight=False)
+
+def new_console(*, stderr: bool = False, width: int | None = None) -> Console:
+    """A console that prints strings literally: a name such as `bus:bus:[1]` has no markup. Styled text is a `Text`."""
+    return Console(stderr=stderr, width=width, highlight=False, markup=False, emoji=False)
+
+
+def text_column(text_format: str, style: str = "none") -> TextColumn:
+    """A column of a progress line that prints its fields literally."""
+    return TextColumn(text_format, style=style, markup=False)
+
+
+console = new_console(stderr=True)
 """Console for progress and hints, on stderr."""
 NAME = "robrain"
 
 
 def say(text: str) -> None:
-    """Print a line on stderr; foreign text is shown without markup, and its control characters are made harmless."""
-    console.print(escape(safe_lines(text)), soft_wrap=True)
-
-
-def cell(text: str) -> str:
-    """Foreign text for a cell of a table: without markup, and safe as by `say`; it may have several lines."""
-    return escape(safe_lines(text))
+    """Print a line on stderr; control characters in it are made harmless."""
+    console.print(safe_lines(text), soft_wrap=True)
 
 
 def print_line(text: str) -> None:
@@ -38,8 +44,8 @@ def print_line(text: str) -> None:
 
 def results() -> Console:
     """Console for result tables, on stdout."""
-    found = Console(highlight=False)
-    return found if found.is_terminal else Console(highlight=False, width=PLAIN_WIDTH)
+    found = new_console()
+    return found if found.is_terminal else new_console(width=PLAIN_WIDTH)
 
 
 def both_at_a_terminal() -> bool:

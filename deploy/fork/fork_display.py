@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress
 
 from robrain.coordinator.recording.report.two_runs import TwoRuns
-from robrain.deploy.commands.terminal import clock_of, console, own_program, print_line, say
+from robrain.deploy.commands.terminal import clock_of, console, own_program, print_line, say, text_column
 from robrain.deploy.fork.fork_result import ForkResult
 from robrain.deploy.recordings.recording_display import where_different
 from robrain.deploy.recordings.two_runs_display import show_two_runs
@@ -48,9 +48,9 @@ class ForkDisplay:
 def fork_display(at_s: float, *, quiet: bool = False) -> Iterator[ForkDisplay]:
     """A progress bar for the duration of the block; prints nothing if the stream is not a terminal."""
     columns = (
-        TextColumn("{task.description}"),
+        text_column("{task.description}"),
         BarColumn(bar_width=30),
-        TextColumn("{task.fields[clock]} simulated, {task.fields[explored]} explored"),
+        text_column("{task.fields[clock]} simulated, {task.fields[explored]} explored"),
     )
     with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as progress:
         yield ForkDisplay(progress, at_s)

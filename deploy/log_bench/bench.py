@@ -4,11 +4,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 
 from robrain.deploy.bench.figure import WIDTH, write_json
-from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.commands.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.log_bench.carmen_log import CarmenLog, read_carmen_log
 from robrain.deploy.log_bench.played_log import Parameters, PlayedLog, play
@@ -155,7 +154,7 @@ def _show(report: LogReport) -> None:
         table.add_column(heading)
     for each in report.errors:
         table.add_row(each.trajectory, _words(each.all), "–" if each.loops is None else _words(each.loops))
-    console = Console(width=WIDTH)
+    console = new_console(width=WIDTH)
     console.print(table)
     beside = Table(title="published for whole logs, all relations", title_justify="left")
     for heading in ("log", "method", "errors"):

@@ -1,6 +1,6 @@
 """What a person sees of a recording in the terminal. Tables are results and go to stdout; progress goes to stderr.
 
-Every text out of a recording passes `safe_text` and rich's `escape` on its way.
+Every text out of a recording passes `safe_text` on its way.
 """
 
 from collections import defaultdict
@@ -10,16 +10,16 @@ from pathlib import Path
 
 import msgspec
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.reader.comparing import Difference
 from robrain.coordinator.recording.reader.contents import KeyContents, RecordingContents
 from robrain.coordinator.recording.reader.recovering import Recovery
 from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
-from robrain.deploy.commands.terminal import results
+from robrain.deploy.commands.terminal import console, results, text_column
 from robrain.protocol.wire.border.safe_text import safe_text
 
 TEXT_SHOWN = 500
@@ -28,15 +28,14 @@ FOLDED_ABOVE = 16
 
 
 def said(text: object, limit: int = TEXT_SHOWN) -> str:
-    """A text from elsewhere as a terminal may have it, with rich's markup taken literally."""
-    return escape(safe_text(str(text), limit))
+    """A text from elsewhere as a terminal may have it."""
+    return safe_text(str(text), limit)
 
 
 @contextmanager
 def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[float], None]]:
     """A bar that is told the share that is done; it leaves nothing on a stream that is no terminal."""
-    console = Console(stderr=True, highlight=False)
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TaskProgressColumn(), TimeRemainingColumn())
+    columns = (text_column("{task.description}"), BarColumn(bar_width=30), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as bars:
         bar = bars.add_task(what, total=1.0)
         yield lambda share: bars.update(bar, completed=share)
@@ -45,18 +44,17 @@ def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[float], No
 @contextmanager
 def record_display(path: Path, *, quiet: bool = False) -> Iterator[Callable[[Recorder], None]]:
     """A line on how a recorder does, redrawn in a terminal."""
-    console = Console(stderr=True, highlight=False)
     if not quiet:
         console.print(f"recording to {said(path)}; Ctrl-C ends it", soft_wrap=True)
-    columns = (TextColumn("{task.description}"), TimeElapsedColumn())
+    columns = (text_column("{task.description}"), text_column("{task.fields[lost]}", "red"), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as bars:
-        bar = bars.add_task("")
+        bar = bars.add_task("", lost="")
 
         def show(recorder: Recorder) -> None:
-            lost = f", [red]{recorder.lost} lost[/]" if recorder.lost else ""
+            lost = f"{recorder.lost} lost" if recorder.lost else ""
             name = said(recorder.paths[-1].name) if recorder.paths else ""
-            words = f"{name}: {recorder.messages} messages, {_bytes(recorder.size_bytes)}{lost}"
-            bars.update(bar, description=words)
+            words = f"{name}: {recorder.messages} messages, {_bytes(recorder.size_bytes)}"
+            bars.update(bar, description=words, lost=lost)
 
         yield show
 
@@ -69,7 +67,7 @@ def show_recorded(summary: RecordingSummary) -> None:
     if summary.removed:
         console.print(f"{summary.removed} older files were removed to make room", soft_wrap=True)
     for topic, messages in sorted(summary.lost_by_topic.items()):
-        console.print(f"[red]lost[/]: {messages} of {said(topic)}", soft_wrap=True)
+        console.print(Text.assemble(("lost", "red"), f": {messages} of {said(topic)}"), soft_wrap=True)
 
 
 def show_contents(contents: RecordingContents, *, every_key: bool = False) -> None:
@@ -105,7 +103,7 @@ def show_difference(first: Path, second: Path, difference: Difference | None, sa
         console.print(f"equal: {same} messages", soft_wrap=True)
         return
     for line in where_different(first, second, difference):
-        console.print(escape(line), soft_wrap=True)
+        console.print(line, soft_wrap=True)
 
 
 def where_different(first: Path, second: Path, difference: Difference) -> list[str]:
@@ -157,7 +155,7 @@ def _contents_row(key: KeyContents) -> tuple[str, ...]:
 
 
 def _line(console: Console, name: str, text: str) -> None:
-    console.print(f"[bold]{name:<9}[/]{said(text)}", soft_wrap=True)
+    console.print(Text.assemble((f"{name:<9}", "bold"), said(text)), soft_wrap=True)
 
 
 def _bytes(size: int) -> str:

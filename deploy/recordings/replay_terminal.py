@@ -6,11 +6,11 @@ from contextlib import contextmanager
 
 from prompt_toolkit.input import create_input
 from prompt_toolkit.keys import Keys
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress
 
 from robrain.coordinator.dashboard.html.html_words import clock_text
 from robrain.coordinator.recording.replay.replay import Replay
+from robrain.deploy.commands.terminal import console, text_column
 from robrain.deploy.recordings.replaying import KEYS, ReplayKeys
 
 NAMES = {" ": "space", "=": "+", "c-c": "q"}
@@ -51,7 +51,6 @@ class ReplayTerminal:
 @contextmanager
 def replay_terminal() -> Iterator[ReplayTerminal]:
     """Progress bar and keys for the duration of the block, if stdin and stdout are a terminal."""
-    console = Console(stderr=True, highlight=False)
     if not console.is_terminal or not sys.stdin.isatty():
         yield ReplayTerminal(None, list)
         return
@@ -62,6 +61,6 @@ def replay_terminal() -> Iterator[ReplayTerminal]:
         keys = [press.key for press in keyboard.read_keys()]
         return [key.value if isinstance(key, Keys) else key for key in keys]
 
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=40))
+    columns = (text_column("{task.description}"), BarColumn(bar_width=40))
     with keyboard.raw_mode(), Progress(*columns, console=console, auto_refresh=True) as bars:
         yield ReplayTerminal(bars, pressed)

@@ -2,6 +2,7 @@
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from robrain.coordinator.recording.invariants.findings import Ruling, Standing
 from robrain.coordinator.recording.invariants.judging import broken
@@ -17,11 +18,11 @@ def show_verdict(verdict: Verdict) -> None:
     if verdict.findings:
         _show_findings(console, verdict)
     _show_invariants(console, verdict.invariants)
-    result = "good" if verdict.good else "[red]not good[/]"
+    result = Text("good") if verdict.good else Text("not good", "red")
     counted = f"{verdict.messages} messages, {verdict.problems} problems, {verdict.notes} notes"
     if count := broken(verdict.invariants):
         counted += f", {count} {'invariant' if count == 1 else 'invariants'} broken"
-    console.print(f"{said(verdict.path)}: {result}, {counted}", soft_wrap=True)
+    console.print(Text.assemble(f"{said(verdict.path)}: ", result, f", {counted}"), soft_wrap=True)
 
 
 def _show_findings(console: Console, verdict: Verdict) -> None:
@@ -31,7 +32,7 @@ def _show_findings(console: Console, verdict: Verdict) -> None:
     for finding in verdict.findings:
         color = "red" if finding.severity is Severity.PROBLEM else "yellow"
         row = (f"{finding.time_s:.3f} s", finding.key, finding.text)
-        table.add_row(f"[{color}]{finding.severity}[/]", finding.kind.replace("_", " "), *map(said, row))
+        table.add_row(Text(finding.severity, color), finding.kind.replace("_", " "), *map(said, row))
     console.print(table)
     for kind, count in verdict.more.items():
         console.print(f"and {count} more of {kind.replace('_', ' ')}")
@@ -47,7 +48,7 @@ def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
     console.print(table)
     for ruling in rulings:
         if ruling.breaches:
-            console.print(f"\n[red]{INVARIANTS[ruling.invariant]}[/]: broken", soft_wrap=True)
+            console.print(Text.assemble("\n", (INVARIANTS[ruling.invariant], "red"), ": broken"), soft_wrap=True)
         for breach in ruling.breaches:
             console.print(f"  {said(breach.text)}", soft_wrap=True)
         if ruling.more:
@@ -55,12 +56,12 @@ def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
     console.print()
 
 
-def _standing(ruling: Ruling) -> tuple[str, str]:
+def _standing(ruling: Ruling) -> tuple[Text, str]:
     cases = cases_words(ruling.invariant, ruling.cases)
     match ruling.standing:
         case Standing.KEPT:
-            return "[green]kept[/]", cases
+            return Text("kept", "green"), cases
         case Standing.BROKEN:
-            return f"[red]broken ({ruling.broken})[/]", cases
+            return Text(f"broken ({ruling.broken})", "red"), cases
         case Standing.NOT_JUDGED:
-            return "[yellow]not judged[/]", ruling.why
+            return Text("not judged", "yellow"), ruling.why

@@ -11,10 +11,10 @@ from typing import Any
 
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 
 from robrain.coordinator.allocation.warm_up import warm_up as warm_up_allocation
-from robrain.deploy.commands.terminal import console, say
+from robrain.deploy.commands.terminal import console, say, text_column
 from robrain.protocol.exploration.warm_up import warm_up as warm_up_exploration
 from robrain.protocol.model import warm_up as model
 from robrain.protocol.model.warm_up import Part
@@ -154,7 +154,8 @@ class _Notice(event.Listener):
         if not console.is_terminal:
             say(f"{WORDS}: half a minute or so")
             return
-        columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn(), TimeElapsedColumn())
+        bar = (BarColumn(bar_width=30), MofNCompleteColumn(), TimeElapsedColumn())
+        columns = (text_column("{task.description}"), *bar)
         self._progress = self._closing.enter_context(Progress(*columns, console=console, transient=True))
         self._progress.add_task(WORDS, total=_all_kernels())
 

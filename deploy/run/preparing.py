@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Self
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID
 
-from robrain.deploy.commands.terminal import both_at_a_terminal, console, say
+from robrain.deploy.commands.terminal import both_at_a_terminal, console, say, text_column
 from robrain.deploy.run.kernel_compiler import CompileProgress, KernelCompiler
 from robrain.deploy.run.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.run.run_options import Watched
@@ -154,10 +154,10 @@ class _CompilingDisplay:
     """A bar at a terminal; elsewhere it prints nothing."""
 
     def __init__(self, *, quiet: bool) -> None:
-        columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn())
+        columns = (text_column("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn())
         self._progress = Progress(
             *columns,
-            TextColumn("{task.fields[left]}"),
+            text_column("{task.fields[left]}"),
             console=console,
             transient=True,
             disable=quiet or not console.is_terminal,

@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from rich.markup import escape
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task
 from rich.table import Table
 from rich.text import Text
 
@@ -16,6 +15,7 @@ from robrain.deploy.commands.terminal import (
     print_line,
     results,
     say,
+    text_column,
 )
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind
@@ -64,9 +64,9 @@ class RunDisplay:
 def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[RunDisplay]:
     """A progress bar for the duration of the block; prints nothing if the stream is not a terminal."""
     columns = (
-        TextColumn("{task.description}"),
+        text_column("{task.description}"),
         BarColumn(bar_width=30),
-        TextColumn("{task.completed:6.1%}"),
+        text_column("{task.completed:6.1%}"),
         _ClockColumn(),
     )
     with Progress(
@@ -84,13 +84,11 @@ def show_result(result: RunResult) -> None:
         "time_limit": "time limit",
         "interrupted": "interrupted",
     }
-    table = Table(
-        title=escape(f"{result.scenario}, seed {result.seed}"), title_justify="left", box=None, pad_edge=False
-    )
+    table = Table(title=f"{result.scenario}, seed {result.seed}", title_justify="left", box=None, pad_edge=False)
     for heading in ("robot", "distance", "energy", "collisions"):
         table.add_column(heading, justify="left" if heading == "robot" else "right")
     for robot in result.per_robot:
-        table.add_row(escape(robot.name), f"{robot.distance_m:.1f} m", f"{robot.energy_j:.0f} J", str(robot.collisions))
+        table.add_row(robot.name, f"{robot.distance_m:.1f} m", f"{robot.energy_j:.0f} J", str(robot.collisions))
     table.add_section()
     table.add_row("team", f"{result.distance_m:.1f} m", f"{result.energy_j:.0f} J", str(result.collisions))
     console = results()

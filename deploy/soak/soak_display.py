@@ -3,11 +3,10 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, results
+from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, results, text_column
 from robrain.deploy.soak.planted import BUGS
 from robrain.deploy.soak.soaking import PlantedFind, SoakResult
 from robrain.sim.faults.fault_spec import FaultSpec
@@ -22,12 +21,12 @@ SHOWN_FAILURES = 20
 def soak_display(runs: int, *, quiet: bool = False) -> Iterator[Callable[[SoakResult], None]]:
     """A bar for the duration of the block."""
     columns = (
-        TextColumn("{task.description}"),
+        text_column("{task.description}"),
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[broken]}"),
+        text_column("{task.fields[broken]}", "red"),
         TimeElapsedColumn(),
-        TextColumn("left"),
+        text_column("left"),
         TimeRemainingColumn(),
     )
     with Progress(
@@ -36,7 +35,7 @@ def soak_display(runs: int, *, quiet: bool = False) -> Iterator[Callable[[SoakRe
         bar = bars.add_task("scripts", total=runs, broken="")
 
         def show(now: SoakResult) -> None:
-            broken = f"[red]{len(now.failures)} broken[/]" if now.failures else ""
+            broken = f"{len(now.failures)} broken" if now.failures else ""
             bars.update(bar, completed=now.runs, broken=broken)
 
         yield show
@@ -56,7 +55,7 @@ def show_soak(result: SoakResult) -> None:
                 f"{first.at_s:.1f}",
                 str(failure.faults),
                 str(failure.tasks),
-                escape(first.what),
+                first.what,
             )
         results().print(table)
         if len(result.failures) > SHOWN_FAILURES:

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from rich.console import Group
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from robrain.deploy.supervision.part import PartView
 from robrain.deploy.supervision.restarts import Phase
@@ -17,7 +17,7 @@ TITLES = ("part", "process", "CPU", "memory", "messages", "restarts", "state")
 
 def drawn(heading: str, parts: Sequence[PartView]) -> Group:
     """The table below a line."""
-    return Group(escape(heading), table_of(parts))
+    return Group(heading, table_of(parts))
 
 
 def table_of(parts: Sequence[PartView]) -> Table:
@@ -27,8 +27,8 @@ def table_of(parts: Sequence[PartView]) -> Table:
         is_text = title in ("part", "state")
         table.add_column(title, justify="left" if is_text else "right", no_wrap=not is_text, overflow="fold")
     for part in parts:
-        *cells, state = map(escape, cells_of(part))
-        table.add_row(*cells, f"[{COLOURS.get(part.phase, 'yellow')}]{state}[/]")
+        *cells, state = cells_of(part)
+        table.add_row(*cells, Text(state, COLOURS.get(part.phase, "yellow")))
     return table
 
 

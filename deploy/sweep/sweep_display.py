@@ -3,12 +3,11 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from robrain.coordinator.recording.report.mean_interval import FEW, MeanInterval
-from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, results, say
+from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, results, say, text_column
 from robrain.deploy.sweep.plan import SweepPlan
 from robrain.deploy.sweep.run_outcome import RunState
 from robrain.deploy.sweep.summary import MEASURES, MILESTONES, Comparison, Measure, SweepSummary
@@ -32,12 +31,12 @@ SIGNIFICANT = 0.05
 def sweep_display(plan: SweepPlan, *, quiet: bool = False) -> Iterator[Callable[[SweepProgress], None]]:
     """A bar for the duration of the block; the number of runs is said first, also where there is no terminal."""
     columns = (
-        TextColumn("{task.description}"),
+        text_column("{task.description}"),
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]}"),
+        text_column("{task.fields[failed]}", "red"),
         TimeElapsedColumn(),
-        TextColumn("left"),
+        text_column("left"),
         TimeRemainingColumn(),
     )
     with Progress(
@@ -48,7 +47,7 @@ def sweep_display(plan: SweepPlan, *, quiet: bool = False) -> Iterator[Callable[
         def show(now: SweepProgress) -> None:
             if now.last is None and not quiet:
                 say(_beginning(plan, now))
-            failed = f"[red]{now.failed} failed[/]" if now.failed else ""
+            failed = f"{now.failed} failed" if now.failed else ""
             bars.update(bar, completed=now.ended, failed=failed)
 
         yield show
@@ -135,21 +134,21 @@ def _means(summary: SweepSummary, columns: Sequence[str]) -> Table:
             few = f" ({mean.n})" if mean is not None and mean.n < done else ""
             cells.append("–" if mean is None else mean.words(digits[column], MEASURES[column].scale) + few)
         lost = [str(setting.runs.get(RunState.FAILED, 0))] if failed else []
-        table.add_row(escape(setting.setting), str(done), *lost, *cells)
+        table.add_row(setting.setting, str(done), *lost, *cells)
     return table
 
 
 def _comparisons(summary: SweepSummary, columns: Sequence[str]) -> Table:
     base = summary.settings[0].setting
     headings = [part for column in columns for part in (_heading(column), "better")]
-    table = _table(f"difference from {escape(base)}, by seed", headings)
+    table = _table(f"difference from {base}, by seed", headings)
     found = {(each.setting, each.column): each for each in summary.comparisons}
     told = {column: [each.paired.difference for each in summary.compared(column)] for column in columns}
     digits = {column: digits_for(means, MEASURES[column]) for column, means in told.items()}
     for setting in summary.settings[1:]:
         parts = (_compared(found.get((setting.setting, column)), digits[column]) for column in columns)
         cells = [cell for part in parts for cell in part]
-        table.add_row(escape(setting.setting), *cells)
+        table.add_row(setting.setting, *cells)
     return table
 
 

@@ -23,7 +23,8 @@ def show_table(records: list[Any]) -> None:
     """Tasks as a table."""
     from rich.table import Table
 
-    from robrain.deploy.commands.terminal import cell, results
+    from robrain.deploy.commands.terminal import results
+    from robrain.protocol.wire.border.safe_text import safe_lines
 
     table = Table(box=None, pad_edge=False)
     for heading in ("task", "kind", "state", "robot", "priority", "by", "why"):
@@ -31,5 +32,5 @@ def show_table(records: list[Any]) -> None:
     for record in records:
         task = record.task
         row = (task.id, task.kind, record.state, record.robot, f"{task.priority:g}", record.by, record.why)
-        table.add_row(*map(cell, row))
+        table.add_row(*map(safe_lines, row))
     results().print(table)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -29,7 +28,7 @@ from robrain.deploy.bench.mapping.mapping_plan import (
     names_of,
     numbers_of,
 )
-from robrain.deploy.commands.terminal import print_line, say
+from robrain.deploy.commands.terminal import new_console, print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.exploration.strategies import STRATEGIES
@@ -156,7 +155,7 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path |
             _write(json_file, runs)
             if page is not None:
                 write_page(page, runs)
-    console = Console(width=WIDTH)
+    console = new_console(width=WIDTH)
     console.print(table(runs))
     found = list(figures(runs))
     if found:

@@ -5,13 +5,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 
 from robrain.deploy.bench.exploration.leaderless_exploration import KNOWN, LeaderlessCase, LeaderlessRun, run_case
 from robrain.deploy.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
 from robrain.deploy.bench.mapping.mapping_plan import all_runs, check_limits, choose_maps, numbers_of
-from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.commands.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.sim.scenarios.scenario import MAX_SEED
@@ -73,7 +72,7 @@ def run_bench(cases: Sequence[LeaderlessCase], jobs: int, json_file: Path | None
         runs.append(run)
         print_line(_words_of(run))
         _write(json_file, runs)
-    console = Console(width=WIDTH)
+    console = new_console(width=WIDTH)
     console.print(table(runs))
     show_figures("exploration without a coordinator, each figure beside its bound", figures(runs), console)
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from rich.console import Console
 
 from robrain.deploy.bench.figure import (
     WIDTH,
@@ -25,7 +24,7 @@ from robrain.deploy.bench.figure import (
     write_json,
 )
 from robrain.deploy.bench.mapping.mapping_plan import Case, Plan, all_runs, errors_alone
-from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.commands.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.model.geometry import Pose2D
@@ -133,7 +132,7 @@ def run_bench(plan: Plan, kinds: Iterable[str], json_file: Path | None = None) -
             print_line(each.line())
         found += joinings
         _write(json_file, found)
-    show_figures("joining, each figure beside the bound that it is to keep", figures(found), Console(width=WIDTH))
+    show_figures("joining, each figure beside the bound that it is to keep", figures(found), new_console(width=WIDTH))
 
 
 def kinds_of(text: str) -> list[str]:

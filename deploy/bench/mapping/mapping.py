@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 
 from robrain.deploy.bench.figure import (
     WIDTH,
@@ -36,7 +35,7 @@ from robrain.deploy.bench.mapping.mapping_plan import (
     all_runs,
     errors_alone,
 )
-from robrain.deploy.commands.terminal import print_line, say
+from robrain.deploy.commands.terminal import new_console, print_line, say
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.lockstep.result import RunResult
@@ -125,7 +124,7 @@ def run_bench(plan: Plan, json_file: Path | None = None) -> None:
         print_line(run.line())
         _write(json_file, runs, list(figures(runs)))
     title = "mapping, each figure beside the bound that it is to keep"
-    show_figures(title, figures(runs), Console(width=WIDTH))
+    show_figures(title, figures(runs), new_console(width=WIDTH))
 
 
 def run_case(case: Case) -> MappedRun:

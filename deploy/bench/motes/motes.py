@@ -4,14 +4,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 from rich.table import Table
 
 from robrain.coordinator.recording.report.mean_interval import mean_interval
 from robrain.deploy.bench.figure import Figure, are_kept, at_least, deterministic, show_figures, write_json
 from robrain.deploy.bench.mapping.mapping_plan import all_runs, names_of, numbers_of
 from robrain.deploy.bench.motes.mote_runs import MULES, RELIEF, ROUTES, TREE, WAYS, MoteCase, MoteRun, run_case
-from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.commands.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.sim.scenarios.scenario import MAX_SEED
 
@@ -78,7 +77,7 @@ def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
         if len(runs) == len(plan.cases) or plan.cases[len(runs)].way != run.case.way:
             print_line(f"{run.case.way}: first dead mote after {_interval([one.first_days for one in made])} days")
             _write(json_file, runs)
-    console = Console(width=WIDTH)
+    console = new_console(width=WIDTH)
     console.print(table(runs))
     found = list(figures(runs))
     if found:

@@ -1,0 +1,45 @@
+"""What the terminal library could read as markup or emoji is printed as it is."""
+
+import re
+from pathlib import Path
+
+import pytest
+from rich.console import Group
+from rich.progress import Progress
+from rich.table import Table
+
+from robrain.deploy.commands.terminal import new_console, results, say, text_column
+
+ROOT = Path(__file__).parents[2]
+NAME = "rec:bus:[1][red]x[/].mcap"
+
+
+def table() -> Table:
+    found = Table(NAME, title=NAME)
+    found.add_row(NAME)
+    return found
+
+
+@pytest.mark.parametrize("shown", [NAME, Group(NAME), table()])
+def test_names_are_printed_literally(capsys: pytest.CaptureFixture[str], shown: object) -> None:
+    results().print(shown)
+    assert capsys.readouterr().out.count(NAME) == (3 if isinstance(shown, Table) else 1)
+
+
+def test_messages_and_progress_are_printed_literally(capsys: pytest.CaptureFixture[str]) -> None:
+    say(NAME)
+    with Progress(text_column("{task.description}"), console=new_console(stderr=True)) as bars:
+        bars.add_task(NAME)
+    assert capsys.readouterr().err.count(NAME) == 2
+
+
+def test_there_is_no_other_console() -> None:
+    other = re.compile(r"\b(Console|TextColumn|from_markup)\(|from rich import|rich\.(print|markup)")
+    lines = [
+        f"{path.relative_to(ROOT)}: {line}"
+        for folder in ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "robrain", "sim")
+        for path in (ROOT / folder).rglob("*.py")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if other.search(line)
+    ]
+    assert [line.partition(":")[0] for line in lines] == ["deploy/commands/terminal.py"] * 2, lines
