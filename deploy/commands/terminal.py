@@ -63,12 +63,13 @@ def clock_of(seconds: float) -> str:
     return f"{minutes:02d}:{rest:02d}"
 
 
-def own_program() -> str:
-    """The shell command, for the current folder, that runs this installation of robrain.
+def own_command(*words: str | Path) -> str:
+    """A command of this installation of robrain, to be copied into a shell in the current folder."""
+    return f"{_own_program()} {shlex.join(map(str, words))}"
 
-    `robrain` if the shell's path finds this installation; else the path of the script beside this Python, relative if
-    it is below this folder; else Python with the module.
-    """
+
+def _own_program() -> str:
+    # The path of the script beside this Python, or Python with the module, if the shell's path finds another installation.
     script = Path(sys.executable).with_name(NAME)
     found = shutil.which(NAME)
     if found is not None and (not script.exists() or os.path.samefile(found, script)):

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from rich.progress import BarColumn, Progress
 
 from robrain.coordinator.recording.report.two_runs import TwoRuns
-from robrain.deploy.commands.terminal import clock_of, console, own_program, print_line, say, text_column
+from robrain.deploy.commands.terminal import clock_of, console, own_command, print_line, say, text_column
 from robrain.deploy.fork.fork_result import ForkResult
 from robrain.deploy.recordings.recording_display import where_different
 from robrain.deploy.recordings.two_runs_display import show_two_runs
@@ -85,4 +85,4 @@ def show_fork(result: ForkResult, runs: TwoRuns | None) -> None:
     if runs is not None:
         show_two_runs(runs)
     print_line(f"recorded in {result.recording}")
-    say(f"replay it: {own_program()} replay {result.recording}")
+    say(f"replay it: {own_command('replay', result.recording)}")

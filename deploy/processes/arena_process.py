@@ -15,7 +15,7 @@ from robrain.deploy.agents.robot_files import (
     open_lines,
     write_robot_files,
 )
-from robrain.deploy.commands.terminal import own_program, say
+from robrain.deploy.commands.terminal import own_command, say
 from robrain.deploy.processes.forwarder_words import said
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
 from robrain.deploy.run.kernels import prepare_kernels
@@ -69,7 +69,7 @@ def arena_command(
                 loadable=loadable_from_here(where),
                 lines=lines,
             ):
-                say(f"{own_program()} agent {path}")
+                say(own_command("agent", path))
         arena = world.arena(wire)
         try:
             names = ", ".join(robot.name for robot in world.robots)

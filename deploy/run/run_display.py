@@ -11,7 +11,7 @@ from robrain.deploy.commands.terminal import (
     both_at_a_terminal,
     clock_of,
     console,
-    own_program,
+    own_command,
     print_line,
     results,
     say,
@@ -194,4 +194,4 @@ def tell_recorded(recording: str | None) -> None:
     """Print a recording's path and the command that replays it."""
     if recording is not None:
         print_line(f"recorded in {recording}")
-        say(f"replay it: {own_program()} replay {recording}")
+        say(f"replay it: {own_command('replay', recording)}")

@@ -1,6 +1,7 @@
 """The work of `robrain soak`: seeds of fault scripts, run and judged side by side, and the failing ones shrunk."""
 
 import gc
+import shlex
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -87,7 +88,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def repeat(self) -> str:
         """The command that runs it again."""
-        return f"robrain soak --repeat {self.file}"
+        return shlex.join(("robrain", "soak", "--repeat", str(self.file)))
 
 
 class SoakResult(msgspec.Struct, kw_only=True):

@@ -1,6 +1,7 @@
 """What the terminal library could read as markup or emoji is printed as it is."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from robrain.deploy.commands.terminal import new_console, results, say, text_column
+from robrain.deploy.run.run_display import tell_recorded
 
 ROOT = Path(__file__).parents[2]
 NAME = "rec:bus:[1][red]x[/].mcap"
@@ -31,6 +33,11 @@ def test_messages_and_progress_are_printed_literally(capsys: pytest.CaptureFixtu
     with Progress(text_column("{task.description}"), console=new_console(stderr=True)) as bars:
         bars.add_task(NAME)
     assert capsys.readouterr().err.count(NAME) == 2
+
+
+def test_a_proposed_command_can_be_copied_into_a_shell(capsys: pytest.CaptureFixture[str]) -> None:
+    tell_recorded(f"run #3 {NAME}")
+    assert shlex.split(capsys.readouterr().err)[-2:] == ["replay", f"run #3 {NAME}"]
 
 
 def test_there_is_no_other_console() -> None:
