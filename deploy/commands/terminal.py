@@ -69,7 +69,7 @@ def own_command(*words: str | Path) -> str:
 
 
 def _own_program() -> str:
-    # The path of the script beside this Python, or Python with the module, if the shell's path finds another installation.
+    # If the shell's path finds another installation: the script beside this Python, or Python with the module.
     script = Path(sys.executable).with_name(NAME)
     found = shutil.which(NAME)
     if found is not None and (not script.exists() or os.path.samefile(found, script)):
