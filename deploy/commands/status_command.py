@@ -10,10 +10,11 @@ from rich.table import Table
 from robrain.client.members import team_found
 from robrain.coordinator.drawing.natural_order import natural_key
 from robrain.coordinator.drawing.time_span import span_text
-from robrain.deploy.commands.terminal import cell, print_line, results
+from robrain.deploy.commands.terminal import print_line, results
 from robrain.deploy.processes.live_process import client_session, live_endpoint
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.border.refusals import Refusal
+from robrain.protocol.wire.border.safe_text import safe_lines
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
@@ -135,7 +136,7 @@ def show_status(found: TeamStatus) -> None:
     for heading in ("robot", "state", "battery", "place", "task", "plugins out"):
         table.add_column(heading, justify="right" if heading in ("battery", "plugins out") else "left", overflow="fold")
     for robot in found.standing:
-        table.add_row(*map(cell, _cells(robot)))
+        table.add_row(*map(safe_lines, _cells(robot)))
     if found.standing:
         results().print(table)
     reasons: dict[str, list[str]] = {}
