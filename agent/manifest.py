@@ -13,6 +13,7 @@ from robrain.agent.errors import ManifestError, PluginMissing
 from robrain.agent.transform import TransformTable
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import BadName, BadToml
+from robrain.protocol.wire.file_mistakes import unknown_name
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.toml_text import parse_toml, read_toml_text
 
@@ -123,7 +124,7 @@ def _manifest(name: str, path: Path, text: str) -> Manifest:
     try:
         tables = msgspec.convert(raw, ManifestTables)
     except msgspec.ValidationError as error:
-        raise ManifestError(path, *where_and_what(error)) from error
+        raise ManifestError(path, *where_and_what(error, raw, ManifestTables)) from error
     role = tables.plugin.role
     if role:
         try:
@@ -204,11 +205,16 @@ def _looks_like_one(path: Path) -> bool:
     return len(data) < _LOOKED_AT_BYTES or _PLUGIN_TABLE.search(data) is not None
 
 
-def where_and_what(error: msgspec.ValidationError) -> tuple[str, str]:
-    """A validation error as the key that it is about and what was expected there.
+def where_and_what(
+    error: msgspec.ValidationError, document: dict[str, Any], struct: type[msgspec.Struct], path: str = ""
+) -> tuple[str, str]:
+    """A validation error as the key that it is about and what was expected there; an unknown name with the nearest one.
 
-    >>> where_and_what(msgspec.ValidationError("Expected `int`, got `str` - at `$.tag.shared`"))
+    >>> where_and_what(msgspec.ValidationError("Expected `int`, got `str` - at `$.tag.shared`"), {}, ManifestTables)
     ('tag.shared', 'Expected `int`, got `str`')
     """
+    if mistake := unknown_name(document, struct, path):
+        where, _, what = mistake.rpartition(": unknown ")
+        return (where, f"unknown {what}") if where else ("file", mistake)
     what, _, where = str(error).partition(" - at `$")
     return where.rstrip("`").lstrip(".") or "file", what

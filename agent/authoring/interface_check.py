@@ -1,7 +1,9 @@
 """Whether a plugin's class has what its interface promises to other plugins."""
 
+import dis
 import inspect
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Any, Generic, Protocol, Union, get_args, get_origin, get_type_hints
 
@@ -36,9 +38,19 @@ def interface_differences(plugin_class: type[Plugin]) -> Iterator[tuple[str, str
 
 
 def sets_attribute(plugin_class: type, name: str) -> bool:
-    """Whether a function of the class speaks of that attribute; it may well set it."""
+    """Whether a function of the class sets an attribute of that name."""
     functions = (function for _, function in inspect.getmembers(plugin_class, inspect.isfunction))
-    return any(name in function.__code__.co_names for function in functions)
+    steps = (step for function in functions for step in dis.get_instructions(function))
+    return any(step.opname == "STORE_ATTR" and step.argval == name for step in steps)
+
+
+def used_plugins(plugin_class: type) -> Iterator[tuple[str, str]]:
+    """Each function of a class that calls `env.use` with a name that is written there, and the name."""
+    for function_name, function in inspect.getmembers(plugin_class, inspect.isfunction):
+        steps = list(dis.get_instructions(function))
+        for step, name in pairwise(steps):
+            if step.opname == "LOAD_METHOD" and step.argval == "use" and name.opname == "LOAD_CONST":
+                yield function_name, name.argval
 
 
 def _promised(interface: type) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.agent.authoring.interface_check import interface_differences, sets_attribute
+from robrain.agent.authoring.interface_check import interface_differences, sets_attribute, used_plugins
 from robrain.agent.errors import ManifestError
 from robrain.agent.host.agent_host import stock_place
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
@@ -107,6 +107,7 @@ class _Check:
                 yield from _parameters(manifest, code)
                 yield from _class(code.plugin_class)
                 yield from _external(code.plugin_class)
+                yield from _used(manifest, code.plugin_class)
             yield from self._role(manifest)
             yield from self._visibility(manifest)
             for required in manifest.tag.requires:
@@ -266,6 +267,13 @@ def _external(plugin_class: type[Plugin]) -> Iterator[Finding]:
         if bare:
             text = f"no type hint for {', '.join(bare)}: anything is accepted"
             yield Finding(path, key, text, is_warning=True)
+
+
+def _used(manifest: Manifest, plugin_class: type[Plugin]) -> Iterator[Finding]:
+    for function, used in used_plugins(plugin_class):
+        if used not in manifest.tag.requires:
+            what = f"uses {used}: name it in [tag] requires of {manifest.path.name}"
+            yield Finding(_source(plugin_class), f"{plugin_class.__name__}.{function}", what)
 
 
 def _source(plugin_class: type[Plugin]) -> Path:

@@ -111,7 +111,7 @@ def read_robot_file(path: Path) -> RobotFile:
     try:
         robot_file = msgspec.convert(raw, RobotFile)
     except msgspec.ValidationError as error:
-        where, what = where_and_what(error)
+        where, what = where_and_what(error, raw, RobotFile)
         raise RobotFileError(f"{path}: {where}: {what}") from error
     tls = robot_file.zenoh.tls
     for key, folders in (("places", robot_file.robot.places), ("loadable", robot_file.robot.loadable)):

@@ -81,11 +81,12 @@ def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[st
         ManifestError: naming the key and what was expected.
 
     """
+    values, struct = {**manifest.parameters, **overrides}, code.plugin_class.Parameters
     try:
-        return msgspec.convert({**manifest.parameters, **overrides}, code.plugin_class.Parameters)
+        return msgspec.convert(values, struct)
     except msgspec.ValidationError as error:
-        where, what = where_and_what(error)
-        key = "[parameters]" if where == "file" else f"[parameters] {where}"
+        where, what = where_and_what(error, values, struct, "parameters")
+        key = "[parameters]" if where in ("file", "parameters") else f"[parameters] {where}"
         if overrides:
             what = f"{what} (the robot's file sets {', '.join(sorted(overrides))})"
         raise ManifestError(manifest.path, key, what) from error

@@ -26,7 +26,8 @@ def call_command(
         team: its name.
         robot: name of the robot.
         plugin: name of the plugin.
-        function: its external name, or the text form `drive(1.0)` including the arguments.
+        function: its external name, or the text form `drive(1.0)` including the arguments; if empty, the functions
+            of the plugin are printed.
         words: the arguments, each `VALUE` or `NAME=VALUE` as in the text form; or a single JSON array or object.
         as_json: print the result, or the end of the action, as JSON.
 
@@ -41,6 +42,9 @@ def call_command(
     """
     for what, name in (("team", team), ("robot", robot), ("plugin", plugin)):
         check_name(what, name)
+    if not function:
+        _print_functions(connect, team, robot, plugin)
+        return 0
     given = _json_of(words[0]) if len(words) == 1 and words[0].lstrip()[:1] in ("[", "{") else None
     text = "" if given is not None else _text_of(plugin, function, words)
     if text and as_json:
@@ -69,6 +73,17 @@ def call_command(
     else:
         print_line(end.words if end.result is None else f"{end.words}: {print_value(end.result)}")
     return 0 if end.outcome is Outcome.DONE else EXIT_NOT_DONE
+
+
+def _print_functions(connect: str | None, team: str, robot: str, plugin: str) -> None:
+    with Team.connect(connect, team=team) as client:
+        plugins = {info.name: info for info in client.plugins(robot)}
+    if plugin not in plugins:
+        raise UsageError(f"{robot} has no plugin {plugin}; there are: {', '.join(plugins)}")
+    for info in plugins[plugin].functions:
+        print_line(f"{info.name}{info.signature}  {info.doc.partition(chr(10))[0]}".rstrip())
+    if not plugins[plugin].functions:
+        print_line(f"{plugin} has no functions that can be called from outside")
 
 
 def _starts_action(client: Team, robot: str, plugin: str, function: str) -> bool:

@@ -100,7 +100,7 @@ def shell(
 def call(
     robot: RobotArgument,
     plugin: Annotated[str, typer.Argument(help="Name of the plugin.")],
-    function: Annotated[str, typer.Argument(help="Name of the function.")],
+    function: Annotated[str, typer.Argument(help="Name of the function; without it the functions are listed.")] = "",
     arguments: Annotated[
         list[str] | None, typer.Argument(help="Arguments as VALUE or NAME=VALUE, or one JSON array or object.")
     ] = None,

@@ -187,7 +187,7 @@ def read_team_file(path: Path) -> TeamFile:
     try:
         found = msgspec.convert(raw, TeamFile)
     except msgspec.ValidationError as error:
-        where, what = where_and_what(error)
+        where, what = where_and_what(error, raw, TeamFile)
         raise UsageError(f"{path}: {what if where == 'file' else f'{where}: {what}'}") from error
     files = {"team.planning": found.team.planning, "team.rules": found.team.rules}
     for key, file in files.items():

@@ -11,11 +11,11 @@ import numpy as np
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.protocol.wire.errors import BadToml
+from robrain.protocol.wire.file_mistakes import unknown_name
 from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
-from robrain.sim.file_mistakes import unknown_name
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.maps.placement import Starts

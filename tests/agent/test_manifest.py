@@ -47,8 +47,8 @@ def test_a_plugin_that_says_nothing_more_is_open_to_the_outside_and_shared(tmp_p
 @pytest.mark.parametrize(
     ("old", "new", "key", "expected"),
     [
-        ("shared", "shraed", "tag", "unknown field `shraed`"),  # a slip of the pen in a key
-        ("[tag]", "[tags]", "file", "unknown field `tags`"),  # and in a table
+        ("shared", "shraed", "tag", "unknown key `shraed` (did you mean `shared`?)"),  # a slip of the pen in a key
+        ("[tag]", "[tags]", "file", "unknown table `tags` (did you mean `tag`?)"),  # and in a table
         ('class = "lamp:Lamp"', 'clas = "lamp:Lamp"', "plugin", "`clas"),  # and in `class`
         ('class = "lamp:Lamp"', "", "plugin", "missing required field `class`"),  # no class
         ('[plugin]\nclass = "lamp:Lamp"', "", "file", "missing required field `plugin`"),  # no table
@@ -141,7 +141,10 @@ def test_functions_that_cannot_be_told_to_the_outside_leave_the_plugin_out_and_n
     ("parameters", "expected"),
     [
         ({"brightness": "high"}, "[parameters] brightness: Expected `int`, got `str`"),  # a wrong type
-        ({"brightnes": 3}, "[parameters]: Object contains unknown field `brightnes`"),  # a slip of the pen
+        (
+            {"brightnes": 3},
+            "[parameters]: unknown key `brightnes` (did you mean `brightness`?); there is brightness",
+        ),  # a slip of the pen
     ],
 )
 def test_wrong_parameters_leave_a_plugin_out_naming_file_and_key(bench, parameters, expected):

@@ -4,8 +4,8 @@ from typing import Literal
 import msgspec
 import pytest
 
+from robrain.protocol.wire.file_mistakes import unknown_name
 from robrain.sim.errors import ScenarioError
-from robrain.sim.file_mistakes import unknown_name
 from robrain.sim.scenarios.scenario_file import parse_scenario
 
 GOOD = '[scenario]\nname = "s"\n[floor]\nsize_m = [4.0, 3.0]\n'

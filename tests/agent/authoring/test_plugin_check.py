@@ -104,7 +104,11 @@ def test_a_finding_reads_as_file_key_and_text(lamps):
 @pytest.mark.parametrize(
     ("text", "key", "message"),
     [
-        ('[plugin]\nclass = "lamps:Lamp"\n[tag]\nshraed = true', "tag", "unknown field `shraed`"),
+        (
+            '[plugin]\nclass = "lamps:Lamp"\n[tag]\nshraed = true',
+            "tag",
+            "unknown key `shraed` (did you mean",
+        ),
         ('[plugin]\nclass = "lamps.Lamp"', "[plugin] class", "expected module:Class"),
         ("= broken", "file", "is not TOML"),
         ('[plugn]\nclass = "lamps:Lamp"\n[tag]\nshared = true', "file", "expected a table [plugin]"),  # passed over
@@ -204,7 +208,7 @@ def test_an_edit_is_seen_at_the_next_look(lamps):
     ("parameters", "key", "message"),
     [
         ({"watts": "many"}, "[parameters] watts", "Expected `int`, got `str`"),
-        ({"wats": 3}, "[parameters]", "unknown field `wats`"),
+        ({"wats": 3}, "[parameters]", "unknown key `wats` (did you mean `watts`?)"),
         ({"watts": 0}, "[parameters]", "expected watts >= 1"),
     ],
 )
@@ -251,6 +255,17 @@ def test_what_is_worth_a_look_is_a_warning(lamps, lines, key, message):
     ((path, found_key, found_message),) = found(lamps)
     assert (path, found_key) == (LAMP_FILE, key)
     assert found_message.startswith(message)
+
+
+def test_a_step_is_never_called_though_it_reads_a_period_that_nothing_sets(lamps):
+    extend_evening(lamps, "def step(self): return self.period_s")
+    ((_, key, message),) = found(lamps)
+    assert (key, message.partition(":")[0]) == ("Evening.step", "warning")
+
+
+def test_a_plugin_that_is_used_and_not_required_is_found(lamps):
+    extend_evening(lamps, "def activate(self): self.env.use('driver', object)")
+    assert found(lamps) == [(LAMP_FILE, "Evening.activate", "uses driver: name it in [tag] requires of evening.toml")]
 
 
 def test_a_period_that_init_sets_is_not_missed(lamps):

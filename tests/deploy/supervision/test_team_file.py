@@ -83,10 +83,10 @@ def test_ipv6_address_stands_in_brackets(tmp_path) -> None:
         ("7000", "70000", "team: port: expected 1 to 65535, got 70000"),
         ("7000", '"7000"', "team.port: Expected `int`, got `str`"),
         ("port = 7000", 'rules = "x.toml"', "team: rules: expected none beside a scenario"),
-        ("port = 7000", "prot = 7000", "team: Object contains unknown field `prot`"),
+        ("port = 7000", "prot = 7000", "team: unknown key `prot` (did you mean `port`?)"),
         ("[[hosts]]", "[[hosts", "is not TOML"),
         ('[team]\n', '[robots]\nr9 = "r9.toml"\n[team]\n', "robots.r9: expected a file"),
-        ("[[hosts]]", "[[computers]]", "Object"),
+        ("[[hosts]]", "[[computers]]", "unknown table `computers`"),
     ],
 )  # fmt: skip
 def test_wrong_file_is_told_by_file_key_and_what_was_expected(tmp_path, old: str, new: str, said: str) -> None:

@@ -112,6 +112,11 @@ def test_call_waits_for_the_end_of_a_long_action(
     assert [line[: len(wanted)] for line, wanted in zip(shown, lines, strict=True)] == lines
 
 
+def test_call_without_a_function_lists_the_functions(robot: Commands) -> None:
+    listed = robot.run("call", "r1", "drawer").stdout
+    assert "draw(x_m: float, label: str = '-') -> tuple[float, str]\n" in listed
+
+
 @pytest.mark.parametrize("words", [["draw", "2", "5x"], ["draw", '[2, "5x"]'], ["draw", "label=5x", "x_m=2"]])
 def test_a_program_gets_json(robot: Commands, words: list[str]) -> None:
     done = robot.run("call", "r1", "drawer", *words, "--json")
@@ -127,6 +132,7 @@ def test_a_program_gets_json(robot: Commands, words: list[str]) -> None:
         (["r1", "drawer", "draw", "[1"], "expected a JSON array or object"),
         (["r1", "drawer", "draw", "1", "label=a", "--json"], "expected either all arguments as NAME=VALUE, or none"),
         (["r1", "draw/er", "draw"], "bad plugin name 'draw/er'"),
+        (["r1", "drawr"], "r1 has no plugin drawr; there are: drawer"),
         (["r2", "drawer", "draw"], "no robot r2 in team default; there are: r1"),
     ],
 )

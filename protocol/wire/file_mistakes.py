@@ -17,9 +17,8 @@ def unknown_name(document: dict[str, Any], struct: Struct, path: str = "") -> st
     Empty if there is none. Nothing else is checked: types, ranges and missing keys are the decoder's affair. `path` is
     where the document stands in its file, if it is a part of one.
 
-    >>> from robrain.sim.motes.radio import RadioModel
     >>> class Tables(msgspec.Struct):
-    ...     radio: RadioModel = RadioModel()
+    ...     radio: str = ""
     >>> unknown_name({"radoi": {}}, Tables)
     'unknown table `radoi` (did you mean `radio`?); there is radio'
     """
