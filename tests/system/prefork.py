@@ -35,9 +35,15 @@ OWN_INTERPRETER = ("PYTHON", "OPENBLAS", "NUMBA", "OMP")
 
 
 class PreforkServer:
-    """Starts the server when it is first needed, and ends it."""
+    """Starts the server when it is first needed, and ends it.
 
-    def __init__(self) -> None:
+    Args:
+        variables: of the server's interpreter, in which packages may be missing then.
+
+    """
+
+    def __init__(self, **variables: str) -> None:
+        self._variables = variables
         self._process: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
 
@@ -47,7 +53,11 @@ class PreforkServer:
             ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             with theirs:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", __name__], stdin=theirs, stdout=subprocess.DEVNULL, cwd=ROOT
+                    [sys.executable, "-m", __name__, *(["--missing"] if self._variables else [])],
+                    stdin=theirs,
+                    stdout=subprocess.DEVNULL,
+                    cwd=ROOT,
+                    env={**os.environ, **self._variables},
                 )
             self._socket = ours
         told, tells = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -173,49 +183,59 @@ def _become(what: dict[str, Any], files: list[int]) -> None:
     main.__spec__ = main.__file__ = None  # so that processes which multiprocessing spawns do not import this server
 
 
-def import_everything() -> None:
-    """Import what commands use, and load the kernels."""
-    from robrain.deploy.run.kernels import prepare_kernels
+def import_everything(missing: tuple[type[Exception], ...] = ()) -> None:
+    """Import what commands use, and load the kernels.
 
+    Args:
+        missing: errors that a module may raise when it is imported.
+
+    """
     for name in (
         "cli",
         "agent.host.live_drive",
         "coordinator.live",
         "coordinator.dashboard.server.server",
     ):
-        importlib.import_module(f"robrain.{name}")
+        with suppress(*missing):
+            importlib.import_module(f"robrain.{name}")
     deploy = importlib.import_module("robrain.deploy").__path__
     for module in pkgutil.walk_packages(deploy, "robrain.deploy."):
         # Processes that are forked with rclpy loaded abort at their end: "exception not rethrown".
         if "bench" not in module.name and "rclpy" not in module.name:
-            importlib.import_module(module.name)
-    prepare_kernels(quiet=True)
+            with suppress(*missing):
+                importlib.import_module(module.name)
+    with suppress(*missing):
+        importlib.import_module("robrain.deploy.run.kernels").prepare_kernels(quiet=True)
     gc.freeze()  # what is there is shared by all commands
 
 
 def _main() -> NoReturn:
-    import_everything()
+    import_everything(missing=(ModuleNotFoundError,) if sys.argv[1:] else ())
     _serve()
+    _end(run_main())
+
+
+def run_main() -> int:
+    """Run the command of `sys.argv` in this process; returns its exit status."""
     from robrain.cli import main
 
-    status: object = 0
     try:
         main()
     except SystemExit as ended:
-        status = ended.code or 0
+        if ended.code is None or isinstance(ended.code, int):
+            return ended.code or 0
+        sys.stderr.write(f"{ended.code}\n")
+        return 1
     except BaseException:  # noqa: BLE001 - the interpreter prints what nobody catches
         traceback.print_exc()
-        status = 1
-    _end(status)
+        return 1
+    return 0
 
 
-def _end(status: object) -> NoReturn:
+def _end(status: int) -> NoReturn:
     """End as an interpreter does, but free no object: that copies each page which the server shares, for 0.5 s."""
     threading._shutdown()  # type: ignore[attr-defined]  # waits for threads that are no daemons
     atexit._run_exitfuncs()
-    if not isinstance(status, int):
-        sys.stderr.write(f"{status}\n")
-        status = 1
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

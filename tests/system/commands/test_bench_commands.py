@@ -5,12 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from robrain.deploy.bench import agents, consensus
+
 R101 = Path(__file__).parents[2] / "coordinator" / "allocation" / "data" / "R101_25.txt"
 pytestmark = pytest.mark.system
 
 
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
-    done = commands.run("bench", "--list")
+    done = commands.run_here("bench", "--list")
     assert done.returncode == 0, done.stderr
     names = [
         "allocation",
@@ -29,7 +31,9 @@ def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
 
 
 def test_public_instance_is_solved_and_its_gap_told(commands) -> None:
-    done = commands.run("bench", "allocation", "--instance", str(R101), "--best", "617.1", "--seconds", "3", "--json")
+    done = commands.run_here(
+        "bench", "allocation", "--instance", str(R101), "--best", "617.1", "--seconds", "3", "--json"
+    )
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert (told["customers"], told["over_capacity"], told["left_out"]) == (25, 0, 0)
@@ -37,7 +41,7 @@ def test_public_instance_is_solved_and_its_gap_told(commands) -> None:
 
 
 def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
-    done = commands.run("bench", "allocation", "--instance", str(R101), "--seconds", "1")
+    done = commands.run_here("bench", "allocation", "--instance", str(R101), "--seconds", "1")
     assert done.returncode == 0, done.stderr
     first, second = done.stdout.splitlines()
     assert first.startswith("R101: 25 customers, ")
@@ -75,7 +79,7 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
     ],
 )
 def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:
-    done = commands.run("bench", *words)
+    done = commands.run_here("bench", *words)
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr
     for text in named:
@@ -84,7 +88,7 @@ def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: l
 
 def test_life_of_a_mote_field_is_told_with_its_bounds(commands, tmp_path: Path) -> None:
     file = tmp_path / "motes.json"
-    done = commands.run("bench", "motes", "--seeds", "3", "--ways", "tree,routes,relief", "--json", str(file))
+    done = commands.run_here("bench", "motes", "--seeds", "3", "--ways", "tree,routes,relief", "--json", str(file))
     assert done.returncode == 0, done.stderr
     assert "first dead d" in done.stdout
     told = json.loads(file.read_text())
@@ -93,8 +97,10 @@ def test_life_of_a_mote_field_is_told_with_its_bounds(commands, tmp_path: Path) 
     assert len(told["figures"]) == 2
 
 
-def test_a_team_without_coordinator_is_measured_beside_optimal(commands) -> None:
-    done = commands.run("bench", "consensus", "--sizes", "1", "--seeds", "1", "--json")
+def test_a_team_without_coordinator_is_measured_beside_optimal(commands, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(consensus, "SIZES", ((3, 15, 1.0),))
+    monkeypatch.setattr(consensus, "OPTIMAL_ITERATIONS", 200)
+    done = commands.run_here("bench", "consensus", "--sizes", "1", "--seeds", "1", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["all_kept"]
@@ -105,7 +111,7 @@ def test_a_team_without_coordinator_is_measured_beside_optimal(commands) -> None
 
 
 def test_responses_of_a_live_robot_are_measured(commands) -> None:
-    done = commands.run("bench", "responses", "--rounds", "3", "--json")
+    done = commands.run("bench", "responses", "--rounds", "1", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert len(told["figures"]) == 14
@@ -113,8 +119,9 @@ def test_responses_of_a_live_robot_are_measured(commands) -> None:
     assert {figure["kind"] for figure in told["figures"]} == {"timing"}
 
 
-def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands) -> None:
-    done = commands.run("bench", "agents", "--robots", "20", "--minutes", "0.05", "--json")
+def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agents, "SETTLING_S", 1.0)
+    done = commands.run_here("bench", "agents", "--robots", "4", "--minutes", "0.02", "--json")
     assert done.returncode == 0, done.stderr
     cpu, age, unseen, memory = json.loads(done.stdout)["figures"]
     assert cpu["unit"] == "%"
@@ -126,7 +133,7 @@ def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands) -> None:
 
 def test_stopped_agents_of_a_live_team_are_compared_with_an_undisturbed_team(commands) -> None:
     done = commands.run(
-        "bench", "live", "--map", "arena_small", "--robots", "2", "--minutes", "0.3", "--json", timeout_s=240.0
+        "bench", "live", "--map", "arena_small", "--robots", "2", "--minutes", "0.2", "--json", timeout_s=240.0
     )
     assert done.returncode == 0, done.stderr
     found = {figure["name"]: figure for figure in json.loads(done.stdout)["figures"]}

@@ -123,7 +123,7 @@ def test_the_wheels_stand_within_300_ms_after_its_process_is_ended(
 def test_it_does_not_begin_while_the_robots_agent_runs(yard: Yard) -> None:
     agent = yard.commands.start("agent", str(yard.file))
     yard.commands.line_with(agent, "is up with")
-    done = yard.commands.run("bringup", str(yard.file), "--yes")
+    done = yard.commands.run_here("bringup", str(yard.file), "--yes")
     assert done.returncode != 0
     assert "r1" in done.stderr
     assert "bus:" not in done.stdout
@@ -132,9 +132,9 @@ def test_it_does_not_begin_while_the_robots_agent_runs(yard: Yard) -> None:
 
 def test_without_a_person_or_an_arena_it_says_so_in_a_sentence(commands: Commands) -> None:
     (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
-    alone = commands.run("bringup", "r1.toml")
+    alone = commands.run_here("bringup", "r1.toml")
     assert (alone.returncode, alone.stderr.count("\n")) == (2, 1)
     assert "run it at a terminal, or with --yes" in alone.stderr
-    nowhere = commands.run("bringup", "r1.toml", "--yes")
+    nowhere = commands.run_here("bringup", "r1.toml", "--yes")
     assert nowhere.returncode == 2
     assert "start `robrain arena`, or set interface in [parameters.mocdevice]" in nowhere.stderr

@@ -90,7 +90,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
     ],
 )
 def test_arguments_are_text_or_json_and_the_result_is_text(robot: Commands, words: list[str], said: str) -> None:
-    done = robot.run("call", "r1", "drawer", *words)
+    done = robot.run_here("call", "r1", "drawer", *words)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout in (said, said.replace("[1,", "[1.0,").replace("[3,", "[3.0,"))
 
@@ -119,7 +119,7 @@ def test_call_without_a_function_lists_the_functions(robot: Commands) -> None:
 
 @pytest.mark.parametrize("words", [["draw", "2", "5x"], ["draw", '[2, "5x"]'], ["draw", "label=5x", "x_m=2"]])
 def test_a_program_gets_json(robot: Commands, words: list[str]) -> None:
-    done = robot.run("call", "r1", "drawer", *words, "--json")
+    done = robot.run_here("call", "r1", "drawer", *words, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout) == [2, "5x"]
 
@@ -137,18 +137,18 @@ def test_a_program_gets_json(robot: Commands, words: list[str]) -> None:
     ],
 )
 def test_an_invalid_call_is_one_sentence(robot: Commands, words: list[str], said: str) -> None:
-    done = robot.run("call", *words)
+    done = robot.run_here("call", *words)
     assert (done.returncode, done.stdout) == (2, "")
     (line,) = done.stderr.splitlines()
     assert said in line
 
 
 def test_what_a_plugin_says_of_its_failure_stands_below_it(robot: Commands) -> None:
-    done = robot.run("call", "r1", "drawer", "fail", "{}")
+    done = robot.run_here("call", "r1", "drawer", "fail", "{}")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "robrain: it broke\n  Traceback:\n    file.py, line 3\n"
 
 
 def test_the_version_is_told(commands: Commands) -> None:
-    done = commands.run("--version")
+    done = commands.run_here("--version")
     assert (done.returncode, done.stdout) == (0, "robrain 0.1.0\n")

@@ -33,17 +33,17 @@ def test_journal_is_backed_up_while_the_coordinator_runs_and_restored_when_it_is
         until_answered(lambda: wire.ask(TASK_SUBMIT, TaskSubmission(task=task)))
 
     submit("t1")
-    told = json.loads(commands.run("journal", "backup", "--connect", endpoint, "--json").stdout)
+    told = json.loads(commands.run_here("journal", "backup", "--connect", endpoint, "--json").stdout)
     assert (told["tasks"], told["open"]) == (1, 1)
     assert told["path"].startswith(f"{journal}.backups/")
     submit("t2")
-    refused = commands.run("journal", "restore", told["path"], "--journal", str(journal))
+    refused = commands.run_here("journal", "restore", told["path"], "--journal", str(journal))
     assert refused.returncode == 2
     assert "another coordinator writes it" in refused.stderr
     first.send_signal(signal.SIGKILL)
     first.wait()
-    assert f"{journal}: 2 tasks, 2 of them open" in commands.run("journal", "check", str(journal)).stdout
-    restored = commands.run("journal", "restore", told["path"], "--journal", str(journal))
+    assert f"{journal}: 2 tasks, 2 of them open" in commands.run_here("journal", "check", str(journal)).stdout
+    restored = commands.run_here("journal", "restore", told["path"], "--journal", str(journal))
     assert restored.returncode == 0, restored.stderr
     assert "were put aside as" in restored.stdout
     assert f"{journal}: 1 tasks, 1 of them open" in restored.stdout
@@ -62,18 +62,18 @@ def test_backup_under_up_is_there_when_the_team_has_ended(commands: Commands, tm
     backup = Path(json.loads(made.stdout)["path"])
     assert backup.is_relative_to(f"{journal}.backups")
     for file in (journal, backup):
-        assert commands.run("journal", "check", str(file)).returncode == 0
+        assert commands.run_here("journal", "check", str(file)).returncode == 0
 
 
 def test_damaged_backup_is_told_and_ends_the_command_with_1(commands, tmp_path) -> None:
     bad = tmp_path / "bad"
     bad.write_bytes(b"no database" * 1000)
-    assert commands.run("journal", "check", str(bad)).returncode in (1, 2)
-    assert commands.run("journal", "restore", str(bad), "--journal", str(tmp_path / "j")).returncode == 2
+    assert commands.run_here("journal", "check", str(bad)).returncode in (1, 2)
+    assert commands.run_here("journal", "restore", str(bad), "--journal", str(tmp_path / "j")).returncode == 2
     assert not (tmp_path / "j").exists()
 
 
 def test_options_that_do_not_go_together_are_refused(commands, tmp_path) -> None:
-    refused = commands.run("journal", "backup", "--output", str(tmp_path / "x"))
+    refused = commands.run_here("journal", "backup", "--output", str(tmp_path / "x"))
     assert refused.returncode == 2
     assert "--journal and --output: give both, or neither" in refused.stderr

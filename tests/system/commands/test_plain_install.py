@@ -12,6 +12,7 @@ from typer.main import get_command
 
 from robrain.cli import app
 from robrain.protocol.extras import EXTRAS
+from robrain.protocol.wire.hub import HUB_VARIABLE
 from robrain.protocol.wire.session import open_session
 from tests.system.conftest import ROOT, Commands
 from tests.system.plain_install import plain_packages, plain_python_path
@@ -92,6 +93,7 @@ LACKING = [
     ("pki revoke", ["robot", "r1"], "pki/members.json: no such file; .*"),
     ("pki show", [], "pki/members.json: no such file; .*"),
     ("router", [], "give the router's folder: .*"),
+    ("remove", ["r1"], "r1 is not removed: it is there(\n .*)?"),
 ]
 """Commands that need something that is not there, and what they say of it."""
 WITH_ROS = {"tf2_msgs", "nav2_msgs", "robrain_msgs"}
@@ -103,22 +105,23 @@ LIVE = ("agent", "hub")
 class Plain:
     """Commands in a plain install, with a hub that they can find."""
 
-    def __init__(self, commands: Commands, python_path: str) -> None:
+    def __init__(self, commands: Commands, python_path: str, port: int) -> None:
         self.commands = commands
+        self.port = port
         self._path = python_path
 
     def run(self, *words: str) -> "subprocess.CompletedProcess[str]":
-        return self.commands.run(*words, PYTHONPATH=self._path, USER="ann")
+        return self.commands.run(*words)
 
     def run_until_it_works(self, *words: str) -> "subprocess.CompletedProcess[str]":
         def works(done: "subprocess.CompletedProcess[str]") -> bool:
             assert "Traceback" not in done.stderr, done.stderr
             return done.returncode == 0 and not done.stderr
 
-        return self.commands.run_until(works, *words, PYTHONPATH=self._path, USER="ann")
+        return self.commands.run_until(works, *words)
 
     def start(self, *words: str) -> "subprocess.Popen[str]":
-        return self.commands.start(*words, PYTHONPATH=self._path)
+        return self.commands.start(*words)
 
     def python(self, *words: str) -> "subprocess.CompletedProcess[str]":
         return self.commands.run_python(*words, timeout_s=PATIENCE_S, PYTHONPATH=self._path)
@@ -127,23 +130,27 @@ class Plain:
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plain]:
     """A robot of a plain install, and the coordinator of its team, which needs more."""
-    commands = Commands(tmp_path_factory.mktemp("team"))
-    found = Plain(commands, plain_python_path(tmp_path_factory.mktemp("path")))
+    coordinators = Commands(tmp_path_factory.mktemp("team"))
+    path = plain_python_path(tmp_path_factory.mktemp("path"))
+    variables = {"PYTHONPATH": path, "USER": "ann", HUB_VARIABLE: coordinators.hub.endpoint}
+    commands = Commands(coordinators.folder, **variables)
+    found = Plain(commands, path, coordinators.hub.port)
     (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
     (commands.folder / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
     beams = " ".join(["FLASER 181", *["2.0"] * 181, "0 0 0 0 0 0"])
     (commands.folder / "room.clf").write_text(f"{beams} 1.0 host 1.0\n{beams} 1.2 host 1.2\n")
-    hub = open_session(mode="router", listen=[commands.hub.endpoint])
+    hub = open_session(mode="router", listen=[coordinators.hub.endpoint])
     try:
-        agent, coordinator = found.start("agent", "r1.toml"), commands.start("coordinator")
+        agent, coordinator = found.start("agent", "r1.toml"), coordinators.start("coordinator")
         line = commands.line_with(agent, "agent: r1 is up")
         assert re.fullmatch(r"agent: r1 is up with [1-9]\d plugins\n?", line)
         assert "localisation" in commands.line_with(agent, "pip install 'robrain[navigation]'")
-        commands.line_with(coordinator, "coordinator: of team default")
+        coordinators.line_with(coordinator, "coordinator: of team default")
         yield found
         assert (agent.poll(), coordinator.poll()) == (None, None)
     finally:
         commands.stop_all()
+        coordinators.stop_all()
         hub.close()  # type: ignore[no-untyped-call]
 
 
@@ -170,7 +177,7 @@ def test_hub_and_the_parts_of_a_machine_run_in_a_plain_install(plain: Plain) -> 
     hub = plain.start("hub", "--listen", "tcp/127.0.0.1:0")
     endpoint = plain.commands.line_with(hub, "hub: tcp/").split()[1]
     assert plain.run("doctor", "--connect", endpoint).returncode == 0
-    port = plain.commands.hub.port
+    port = plain.port
     (plain.commands.folder / "r2.toml").write_text('[robot]\nname = "r2"\nload = ["command"]\n')
     (plain.commands.folder / "team.toml").write_text(
         f'[team]\nport = {port}\n[robots]\nr2 = "r2.toml"\n'
@@ -214,11 +221,19 @@ def test_every_command_in_the_readme_exists() -> None:
             assert f"{first} {name}".strip() in known, span
 
 
+def _statements(node: ast.AST) -> Iterator[ast.stmt]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.stmt):
+            yield child
+        if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+            yield from _statements(child)
+
+
 def _imported() -> Iterator[tuple[str, str]]:
     for folder in ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "robrain", "sim"):
         paths = (ROOT / folder).glob("*.py") if folder == "robrain" else (ROOT / folder).rglob("*.py")
         for path in paths:
-            for node in ast.walk(ast.parse(path.read_text())):
+            for node in _statements(ast.parse(path.read_text())):
                 names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
                 if isinstance(node, ast.ImportFrom):
                     names = [node.module or ""]

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ROBOT_CALL
 from tests.asking import until_answered
+from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -23,7 +25,7 @@ EXAMPLE = Path(__file__).parents[3] / "examples" / "03_your_own_plugin"
 class Robot:
     """A robot that runs in an arena, and the commands that speak to it."""
 
-    def __init__(self, commands) -> None:
+    def __init__(self, commands: Commands) -> None:
         self.commands = commands
         arena = commands.start(
             "arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", "."
@@ -33,7 +35,7 @@ class Robot:
         commands.line_with(self.agent, "agent: r1 is up")
 
     def plugin(self, *words: str) -> subprocess.CompletedProcess[str]:
-        return self.commands.run("plugin", *words, ROBRAIN_CONNECT=self.endpoint)
+        return self.commands.run_here("plugin", *words, ROBRAIN_CONNECT=self.endpoint)
 
     def told(self, *words: str) -> list[str]:
         """What a command that succeeds prints."""
@@ -75,19 +77,22 @@ class Robot:
             session.close()
 
 
-@pytest.fixture
-def robot(commands) -> Robot:
-    return Robot(commands)
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    """A robot that each test leaves with its plugins of before."""
+    commands = Commands(tmp_path_factory.mktemp("robot"))
+    yield Robot(commands)
+    commands.stop_all()
 
 
 # -- without a robot --------------------------------------------------------------------------------------------
 
 
 def test_a_new_plugin_is_checked_and_tested_as_it_was_written(commands) -> None:
-    written = commands.run("plugin", "new", "lamp", "--level", "unit", "--active", "--dir", "mine")
+    written = commands.run_here("plugin", "new", "lamp", "--level", "unit", "--active", "--dir", "mine")
     assert (written.returncode, written.stderr) == (0, "")
     assert written.stdout.split() == ["mine/lamp/lamp.py", "mine/lamp/lamp.toml", "mine/lamp/test_lamp.py"]
-    checked = commands.run("plugin", "check", "mine")
+    checked = commands.run_here("plugin", "check", "mine")
     assert (checked.returncode, checked.stdout) == (0, "1 plugin, no mistakes\n")
     tested = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-W", "error", "mine"],
@@ -102,15 +107,15 @@ def test_a_new_plugin_is_checked_and_tested_as_it_was_written(commands) -> None:
 
 
 def test_check_exits_with_1_for_mistakes_and_with_0_for_warnings(commands) -> None:
-    commands.run("plugin", "new", "lamp", "--level", "unit")
-    commands.run("plugin", "new", "dimmer", "--level", "skill")
+    commands.run_here("plugin", "new", "lamp", "--level", "unit")
+    commands.run_here("plugin", "new", "dimmer", "--level", "skill")
     source, manifest = (commands.folder / "lamp" / name for name in ("lamp.py", "lamp.toml"))
     source.write_text(source.read_text().replace('        """Greet somebody."""\n', ""))
-    warned = commands.run("plugin", "check", ".")
+    warned = commands.run_here("plugin", "check", ".")
     assert warned.returncode == 0
     assert warned.stdout.splitlines()[-1] == "2 plugins, no mistakes, 1 warning"
     manifest.write_text(manifest.read_text().replace("requires = []", 'requires = ["socket"]'))
-    wrong = commands.run("plugin", "check", ".")
+    wrong = commands.run_here("plugin", "check", ".")
     assert wrong.returncode == 1
     *findings, last = wrong.stdout.splitlines()
     assert last == "2 plugins, 1 mistake, 1 warning"
@@ -137,7 +142,7 @@ def test_check_exits_with_1_for_mistakes_and_with_0_for_warnings(commands) -> No
 )
 def test_bad_input_is_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:
     (commands.folder / "there").mkdir()
-    done = commands.run("plugin", *words)
+    done = commands.run_here("plugin", *words)
     assert (done.returncode, done.stdout) == (2, "")
     lines = [line for line in done.stderr.splitlines() if line.startswith("robrain: ")]
     assert len(lines) == 1, done.stderr
@@ -195,6 +200,7 @@ def test_the_example_is_loaded_into_a_robot_that_is_running_called_edited_and_un
     source.write_text(sound)
     assert robot.told("load", "r1", str(folder / "trip.toml")) == ["trip: active"]
     assert robot.agent.poll() is None
+    robot.told("unload", "r1", "trip")
 
 
 def test_what_others_require_is_unloaded_only_with_them_and_comes_back_by_name(robot) -> None:
@@ -220,7 +226,7 @@ def test_a_plugin_that_is_not_there_is_told_with_those_that_are(robot, verb: str
 
 
 def test_a_plugin_that_does_not_start_leaves_the_robot_as_it_was(robot) -> None:
-    robot.commands.run("plugin", "new", "lamp", "--level", "unit")
+    robot.commands.run_here("plugin", "new", "lamp", "--level", "unit")
     source = robot.commands.folder / "lamp" / "lamp.py"
     source.write_text(source.read_text() + "\n    def activate(self) -> None:\n        raise OSError('no such lamp')\n")
     before = robot.settled()

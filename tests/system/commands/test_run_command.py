@@ -4,14 +4,12 @@ import json
 import re
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
 from robrain.coordinator.recording.reader.reading import read_messages
-from tests.real_maps import REAL_MAPS, needs_real_maps
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -26,7 +24,7 @@ KEYS = {
 
 
 def test_json_is_all_that_is_printed_and_has_every_figure(commands) -> None:
-    done = commands.run("run", "arena_small", "--seed", "3", "--time-limit", "5", "--json", "--record", "run.mcap")
+    done = commands.run_here("run", "arena_small", "--seed", "3", "--time-limit", "5", "--json", "--record", "run.mcap")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert set(result) >= KEYS
@@ -60,40 +58,31 @@ walls = [
 
 def test_regions_left_are_in_the_summary_and_in_the_json_of_a_run(commands) -> None:
     (commands.folder / "narrow.toml").write_text(NARROW, encoding="utf-8")
-    done = commands.run("run", "narrow.toml", "--time-limit", "20")
+    done = commands.run_here("run", "narrow.toml", "--time-limit", "20")
     assert done.returncode == 0, done.stderr
     assert "left to explore, by the team's map" in done.stdout
     (row,) = re.findall(r"^too_narrow .*$", done.stdout, re.MULTILINE)
     assert re.search(r"\d m² .* to .* the gap is 0\.[1-3]\d m wide \(on the map\), robots need 0\.44 m", row), row
-    result = json.loads(commands.run("run", "narrow.toml", "--time-limit", "20", "--json").stdout)
+    result = json.loads(commands.run_here("run", "narrow.toml", "--time-limit", "20", "--json").stdout)
     (region,) = result["exploration_left"]["regions"]
     assert region["kind"] == "too_narrow"
     assert region["place"]["x_m"] > 4.0
     assert region["low"]["x_m"] < region["place"]["x_m"] < region["high"]["x_m"]
 
 
-def test_equal_seeds_give_equal_digests_whatever_the_hash_seed(commands) -> None:
-    digests = []
-    for seed, hash_seed in (("7", "1"), ("7", "2"), ("8", "1")):
-        words = ("run", "arena_small", "--seed", seed, "--time-limit", "10", "--json")
-        digests.append(json.loads(commands.run(*words, PYTHONHASHSEED=hash_seed).stdout)["digest"])
-    assert digests[0] == digests[1]
-    assert digests[0] != digests[2]
-
-
-def test_runs_at_once_do_not_hear_each_other(commands) -> None:
-    words = [sys.executable, "-m", "robrain.cli", "run", "arena_small", "--time-limit", "10", "--json"]
-    both = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=commands.folder) for _ in range(2)]
+def test_runs_at_once_do_not_hear_each_other_and_equal_one_alone_whatever_the_hash_seed(commands) -> None:
+    words = ("run", "arena_small", "--seed", "7", "--time-limit", "5", "--json")
+    both = [commands.start(*words, PYTHONHASHSEED=hash_seed) for hash_seed in ("1", "2")]
     results = [json.loads(process.communicate(timeout=PATIENCE_S)[0]) for process in both]
-    alone = json.loads(commands.run("run", "arena_small", "--time-limit", "10", "--json").stdout)
+    alone = json.loads(commands.run_here(*words).stdout)
     assert {result["digest"] for result in results} == {alone["digest"]}
     assert {result["messages"] for result in results} == {alone["messages"]}
 
 
 def test_a_dashboard_that_only_looks_on_does_not_change_a_run(commands) -> None:
-    words = ("run", "arena_small", "--time-limit", "10", "--json")
-    alone = json.loads(commands.run(*words).stdout)
-    watched = commands.run(*words, "--dashboard", "--port", "0", "--speed", "0")
+    words = ("run", "arena_small", "--time-limit", "5", "--json")
+    alone = json.loads(commands.run_here(*words).stdout)
+    watched = commands.run_here(*words, "--dashboard", "--port", "0", "--speed", "0")
     assert watched.returncode == 0, watched.stderr
     assert json.loads(watched.stdout)["digest"] == alone["digest"]
 
@@ -133,40 +122,8 @@ def test_demo_for_servers_runs_records_and_says_how_to_replay(commands) -> None:
 
 def test_map_file_of_the_project_is_explored_in_any_clone(commands) -> None:
     words = ("run", "--map", str(ROOT / "examples" / "maps" / "clinic.yaml"), "--robots", "3", "--seed", "7")
-    done = commands.run(*words, "--until", "explored=0.9", "--json", timeout_s=590.0)
+    done = commands.run_here(*words, "--until", "explored=0.9", "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result["scenario"], result["ended"]) == ("clinic", "explored")
     assert result["explored_fraction"] >= 0.9
-
-
-def test_first_example_is_ten_lines_and_runs(tmp_path: Path) -> None:
-    script = ROOT / "examples" / "01_explore.py"
-    code = [line for line in script.read_text().splitlines() if line.strip() and not line.startswith('"""')]
-    assert len(code) <= 10
-    done = subprocess.run(
-        [sys.executable, str(script), str(tmp_path / "run.mcap")],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=True,
-    )
-    assert re.search(r"9\d% explored", done.stdout)
-    assert (tmp_path / "run.mcap").exists()
-
-
-@needs_real_maps
-def test_real_map_is_explored_by_the_command(commands) -> None:
-    """One of the maps; tests/sim/test_figures.py explores them all."""
-    wanted = 0.9
-    done = commands.run(
-        "run", "--map", str(REAL_MAPS / "stage_cave.yaml"), "--robots", "4", "--seed", "7",
-        "--until", f"explored={wanted}", "--record", "run.mcap", "--json",
-        timeout_s=590.0,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
-    assert result["explored_fraction"] >= wanted
-    assert result["ended"] == "explored"
-    assert result["wall_overlap_m"] < 0.03  # a robot at full speed sinks in by one tick's way before it is pushed out
-    assert isinstance(result["collisions"], int)

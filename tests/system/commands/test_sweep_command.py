@@ -111,7 +111,7 @@ def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes, 
     ],
 )
 def test_a_mistake_is_one_sentence_and_leaves_nothing(commands, words: list[str], why: str) -> None:
-    done = commands.run("sweep", "arena_small", "--output", "out", *words)
+    done = commands.run_here("sweep", "arena_small", "--output", "out", *words)
     assert (done.returncode, done.stdout) == (2, "")
     assert re.fullmatch(f"robrain: .*{why}.*\n", done.stderr), done.stderr
     assert not (commands.folder / "out").exists()
