@@ -10,7 +10,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.pose_track import PoseTrack
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.clock import to_ns, to_seconds
 
 POLL_S = 0.02
 """Period of the look for bytes; a turn takes 0.1 s or more."""
@@ -18,6 +18,8 @@ ASK_NS = to_ns(1.0)
 """A sensor that has to be asked, and has sent nothing for so long, is asked again."""
 POINTS_MAX = 8_000
 """Most points of a turn; more are dropped and counted (chosen: twice what any of these sensors measures)."""
+NOISE_S = 2.0
+"""Bytes without a valid packet for so long are a fault."""
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 WAIT_NS = to_ns(0.06)
 """A turn waits so long for the odometry of its end; counts come every 20 ms."""
@@ -81,6 +83,9 @@ class SerialLidar(LidarDevice):
         """Whether the turn began at the sensor's front."""
         self._line = self.env.open_serial(wanted.port, wanted.baud, has_dtr=self.has_dtr)
         self._asked_ns = self.env.clock.now_ns()
+        self._arrived = self._counted_ns = 0
+        """Bytes since their packets were counted last, and when that was."""
+        self._counts: LineCounts | None = None
 
     def deactivate(self) -> None:
         if self._line is not None:
@@ -92,7 +97,8 @@ class SerialLidar(LidarDevice):
         if line is None:
             return
         try:
-            pieces = self._decoder.feed(line.read())
+            data = line.read()
+            pieces = self._decoder.feed(data)
             if pieces:
                 self._asked_ns = now_ns
             elif now_ns - self._asked_ns > ASK_NS:
@@ -102,12 +108,27 @@ class SerialLidar(LidarDevice):
                 line.write(wanted)
         except OSError as error:
             self.fail(f"the lidar's line {self.parameters.port} is lost: {error}")
+        self._check_noise(len(data), now_ns)
         for piece in pieces:
             self._add(piece, now_ns)
             if piece.ends_turn:
                 self._end_turn(now_ns)
         if self._ended and (self._is_known(self._ended[-1][0]) or now_ns - self._ended[-1][0] > WAIT_NS):
             self._hand_on(now_ns)
+
+    def _check_noise(self, arrived: int, now_ns: int) -> None:
+        """Fault if the bytes of two seconds are no packets, or mostly none."""
+        self._arrived += arrived
+        before, counts, wanted = self._counts, self._decoder.counts, self.parameters
+        seconds = to_seconds(now_ns - self._counted_ns)
+        if self._arrived and before is not None and (not arrived or seconds < NOISE_S):
+            return
+        total, self._arrived, self._counted_ns, self._counts = self._arrived, 0, now_ns, counts
+        if not total or before is None:
+            return
+        if counts.packets == before.packets or counts.stray_bytes - before.stray_bytes > total // 2:
+            what = f"{total} bytes came from {wanted.port} in {seconds:.1f} s, but no valid packets"
+            self.fail(f"{what}: check the baud rate ({wanted.baud}), the wiring and the kind of lidar")
 
     def _add(self, piece: Piece, now_ns: int) -> None:
         room = max(0, POINTS_MAX - self._points)

@@ -11,13 +11,12 @@ import can
 import msgspec
 from msgspec import Meta
 
-from robrain.plugins.device.bm2.interface import ASSUMED_C
+from robrain.plugins.device.bm2.counting import BadReading, Reading, plausible
 from robrain.plugins.device.mocdevice.frame_map import Checksum, Sign, SignalName
 from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc, signal_frames
 from robrain.protocol.can.frame_port import Frame
 from robrain.protocol.can.frames import BadFrame, FrameCodec
 from robrain.protocol.can.payload import EXTENDED, ID_MASK
-from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import to_ns
 
@@ -104,15 +103,6 @@ class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             raise ValueError(f"frames: expected a voltage and each quantity once, got {', '.join(fields)}")
 
 
-class BatteryValues(NamedTuple):
-    """One measurement, in SI units and degrees Celsius; current is positive while discharging."""
-
-    voltage_v: float
-    current_a: float
-    temperature_c: float
-    report: BatteryReport | msgspec.UnsetType
-
-
 class _Read(NamedTuple):
     """How one frame is read."""
 
@@ -168,7 +158,7 @@ class BatteryFrames:
             for identifier in self._codecs
         ]
 
-    def read(self, frame: Frame) -> BatteryValues | None:
+    def read(self, frame: Frame) -> Reading | None:
         """The measurement that a frame completes, if it does (BadFrame: wrong length or checksum, or no number)."""
         for known in self._codecs.get(frame.identifier, ()):
             try:
@@ -177,7 +167,7 @@ class BatteryFrames:
                 continue
         return None
 
-    def _read(self, known: _Read, values: tuple[float, ...], stamp_ns: int) -> BatteryValues | None:
+    def _read(self, known: _Read, values: tuple[float, ...], stamp_ns: int) -> Reading | None:
         codec, signals, has_voltage = known
         if not all(map(math.isfinite, values)):
             raise BadFrame(f"{codec.name}: expected finite values, got {values}")
@@ -185,21 +175,22 @@ class BatteryFrames:
             self._told[field] = factor * value + offset, stamp_ns
         if not has_voltage:
             return None
-        current_a = self._recent("current", stamp_ns) if self._has_current else self._wanted.current_a
-        if current_a is None:
+        current_a = self._recent("current", stamp_ns)
+        if self._has_current and current_a is None:
             return None  # the frame with the current has not come, or comes no more
-        signed_a = self._wanted.current_sign * current_a if self._has_current else current_a
-        temperature_c = self._recent("temperature", stamp_ns)
-        temperature_c = ASSUMED_C if temperature_c is None else temperature_c
-        is_plain = self._has_current and not self._has_soc
-        report = msgspec.UNSET if is_plain else self._report(stamp_ns)
-        return BatteryValues(self._told["voltage"][0], signed_a, temperature_c, report)
+        wanted = self._wanted
+        try:
+            return plausible(
+                self._told["voltage"][0],
+                None if current_a is None else wanted.current_sign * current_a,
+                self._recent("temperature", stamp_ns),
+                self._recent("soc", stamp_ns),
+                assumed_a=None if self._has_current else wanted.current_a,
+                soc_sd=wanted.soc_sd if self._has_soc or not self._has_current else None,
+            )
+        except BadReading as error:
+            raise BadFrame(f"{codec.name}: {error}") from error
 
     def _recent(self, field: str, stamp_ns: int) -> float | None:
         value, told_ns = self._told.get(field, (None, 0))
         return value if abs(stamp_ns - told_ns) <= RECENT_NS else None
-
-    def _report(self, stamp_ns: int) -> BatteryReport:
-        soc = self._recent("soc", stamp_ns)
-        believable = soc if soc is not None and 0.0 <= soc <= 1.0 else None
-        return BatteryReport(has_current=self._has_current, soc=believable, soc_sd=self._wanted.soc_sd)

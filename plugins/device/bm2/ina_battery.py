@@ -11,8 +11,9 @@ import msgspec
 from msgspec import Meta
 from smbus2 import SMBus
 
+from robrain.plugins.device.bm2.counting import BadReading, Reading, plausible
 from robrain.plugins.device.bm2.interface import ASSUMED_C
-from robrain.plugins.device.bm2.polled_battery import BadReading, PolledBattery, Reading
+from robrain.plugins.device.bm2.polled_battery import PolledBattery
 from robrain.protocol.model.ranges import check_positive
 
 CONFIGURATION, SHUNT, BUS = 0x00, 0x01, 0x02
@@ -100,7 +101,7 @@ class InaBattery(PolledBattery):
             raise BadReading("the current is beyond what the shunt can measure")
         voltage_v = (self._word(BUS) >> registers.bus_shift) * registers.bus_v
         current_a = wanted.current_sign * signed * registers.shunt_v / wanted.shunt_ohm
-        return Reading(voltage_v, current_a, wanted.temperature_c)
+        return plausible(voltage_v, current_a, assumed_c=wanted.temperature_c)
 
     def _configure(self) -> None:
         assert self._smbus is not None

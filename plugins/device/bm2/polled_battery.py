@@ -5,16 +5,12 @@ meanwhile. After `silent_s` without a reading the device faults, and the manifes
 it takes.
 """
 
-import math
-from typing import NamedTuple
-
 import msgspec
 
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
-from robrain.plugins.device.bm2.counting import counted
-from robrain.plugins.device.bm2.interface import ASSUMED_C, BatteryMeasurement, Bm2Interface
-from robrain.protocol.model.energy.battery_report import BatteryReport
+from robrain.plugins.device.bm2.counting import BadReading, Reading, counted
+from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
@@ -24,20 +20,6 @@ GAP_S = 2.0
 
 class BatteryAbsent(OSError):
     """Nothing can be read from the battery. A fault like others: the plugin is started again later."""
-
-
-class BadReading(OSError):
-    """What was read cannot be believed; it is rejected, and asked for again at the next step."""
-
-
-class Reading(NamedTuple):
-    """What a battery was read to be."""
-
-    voltage_v: float
-    current_a: float
-    """Positive while discharging."""
-    temperature_c: float = ASSUMED_C
-    report: BatteryReport | msgspec.UnsetType = msgspec.UNSET
 
 
 class ReadCounters(msgspec.Struct, frozen=True):
@@ -79,7 +61,7 @@ class PolledBattery(Device):
         raise NotImplementedError
 
     def read(self) -> Reading:
-        """One reading (OSError if that fails)."""
+        """One reading (OSError if that fails, BadReading if it is not plausible)."""
         raise NotImplementedError
 
     def init(self) -> None:
@@ -93,7 +75,7 @@ class PolledBattery(Device):
         self._heard_ns = self.env.clock.now_ns()
         try:
             self._read_once(self._heard_ns)
-        except OSError as error:
+        except (OSError, BadReading) as error:
             self._note_failure(error)
             self._close()
             raise BatteryAbsent(f"nothing can be read from {self.where}: {self._last_error}") from error
@@ -102,7 +84,7 @@ class PolledBattery(Device):
         now_ns = self.env.clock.now_ns()
         try:
             self._read_once(now_ns)
-        except OSError as error:
+        except (OSError, BadReading) as error:
             self._note_failure(error)
             self._check(now_ns)
 
@@ -125,14 +107,12 @@ class PolledBattery(Device):
             self.open()
             self._is_open = True
         reading = self.read()
-        if not all(map(math.isfinite, reading[:3])):
-            raise BadReading(f"expected finite values, got {reading[:3]}")
         self._readings += 1
         self._heard_ns = now_ns
         self._latest = counted(self._latest, now_ns, *reading, gap_s=GAP_S)
 
-    def _note_failure(self, error: OSError) -> None:
-        self._last_error = error.strerror or str(error) or type(error).__name__
+    def _note_failure(self, error: OSError | BadReading) -> None:
+        self._last_error = getattr(error, "strerror", None) or str(error) or type(error).__name__
         if isinstance(error, BadReading):
             self._rejected += 1
         else:

@@ -11,9 +11,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.plugins.device.bm2.interface import ASSUMED_C
-from robrain.plugins.device.bm2.polled_battery import BadReading, PolledBattery, Reading
-from robrain.protocol.model.energy.battery_report import BatteryReport
+from robrain.plugins.device.bm2.counting import BadReading, Reading, plausible
+from robrain.plugins.device.bm2.polled_battery import PolledBattery
 from robrain.protocol.model.ranges import check_positive
 
 VALUE_BYTES_MAX = 64
@@ -21,7 +20,8 @@ VALUE_BYTES_MAX = 64
 MICRO = 1e-6
 NO_VALUE = (errno.ENODATA, errno.EINVAL, errno.EOPNOTSUPP)
 """What drivers answer for a file that is there and has no value at the moment."""
-CHARGING, DISCHARGING = "Charging", "Discharging"
+CHARGING, DISCHARGING, IDLE = "Charging", "Discharging", ("Full", "Not charging")
+"""Status files; they decide the sign of the current, which drivers report in either way."""
 
 
 class PowerSupply(PolledBattery):
@@ -77,34 +77,24 @@ class PowerSupply(PolledBattery):
         if voltage_uv is None:
             raise FileNotFoundError(f"{folder} has no voltage_now")
         voltage_v, status = MICRO * voltage_uv, _text(folder / "status")
-        current_ua, power_uw = _number(folder / "current_now"), _number(folder / "power_now")
-        measured_a = MICRO * current_ua if current_ua is not None else None
-        if measured_a is None and power_uw is not None and voltage_v > 0:
-            measured_a = MICRO * power_uw / voltage_v
-        current_a = _signed(wanted.current_a if measured_a is None else measured_a, status)
-        temperature_d = _number(folder / "temp")  # in tenths of a degree
-        percent = _number(folder / "capacity") if wanted.believes_soc else None
-        if percent is not None and not 0 <= percent <= 100:
-            raise BadReading(f"expected a capacity of 0 to 100 %, got {percent:g}")
-        return Reading(
+        current_ua, power_uw = _optional(folder / "current_now"), _optional(folder / "power_now")
+        measured_a = None
+        if current_ua is not None:
+            measured_a = -MICRO * current_ua  # the kernel's is negative while discharging, where the status is unknown
+        elif power_uw is not None and voltage_v > 0:
+            measured_a = MICRO * abs(power_uw) / voltage_v
+        is_idle = status in IDLE
+        temperature_d = _optional(folder / "temp")  # in tenths of a degree
+        percent = _optional(folder / "capacity") if wanted.believes_soc else None
+        return plausible(
             voltage_v,
-            current_a,
-            ASSUMED_C if temperature_d is None else 0.1 * temperature_d,
-            BatteryReport(
-                has_current=measured_a is not None,
-                soc=None if percent is None else percent / 100,
-                soc_sd=wanted.soc_sd,
-            ),
+            None if measured_a is None else measured_a * (not is_idle),
+            None if temperature_d is None else 0.1 * temperature_d,
+            None if percent is None else percent / 100,
+            assumed_a=wanted.current_a * (not is_idle),
+            soc_sd=wanted.soc_sd,
+            is_charging={CHARGING: True, DISCHARGING: False}.get(status or ""),
         )
-
-
-def _signed(current_a: float, status: str | None) -> float:
-    """Positive while discharging: drivers do not agree on the sign, but all report the status."""
-    if status == CHARGING:
-        return -abs(current_a)
-    if status == DISCHARGING:
-        return abs(current_a)
-    return 0.0 if status in ("Full", "Not charging") else current_a
 
 
 def _text(path: Path) -> str | None:
@@ -119,13 +109,22 @@ def _text(path: Path) -> str | None:
     return data.decode("ascii", "replace").strip()
 
 
+def _optional(path: Path) -> float | None:
+    try:
+        return _number(path)
+    except BadReading:
+        return None
+
+
 def _number(path: Path) -> float | None:
     try:
         text = _text(path)
         return None if text is None else float(int(text))
+    except BadReading:
+        raise
     except ValueError as error:
         raise BadReading(f"{path.name}: expected a whole number, got {text!r}") from error
     except OSError as error:
-        if isinstance(error, BadReading) or error.errno not in NO_VALUE:
+        if error.errno not in NO_VALUE:
             raise
         return None

@@ -7,8 +7,8 @@ from msgspec import Meta
 from smbus2 import SMBus
 
 from robrain.agent.plugin import external
-from robrain.plugins.device.bm2.polled_battery import BadReading, PolledBattery, Reading
-from robrain.protocol.model.energy.battery_report import BatteryReport
+from robrain.plugins.device.bm2.counting import Reading, plausible
+from robrain.plugins.device.bm2.polled_battery import PolledBattery
 
 TEMPERATURE, VOLTAGE, CURRENT, MAX_ERROR = 0x08, 0x09, 0x0A, 0x0C
 RELATIVE_SOC, REMAINING, STATUS, SPECIFICATION = 0x0D, 0x0F, 0x16, 0x1A
@@ -84,15 +84,13 @@ class SmartBattery(PolledBattery):
         )
         voltage, current, temperature = self._word(VOLTAGE), self._word(CURRENT), self._word(TEMPERATURE)
         percent, error_percent = self._word(RELATIVE_SOC), self._word(MAX_ERROR)
-        if percent > 100 or error_percent > 100:
-            raise BadReading(f"expected up to 100 %, got {percent} % of charge with an error of {error_percent} %")
         signed = current - 0x10000 if current & 0x8000 else current
-        return Reading(
+        return plausible(
             voltage * self._volts,
             -signed * self._amperes,  # the battery's is positive while charging
             0.1 * temperature + ABSOLUTE_ZERO_C,
-            # The error is an expected margin, taken for two standard deviations.
-            BatteryReport(soc=percent / 100, soc_sd=max(SOC_SD_LEAST, error_percent / 200)),
+            percent / 100 if error_percent <= 100 else None,
+            soc_sd=max(SOC_SD_LEAST, error_percent / 200),  # the error is taken for two standard deviations
         )
 
     @external

@@ -115,9 +115,10 @@ class SerialImu(Device):
             return
         silent_ns = self._silence.since(self._heard_ns, now_ns)
         if silent_ns > self._silence.limit_ns:
+            noise = self._codec.stray_bytes
+            but = f", but {noise} bytes that are none: check baud and wiring" if noise else ""
             raise ImuAbsent(
-                f"no measurement for {silent_ns / NS_PER_S:.2f} s from the IMU at {self.parameters.port}"
-                f"{', but bytes that are none' if self._codec.rejected or self._codec.stray_bytes else ''}"
+                f"no measurement for {silent_ns / NS_PER_S:.2f} s from the IMU at {self.parameters.port}{but}"
             )
 
     def deactivate(self) -> None:

@@ -53,13 +53,22 @@ class CheckedTopic(Generic[T]):
         self.rejected = 0
         self.why_rejected = ""
         """Of the last message that was rejected."""
-        self._read, self._clock = read, StampClock()
+        self._rejected_since = 0
+        """Messages that were rejected since the last that was not."""
+        self._name, self._read, self._clock = topic, read, StampClock()
         self._inbox = link.subscribe(kind, topic, qos, on_arrival)
 
     @property
     def dropped(self) -> int:
         """Messages that came while too many waited."""
         return self._inbox.dropped
+
+    @property
+    def silence_reason(self) -> str:
+        """Why nothing comes of the topic: all messages are rejected, by which field and value, or none is sent."""
+        if self._rejected_since:
+            return f"{self._rejected_since} messages of {self._name} were rejected: {self.why_rejected}"
+        return f"the publisher of {self._name} is silent"
 
     def __bool__(self) -> bool:
         """Whether something has come."""
@@ -73,8 +82,10 @@ class CheckedTopic(Generic[T]):
                 value = self._read(arrived.message)
             except ValueError as error:
                 self.rejected += 1
+                self._rejected_since += 1
                 self.why_rejected = str(error)
                 continue
+            self._rejected_since = 0
             measured_ns = self._clock.measured_ns(value.stamp_ns, arrived.arrived_ns)
             taken.append(Measured(value, measured_ns, arrived.number))
         return taken

@@ -274,7 +274,7 @@ class Ros2Base(Device):
         if link is None or not link.publishers(topic):
             domain = f" in ROS domain {link.domain_id}" if link is not None else ""
             return f"{what}: {topic} has no publisher{domain}"
-        return f"{what}: the publisher of {topic} is silent, or what it says is rejected"
+        return f"{what}: {self._odometry.silence_reason}" if self._odometry is not None else what
 
 
 def _ignore() -> None:

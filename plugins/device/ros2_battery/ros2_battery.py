@@ -2,7 +2,6 @@
 
 import math
 
-import msgspec
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState
 
@@ -14,7 +13,6 @@ from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.ros2_battery.battery_message import BatteryMessage, ToldBattery, read_battery
-from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.model.ranges import check_positive
 
 
@@ -57,9 +55,7 @@ class Ros2Battery(TopicDevice):
         self.check_node()
         wanted = self.parameters
         for state, stamp_ns, _ in self._topic.take() if self._topic is not None else ():
-            volts, amps, celsius = state.voltage_v, state.current_a, state.temperature_c
-            report = msgspec.UNSET if state.has_current else BatteryReport(has_current=False)
-            self._latest = counted(self._latest, stamp_ns, volts, amps, celsius, report, gap_s=wanted.gap_s)
+            self._latest = counted(self._latest, stamp_ns, *state.reading, gap_s=wanted.gap_s)
 
     @external
     @unlocked

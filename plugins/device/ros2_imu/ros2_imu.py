@@ -68,7 +68,7 @@ class Ros2Imu(TopicDevice):
         check_agreement(self.env.board)
         rates, now_ns = self.env.board.yaw_rates, self.env.clock.now_ns()
         if self._latest is None and self._topic is not None and not self._topic and self._first.is_missing(now_ns):
-            logger.warning("%s: no measurement yet: the publisher of %s is silent", self.env.robot, self._where)
+            logger.warning("%s: no measurement yet: %s", self.env.robot, self._topic.silence_reason)
         for told, measured_ns, _ in self._topic.take() if self._topic is not None else ():
             latest = self._latest
             before_ns = 0 if latest is None else latest.stamp_ns
@@ -77,7 +77,7 @@ class Ros2Imu(TopicDevice):
             rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
         heard_ns, silence = self._heard_ns, self._silence
         if heard_ns is not None and silence.since(heard_ns, now_ns) > silence.limit_ns:
-            raise ImuAbsent(f"no measurement: the publisher of {self._where} is silent")
+            raise ImuAbsent(f"no measurement: {self._topic.silence_reason if self._topic is not None else 'stopped'}")
 
     @external
     @unlocked

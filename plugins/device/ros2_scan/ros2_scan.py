@@ -30,7 +30,7 @@ class Ros2Scan(TopicDevice, LidarDevice):
         beams: int = 360
         """Directions around the robot that turns are resampled to; 0 gives the lidar's own beams."""
         range_max_m: float = 0.0
-        """Greatest range that is used; 0: that which the lidar reports."""
+        """Greatest range that is used; 0: that which the lidar reports, or 10 m if that is infinite."""
         silent_s: float = 1.0
         """Time without a turn after which the lidar faults."""
 
@@ -74,4 +74,4 @@ class Ros2Scan(TopicDevice, LidarDevice):
             return ""
         if not link.publishers(topic):
             return f": {topic} has no publisher in ROS domain {link.domain_id}"
-        return f": the publisher of {topic} is silent, or what it says is rejected"
+        return f": {self._topic.silence_reason}" if self._topic is not None else ""

@@ -16,6 +16,9 @@ from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 BEAMS_MAX = 100_000
 RANGE_MAX_M = 1000.0
+"""A greater `range_max` is no limit: pointcloud_to_laserscan sends inf."""
+UNLIMITED_M = 10.0
+"""Range that is used of a lidar that reports no limit (chosen: every lidar of this kind reaches as far)."""
 TURN_RAD = 2.0 * math.pi
 TURN_SLACK_RAD = 0.1
 """A lidar may see a little more than one turn."""
@@ -75,7 +78,8 @@ class ScanReader:
         """The turn in a message (BadScan)."""
         ranges_m = np.array(message.ranges, dtype=np.float64)
         self._check(message, len(ranges_m))
-        far_m = min(message.range_max, self._range_max_m or message.range_max)
+        is_limited = message.range_max <= RANGE_MAX_M
+        far_m = min(message.range_max, self._range_max_m or (message.range_max if is_limited else UNLIMITED_M))
         # REP 117: -inf is too near to be measured, +inf is nothing within reach, NaN is no measurement.
         with np.errstate(invalid="ignore"):
             is_close = ranges_m == -np.inf
@@ -106,7 +110,7 @@ class ScanReader:
         span_rad = message.angle_max - first_rad
         if not abs(span_rad - step_rad * (beams - 1)) <= 1.5 * abs(step_rad):
             raise BadScan(f"expected {span_rad / step_rad + 1:.0f} ranges by the angles, got {beams}")
-        if not 0.0 <= message.range_min < message.range_max <= RANGE_MAX_M:
+        if not 0.0 <= message.range_min < message.range_max:
             raise BadScan(f"expected range_min < range_max, got {message.range_min:g} and {message.range_max:g}")
         if (fan := (beams, first_rad, step_rad)) != self._fan:
             self._fan = fan

@@ -1,5 +1,6 @@
 """Batteries that are asked: smart batteries, current monitors and those of the kernel, on simulated chips and files."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device.bm2 import ina_battery, smart_battery
+from robrain.plugins.device.bm2.counting import BadReading, plausible
 from robrain.plugins.device.bm2.ina_battery import Chip, InaBattery
 from robrain.plugins.device.bm2.polled_battery import BatteryAbsent
 from robrain.plugins.device.bm2.power_supply import PowerSupply
@@ -116,16 +118,45 @@ def test_noise_is_noticed_where_packets_have_a_checksum(device: Any, bus: I2cBus
     assert (counters.failed, counters.last_error) == (16, "Bad message")
 
 
-def test_a_charge_of_more_than_all_is_rejected_where_they_have_none(
+def test_a_charge_of_more_than_all_costs_the_charge_alone_where_they_have_none(
     device: Any, bus: I2cBus, chip: SmartBatteryChip
 ) -> None:
     one = device(SmartBattery)
-    first = latest(one)
     chip.soc = 1.28
-    assert latest(one) == first
+    found = latest(one)
+    assert (found.voltage_v > 0.0, found.report.soc) == (True, None)
     chip.soc = 0.7
     assert latest(one).report.soc == 0.7
-    assert one.it.counters().rejected == 1
+    assert one.it.counters().rejected == 0
+
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ((12.0, 1.0, 20.0, 0.5), (12.0, 1.0, 20.0, True, 0.5)),
+        ((12.0, 1.0, 300.0, 0.5), (12.0, 1.0, 25.0, True, 0.5)),
+        ((12.0, 1.0, -273.15, 0.5), (12.0, 1.0, 25.0, True, 0.5)),
+        ((12.0, 1.0, NAN, NAN), (12.0, 1.0, 25.0, True, None)),
+        ((12.0, 1.0, None, 1.3), (12.0, 1.0, 25.0, True, None)),
+        ((12.0, 1e9, 20.0, -0.1), (12.0, 2.0, 20.0, False, None)),
+        ((12.0, NAN, 20.0, 0.5), (12.0, 2.0, 20.0, False, 0.5)),
+    ],
+)
+def test_an_implausible_value_costs_that_value(values: Any, expected: Any) -> None:
+    found = plausible(*values, assumed_a=2.0, assumed_c=25.0, soc_sd=0.1)
+    assert isinstance(found.report, BatteryReport)
+    assert (*found[:3], found.report.has_current, found.report.soc) == expected
+
+
+@pytest.mark.parametrize(
+    ("voltage_v", "current_a"), [(0.0, 1.0), (-1.0, 1.0), (12_600.0, 1.0), (NAN, 1.0), (12.0, NAN)]
+)
+def test_without_a_plausible_voltage_or_any_current_there_is_no_measurement(voltage_v: float, current_a: float) -> None:
+    with pytest.raises(BadReading, match="expected a"):
+        plausible(voltage_v, current_a)
 
 
 @given(st.lists(st.integers(0, 0xFFFF), min_size=8, max_size=8))
@@ -139,8 +170,7 @@ def test_whatever_a_battery_answers_is_a_measurement_or_rejected(bus: I2cBus, wo
     one.step(0.2)
     counters, found = one.it.counters(), one.it.latest()
     assert (counters.readings, counters.rejected, counters.failed) in ((2, 0, 0), (1, 1, 0))
-    assert found.report.soc is not None
-    assert 0.0 <= found.report.soc <= 1.0
+    assert 0.0 <= (found.report.soc or 0.0) <= 1.0
     assert found.report.soc_sd >= 0.01
     one.it.deactivate()
 
@@ -240,11 +270,20 @@ def test_a_battery_of_the_kernel_tells_what_its_files_say(device: Any, supply: A
 
 
 @pytest.mark.parametrize(
-    ("status", "current_a"), [("Charging", -1.5), ("Discharging", 1.5), ("Full", 0.0), ("Unknown", 1.5)]
+    ("status", "current_a"), [("Charging", -1.5), ("Discharging", 1.5), ("Full", 0.0), ("Unknown", -1.5)]
 )
 def test_the_status_tells_the_sign_of_the_current(device: Any, supply: Any, status: str, current_a: float) -> None:
     folder = supply(voltage_now=12_000_000, current_now=1_500_000, status=status)
     assert latest(device(PowerSupply, folder=str(folder))).current_a == pytest.approx(current_a)
+
+
+@pytest.mark.parametrize("value", ["abc", "999999999999999", "-40000"])
+@pytest.mark.parametrize("name", ["capacity", "temp", "current_now"])
+def test_a_value_of_the_kernel_that_cannot_be_costs_that_value(device: Any, supply: Any, name: str, value: str) -> None:
+    one = device(PowerSupply, folder=str(supply(voltage_now=12_000_000, **{name: value})), current_a=0.04)
+    found = latest(one)
+    assert (found.voltage_v, abs(found.current_a), found.report.soc) == (12.0, pytest.approx(0.04), None)
+    assert one.it.counters().rejected == 0
 
 
 def test_current_is_power_by_voltage_where_only_that_is_told(device: Any, supply: Any) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from robrain.agent.errors import HardwareAbsent
@@ -214,6 +215,26 @@ def test_silence_is_a_fault(lidar: Any) -> None:
     one.wait_for(send=ld19_turns(3))
     with pytest.raises(LidarFault, match=r"the lidar has sent no turn for 1\.0 s"):
         one.steps(100)
+
+
+@pytest.mark.parametrize("kind", [Ld19, Rplidar])
+def test_bytes_that_are_no_packets_are_a_fault_with_causes(kind: type[SerialLidar], tmp_path: Path) -> None:
+    device = OnPty(kind, tmp_path)
+    device.it.activate()
+    rng = np.random.default_rng(1)
+
+    def pass_seconds(seconds: float) -> None:
+        for _ in range(round(seconds / 0.02)):
+            device.send(rng.bytes(100))
+            device.step(0.02)
+
+    try:
+        pass_seconds(1.8)
+        with pytest.raises(LidarFault, match=r"\d{4,} bytes came from .*lidar in 2.0 s, .* the baud rate \(\d+\)"):
+            pass_seconds(0.5)
+    finally:
+        device.it.deactivate()
+        device.pull_out()
 
 
 def test_noise_between_packets_costs_no_scan(lidar: Any) -> None:

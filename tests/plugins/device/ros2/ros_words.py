@@ -66,5 +66,9 @@ def imu(
     )
 
 
-def battery(voltage: float = 15.5, current: float = -1.0, temperature: float = 24.0, *, stamp_ns: int = 0) -> Any:
-    return SimpleNamespace(header=header(stamp_ns), voltage=voltage, current=current, temperature=temperature)
+def battery(
+    voltage: float = 15.5, current: float = -1.0, temperature: float = 24.0, *, stamp_ns: int = 0, status: int = 0
+) -> Any:
+    return SimpleNamespace(
+        header=header(stamp_ns), voltage=voltage, current=current, temperature=temperature, power_supply_status=status
+    )
