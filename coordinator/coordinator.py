@@ -166,8 +166,8 @@ class Coordinator:
             self.capabilities,
             reasons.explain,
             DryRuns(self.tasks, self.roster, reasons),
-            self.motes.table.motes,
-            self.planning.chargers.of,
+            self.motes.table.quantities,
+            self.planning.chargers.places,
         )
         if self.tasks.journal.copied_by or self.mandate is not None:
             self._begin_feed()  # the process that has a copy may be leading: offers are held back as before

@@ -55,6 +55,10 @@ class KnownChargers:
         self._pause_ns: dict[str, int] = {}
         self._seen_ns: dict[str, int] = {}
 
+    def places(self) -> list[Point2D]:
+        """Where any robot knows a charger."""
+        return [charger.place for chargers in self.of.values() for charger in chargers]
+
     def follow(self, robots: dict[str, Point2D], now_ns: int) -> None:
         """Process the answers, and query these robots if it is time."""
         left = ASKED_MAX

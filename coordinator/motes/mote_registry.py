@@ -68,6 +68,10 @@ class MoteTable:
         self.refused = 0
         """Readings of motes that were one too many."""
 
+    def quantities(self) -> dict[str, str]:
+        """What each mote sensed last, by its name."""
+        return {name: mote.latest.quantity for name, mote in self.motes.items()}
+
     def note(self, reading: MoteReading, now_ns: int) -> None:
         """Somebody brought a reading in."""
         mote = self.motes.get(reading.mote)

@@ -5,11 +5,10 @@ unknown place may be free. Names that a task refers to must be known when it is 
 """
 
 import difflib
-from collections.abc import Collection, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from robrain.coordinator.motes.mote_registry import Mote
 from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import (
@@ -84,30 +83,35 @@ def why_impossible(
     )
 
 
-def why_unknown(task: Task, tasks: Container[str], motes: Mapping[str, Mote], chargers: Collection[Point2D]) -> str:
+def why_unknown(
+    task: Task,
+    after: Container[str],
+    motes: Callable[[], Mapping[str, str]],
+    chargers: Callable[[], Sequence[Point2D]],
+) -> str:
     """Describe in words what the task names and the team does not have; empty if it has all of it.
 
     Args:
         task: a new one.
-        tasks: ids of all known tasks.
-        motes: that were ever heard, by name; if none was, any may be there.
+        after: ids of those predecessors that are known.
+        motes: that were ever heard, each with what it senses; if none was, any may be there.
         chargers: places of those that robots know; if none is known, one may be anywhere.
 
     """
     for name in task.after:
-        if name not in tasks:
+        if name not in after:
             return f"it is to wait for task {name}, and there is none of that name"
     mote = task.parameters.get("mote") if task.kind in KINDS_WITH_MOTE else None
-    if mote and motes and mote not in motes:
-        return f"no mote {mote} was ever heard; known are {_listed(motes)}"
+    if mote and (known := motes()) and mote not in known:
+        return f"no mote {mote} was ever heard; known are {_listed(known)}"
     quantity = task.parameters.get("quantity") if task.kind in KINDS_WITH_QUANTITY else None
-    known = {each.wire_name for each in Quantity} | {one.latest.quantity for one in motes.values()}
-    if quantity and quantity not in known:
-        return f"no board senses {quantity}; known are {_listed(known)}"
-    if task.kind == RECHARGE and chargers and min(task.place.distance_m(one) for one in chargers) > AT_CHARGER_M:
+    if quantity and quantity not in (sensed := {*(each.wire_name for each in Quantity), *motes().values()}):
+        return f"no board senses {quantity}; known are {_listed(sensed)}"
+    if task.kind == RECHARGE and (places := chargers()):
         x_m, y_m = task.place.x_m, task.place.y_m
-        places = _listed(f"({one.x_m:g}, {one.y_m:g})" for one in chargers)
-        return f"no robot knows a charger at ({x_m:g}, {y_m:g}); known are {places}"
+        if min(task.place.distance_m(place) for place in places) > AT_CHARGER_M:
+            there = _listed(f"({place.x_m:g}, {place.y_m:g})" for place in places)
+            return f"no robot knows a charger at ({x_m:g}, {y_m:g}); known are {there}"
     return ""
 
 

@@ -5,16 +5,15 @@ from typing import TypeVar
 
 import msgspec
 
-from robrain.coordinator.charging.chargers import Charger
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.motes.mote_registry import Mote
 from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.tasks.admission import why_impossible, why_unknown
 from robrain.coordinator.tasks.dry_run import DryRuns
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import Clock
@@ -55,8 +54,8 @@ class TaskRequests:
         capabilities: what robots of the team offer.
         explain: why a task stands as it does.
         dry_runs: what would follow from a task.
-        motes: that were ever heard, by name.
-        chargers: those that each robot knows.
+        motes: names of those that were ever heard, each with what it senses.
+        chargers: places of those that robots know.
 
     """
 
@@ -68,8 +67,8 @@ class TaskRequests:
         capabilities: Capabilities,
         explain: Callable[[TaskRecord, int], TaskWhy],
         dry_runs: DryRuns,
-        motes: Mapping[str, Mote],
-        chargers: Mapping[str, Sequence[Charger]],
+        motes: Callable[[], Mapping[str, str]],
+        chargers: Callable[[], Sequence[Point2D]],
     ) -> None:
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
@@ -189,8 +188,7 @@ class TaskRequests:
     def _refusal(self, task: Task) -> str:
         """Why a task is refused at its submission, in words; empty if it is accepted."""
         after = [name for name in task.after if self._book.find(name) is not None]
-        chargers = [charger.place for known in self._chargers.values() for charger in known]
-        return self.why_impossible(task) or why_unknown(task, after, self._motes, chargers)
+        return self.why_impossible(task) or why_unknown(task, after, self._motes, self._chargers)
 
     def why_impossible(self, task: Task) -> str:
         """Why a task can never be done, in words; empty if it may be possible."""

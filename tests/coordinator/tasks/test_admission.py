@@ -7,14 +7,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.motes.mote_registry import Mote
 from robrain.coordinator.tasks.admission import why_dependency_ended, why_impossible, why_unknown
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.tasks import AfterEnded
@@ -139,17 +137,7 @@ def test_the_difference_of_two_submissions_is_told_field_by_field() -> None:
     )
 
 
-READING = MoteReading(
-    mote="m1", place=None, via="r1", quantity="radiation_usv", value=1.0, voltage_v=3.0, rssi_dbm=-50.0
-)
-MOTES = {
-    "m1": Mote(
-        MoteReading(
-            mote="m1", place=None, via="r1", quantity="radiation_usv", value=1.0, voltage_v=3.0, rssi_dbm=-50.0
-        ),
-        NOW_NS,
-    )
-}
+MOTES = {"m1": "radiation_usv"}
 CHARGERS = [Point2D(1.0, 2.0)]
 
 
@@ -173,11 +161,11 @@ CHARGERS = [Point2D(1.0, 2.0)]
 )
 def test_task_that_names_what_the_team_does_not_have_is_refused(kind: str, fields: dict[str, Any], words: str) -> None:
     task = Task(**{"id": "t1", "kind": kind, "place": Point2D(1.0, 1.0), **fields})
-    assert why_unknown(task, {"t8"}, MOTES, CHARGERS).startswith(words)
-    assert bool(words) == bool(why_unknown(task, {"t8"}, MOTES, CHARGERS))
+    assert why_unknown(task, {"t8"}, lambda: MOTES, lambda: CHARGERS).startswith(words)
+    assert bool(words) == bool(why_unknown(task, {"t8"}, lambda: MOTES, lambda: CHARGERS))
 
 
 def test_any_mote_and_charger_may_be_there_before_one_is_known() -> None:
     collect = Task(id="t1", kind="collect", place=Point2D(1.0, 1.0), parameters={"mote": "m9"})
     recharge = Task(id="t1", kind="recharge", place=Point2D(1.0, 1.0))
-    assert [why_unknown(task, (), {}, ()) for task in (collect, recharge)] == ["", ""]
+    assert [why_unknown(task, (), dict, list) for task in (collect, recharge)] == ["", ""]
