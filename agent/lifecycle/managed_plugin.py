@@ -1,7 +1,6 @@
 """One plugin of a robot, under its name, from its discovery until it is unloaded: figure 2 of the paper calls it a tag.
 
-It holds the plugin's manifest, its state and its instance, and stands between the instance and the rest of the robot.
-Instances come and go: a restart or a reload makes a new one, handles on the plugin stay.
+It holds the plugin's manifest, its state and its instance. A restart or a reload makes a new instance; handles stay.
 """
 
 import logging
@@ -90,7 +89,6 @@ class ManagedPlugin:
         self.holdings = Holdings(self.name, context)
         self._code: PluginCode | None = None
         self.instance: Instance | None = None
-        """The instance, if there is one."""
         self.callable: Plugin | None = None
         """The plugin itself while it may be called; see `live_plugin`."""
         self._making: Environment | None = None

@@ -481,15 +481,12 @@ def test_a_signal_that_cannot_be_used_is_named_at_the_start(tmp_path: Path, sign
         (None, b"", "is cut or its controller gone"),
     ],
 )
-def test_a_controller_whose_frames_are_refused_is_not_reported_as_silent(
-    tmp_path: Path, identifier: int | None, data: bytes, why: str
-) -> None:
+def test_refused_frames_are_no_silence(tmp_path: Path, identifier: int | None, data: bytes, why: str) -> None:
     device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc"))
     device.it.activate()
     for wheel in (0, 1):
-        frame = can.Message(arbitration_id=513, data=struct.pack("<Bi", wheel, 5), is_extended_id=False)
-        frame.timestamp = device.clock.now_ns() / 1e9
-        device.bus.arrived.append(frame)
+        counts = struct.pack("<Bi", wheel, 5)
+        device.bus.arrived.append(can.Message(device.clock.now_ns() / 1e9, 513, False, data=counts))
     device.it.step()
 
     def pass_a_second() -> None:
