@@ -8,7 +8,6 @@ import typer
 
 FILES = Path(__file__).parent
 FOLDERS = ("systemd", "container", "zenohd", "nginx", "udev", "network", "time", "logs")
-UPDATER = "robrain_update.py"
 
 
 def write_files(folder: Path) -> list[Path]:
@@ -22,14 +21,11 @@ def write_files(folder: Path) -> list[Path]:
     folder.mkdir(parents=True)
     for name in FOLDERS:
         shutil.copytree(FILES / name, folder / name)
-    updater = folder / UPDATER.removesuffix(".py").replace("_", "-")
-    shutil.copyfile(FILES / UPDATER, updater)
-    updater.chmod(0o755)  # a wheel does not keep it
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def machine_files(folder: Annotated[Path, typer.Argument(help="Folder to make.")]) -> None:
-    """Write service units, files for router, web server, containers, devices, time and logs, and robrain-update."""
+    """Write service units, files for router, web server, containers, devices, time and logs."""
     from robrain.deploy.commands.terminal import print_line
     from robrain.deploy.errors import UsageError
 

@@ -6,7 +6,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,7 +24,7 @@ EXPOSURE_MAX = 3.0
 """Of 10, by `systemd-analyze security`; "OK" ends at 5. A unit without any hardening has 9.6."""
 LOOSER = {"robrain-slcan@.service": 5.0}
 """It sets up a network of the kernel."""
-PROGRAMS = ("/opt/robrain/current/bin/robrain", "/usr/bin/zenohd", "/usr/bin/slcand", "/usr/local/bin/robrain-update")
+PROGRAMS = ("/opt/robrain/current/bin/robrain", "/usr/bin/zenohd", "/usr/bin/slcand")
 
 
 def name_of(path: Path) -> str:
@@ -246,15 +245,7 @@ def test_chrony_directives_are_known(path: Path) -> None:
 def test_files_are_written_once_and_never_over_others(tmp_path: Path) -> None:
     written = write_files(tmp_path / "out")
     names = {str(path.relative_to(tmp_path / "out")) for path in written}
-    assert {"systemd/robrain-agent@.service", "zenohd/zenohd.json5", "robrain-update"} <= names
+    assert {"systemd/robrain-agent@.service", "zenohd/zenohd.json5"} <= names
     assert not [name for name in names if "__pycache__" in name or name.endswith(".py")]
-    assert (tmp_path / "out" / "robrain-update").stat().st_mode & 0o111
-    helped = subprocess.run(
-        [sys.executable, str(tmp_path / "out" / "robrain-update"), "--help"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "take updates back" in helped.stdout
     with pytest.raises(FileExistsError):
         write_files(tmp_path / "out")

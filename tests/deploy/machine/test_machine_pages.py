@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from robrain.deploy.machine.machine_files import write_files
-from robrain.deploy.machine.robrain_update import _arguments
 from tests.deploy.machine.test_machine_files import check_words
 
 PAGES = Path(__file__).parents[3] / "docs" / "how-to"
@@ -42,16 +41,6 @@ def test_commands_of_robrain_have_their_options(page: str) -> None:
     assert found or page == "site-router.md"
     for words in found:
         check_words([word for word in words if word != "…"])
-
-
-@pytest.mark.parametrize("page", MACHINES)
-def test_updates_are_typed_as_the_updater_takes_them(page: str) -> None:
-    for words in typed(page):
-        if words[0] == "robrain-update":
-            given = _arguments(words[1:])
-            assert given.command in ("install", "back", "status", "recover")
-            for unit in getattr(given, "restart", []):
-                assert unit == "robrain-agent@r1"
 
 
 @pytest.mark.parametrize("page", MACHINES)
