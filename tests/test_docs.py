@@ -1,14 +1,18 @@
 """The documents say what the code does."""
 
+import ast
+import builtins
 import re
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from robrain.agent.authoring.plugin_check import check_plugins
 from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.manifest import find_manifests, read_manifest
+from robrain.agent.plugin import Level
 from robrain.deploy.commands.terminal import clock_of
 from robrain.protocol.can.frames import database
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -26,6 +30,43 @@ def test_conventions_have_each_can_frame(message) -> None:
     row = next(row for row in rows if row[2] == message.name)
     assert int(row[1], 16) == message.frame_id
     assert int(row[3]) == message.length
+
+
+PAGES = ["README.md", *(str(path.relative_to(ROOT)) for path in sorted((ROOT / "docs").glob("[theh]*/*.md")))]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "reference" not in page and "decisions" not in page])
+def test_python_of_a_page_imports_what_it_uses(page: str) -> None:
+    for block in _python_blocks(page):
+        tree = ast.parse(block)
+        known = {alias.asname or alias.name for node in ast.walk(tree) for alias in getattr(node, "names", [])}
+        known |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+        known |= {node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+        known |= {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)} | set(dir(builtins))
+        used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+        assert used - known <= {"__file__"}, block
+
+
+@pytest.mark.slow
+def test_scripts_of_the_readme_print_what_stands_below_them(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    pairs = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    assert len(pairs) == len(_python_blocks("README.md"))
+    for script, printed in pairs:
+        exec(compile(script, "README.md", "exec"), {"__name__": "__main__"})
+        assert capsys.readouterr().out == printed
+
+
+def test_plugins_of_the_page_about_levels_are_of_their_levels(tmp_path: Path) -> None:
+    (block,) = _python_blocks("docs/explanation/plugin-levels.md")
+    (tmp_path / "levels.py").write_text(block, encoding="utf-8")
+    for level in Level:
+        name = {"DEVICE": "Thermometer", "UNIT": "Comfort", "SKILL": "Nudge", "BEHAVIOR": "Guard"}[level.name]
+        requires = '["driver"]' if level > Level.UNIT else "[]"
+        manifest = f'[plugin]\nclass = "levels:{name}"\n[tag]\nrequires = {requires}\n'
+        (tmp_path / f"{name.lower()}.toml").write_text(manifest, encoding="utf-8")
+    assert [finding for finding in check_plugins(tmp_path) if not finding.is_warning] == []
 
 
 def test_plugin_of_the_tutorial_runs(tmp_path: Path) -> None:
@@ -87,6 +128,11 @@ def test_drawing_of_the_robot_has_the_arrows_of_the_manifests() -> None:
             drawn |= {(arrow[1], callee) for callee in arrow[2].split(" & ")}
     manifests = [read_manifest(path) for path in find_manifests(stock_place())]
     assert drawn == {(manifest.name, required) for manifest in manifests for required in manifest.tag.requires}
+
+
+def _python_blocks(page: str) -> list[str]:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
 
 
 def _lines(path: str) -> list[str]:

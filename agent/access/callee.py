@@ -9,7 +9,7 @@ from robrain.agent.access.turn import Turn
 from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, ForeignError, PluginError
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest
-from robrain.agent.plugin import Plugin
+from robrain.agent.plugin import Level, Plugin
 
 
 class Caller(User, Protocol):
@@ -71,8 +71,7 @@ def check_use(callee: Callee, caller: Caller, interface: type) -> None:
     if own.level >= caller.plugin_class.level:
         raise AccessDenied(
             callee.name,
-            f"{caller.name} ({caller.plugin_class.level.name.lower()}) may not call {callee.name} "
-            f"({own.level.name.lower()}): calls go to lower levels only; merge {caller.name} and {callee.name}",
+            level_refusal(caller.name, caller.plugin_class.level, callee.name, own.level),
         )
     visible = callee.manifest.tag.visibility
     if caller.name not in visible and ANYBODY not in visible:
@@ -82,14 +81,19 @@ def check_use(callee: Callee, caller: Caller, interface: type) -> None:
         raise AccessDenied(callee.name, f"{callee.name} offers {offered}, not {interface.__name__}")
 
 
+def level_refusal(caller: str, level: Level, callee: str, callee_level: Level) -> str:
+    """Why a plugin may not call one that is not of a lower level, and what makes it possible."""
+    if callee_level is Level.BEHAVIOR:  # no level is above it
+        advice = f"put what {caller} needs of {callee} into a skill that both use"
+    else:
+        advice = f"make {caller} a {Level(callee_level + 1).name.lower()}"
+    levels = level.name.lower(), callee_level.name.lower()
+    return f"{caller} ({levels[0]}) may not call {callee} ({levels[1]}): calls go to lower levels only; {advice}"
+
+
 def level_conflict(name: str, plugin_class: type[Plugin], required: str, required_class: type[Plugin]) -> PluginError:
-    """What to tell of a plugin that requires one that is not of a lower level."""
-    levels = plugin_class.level.name.lower(), required_class.level.name.lower()
-    return PluginError(
-        name,
-        f"{name} ({levels[0]}) requires {required} ({levels[1]}): "
-        f"merge {name} and {required}, calls go to lower levels only",
-    )
+    """The error of a plugin that requires one that is not of a lower level."""
+    return PluginError(name, level_refusal(name, plugin_class.level, required, required_class.level))
 
 
 def check_outside(callee: Callee) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.agent.access.callee import level_refusal
 from robrain.agent.authoring.interface_check import interface_differences, sets_attribute, used_plugins
 from robrain.agent.errors import ManifestError
 from robrain.agent.host.agent_host import stock_place
@@ -170,8 +171,7 @@ class _Check:
             yield Finding(
                 manifest.path,
                 key,
-                f"{manifest.name} ({own_level.name.lower()}) may not call {required} ({level.name.lower()}): "
-                f"calls go to lower levels only; merge {manifest.name} and {required}",
+                level_refusal(manifest.name, own_level, required, level),
             )
         elif code.plugin_class.interface is None:
             yield Finding(manifest.path, key, f"{required} has no interface to call it by", is_warning=True)

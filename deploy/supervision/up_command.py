@@ -53,7 +53,11 @@ def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, 
         RobrainError: in one sentence.
 
     """
-    robots = [robot.name for robot in scenario.world().robots]
+    world = scenario.world()
+    robots = [robot.name for robot in world.robots]
+    place = world.first_place() if scenario.starts_known else None
+    if place is not None and not options.as_json:
+        note(f"a first task, once the robots are up: robrain task add visit --at {place.x_m:g},{place.y_m:g}")
     wanted = [ARENA, COORDINATOR, *robots]
     wanted += [DASHBOARD] if site.dashboard else []
     wanted += [STAND_BY] if site.stand_by else []

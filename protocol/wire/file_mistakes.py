@@ -17,12 +17,16 @@ def unknown_name(document: dict[str, Any], struct: Struct, path: str = "") -> st
     Empty if there is none. Nothing else is checked: types, ranges and missing keys are the decoder's affair. `path` is
     where the document stands in its file, if it is a part of one.
 
+    >>> class Radio(msgspec.Struct, forbid_unknown_fields=True):
+    ...     range_m: float = 10.0
     >>> class Tables(msgspec.Struct):
-    ...     radio: str = ""
+    ...     radio: Radio = Radio()
     >>> unknown_name({"radoi": {}}, Tables)
     'unknown table `radoi` (did you mean `radio`?); there is radio'
+    >>> unknown_name({"range_m": 5.0}, Tables)
+    'unknown key `range_m`: it belongs into [radio]'
     """
-    return next(_unknown(document, struct, path), "")
+    return next(_unknown(document, struct, path, struct), "")
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -31,47 +35,58 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f" (did you mean `{found[0]}`?)" if found else ""
 
 
-def _unknown(value: Any, hint: Any, path: str) -> Iterator[str]:
+def _unknown(value: Any, hint: Any, path: str, root: Struct) -> Iterator[str]:
     if isinstance(value, dict) and _is_struct(hint):
-        yield from _unknown_in_table(value, hint, path)
+        yield from _unknown_in_table(value, hint, path, root)
     elif isinstance(value, dict) and get_origin(hint) is dict:
         for key, item in value.items():
-            yield from _unknown(item, get_args(hint)[1], f"{path}.{key}")
+            yield from _unknown(item, get_args(hint)[1], f"{path}.{key}", root)
     elif isinstance(value, list) and get_origin(hint) in (list, tuple):
         for index, item in enumerate(value):
-            yield from _unknown(item, get_args(hint)[0], f"{path}[{index}]")
+            yield from _unknown(item, get_args(hint)[0], f"{path}[{index}]", root)
     elif get_origin(hint) in (Union, UnionType):
-        yield from _unknown_in_union(value, get_args(hint), path)
+        yield from _unknown_in_union(value, get_args(hint), path, root)
     elif isinstance(value, str) and (names := _values(hint)) and value not in names:
         yield f"{path}: unknown value '{value}'{nearest(value, names)}; it may be {listed(names, 'or')}"
 
 
-def _unknown_in_table(table: dict[str, Any], struct: Struct, path: str) -> Iterator[str]:
+def _unknown_in_table(table: dict[str, Any], struct: Struct, path: str, root: Struct) -> Iterator[str]:
     hints = get_type_hints(struct)
     fields = {field.encode_name: hints[field.name] for field in msgspec.structs.fields(struct)}
     is_strict = struct.__struct_config__.forbid_unknown_fields or not path
     for key, value in table.items():
         if key in fields:
-            yield from _unknown(value, fields[key], f"{path}.{key}" if path else key)
+            yield from _unknown(value, fields[key], f"{path}.{key}" if path else key, root)
         elif is_strict and key != struct.__struct_config__.tag_field:
-            what = f"{path}: unknown key" if path else "unknown table"
+            what = f"{path}: unknown key" if path else f"unknown {'table' if isinstance(value, dict) else 'key'}"
+            if homes := _tables_with(key, root):
+                yield f"{what} `{key}`: it belongs into {listed(homes, 'or')}"
+                continue
             tag = struct.__struct_config__.tag_field
             known = [*fields, *([tag] if tag else [])]
             yield f"{what} `{key}`{nearest(key, known)}; there {'are' if len(known) > 1 else 'is'} {listed(known)}"
 
 
-def _unknown_in_union(value: Any, members: Sequence[Any], path: str) -> Iterator[str]:
+def _tables_with(key: str, root: Struct) -> list[str]:
+    """The tables of a file that have a key."""
+    hints = get_type_hints(root)
+    tables = {field.encode_name: hints[field.name] for field in msgspec.structs.fields(root)}
+    known = {name: msgspec.structs.fields(hint) for name, hint in tables.items() if _is_struct(hint)}
+    return [f"[{name}]" for name, fields in known.items() if key in [field.encode_name for field in fields]]
+
+
+def _unknown_in_union(value: Any, members: Sequence[Any], path: str, root: Struct) -> Iterator[str]:
     """A value of a union is unknown if no member knows it; what is told is that of the first."""
     tags = {member.__struct_config__.tag: member for member in members if _is_struct(member)}
     key = next((member.__struct_config__.tag_field for member in members if _is_struct(member)), None)
     if isinstance(value, dict) and key is not None and isinstance(tag := value.get(key), str):
         if tag in tags:
-            yield from _unknown(value, tags[tag], path)
+            yield from _unknown(value, tags[tag], path, root)
         else:
             known = [str(one) for one in tags]
             yield f"{path}.{key}: unknown value '{tag}'{nearest(tag, known)}; it may be {listed(known, 'or')}"
         return
-    told = [next(_unknown(value, member, path), "") for member in members if _may_be(value, member)]
+    told = [next(_unknown(value, member, path, root), "") for member in members if _may_be(value, member)]
     if told and all(told):
         yield told[0]
 

@@ -151,6 +151,28 @@ class World:
             parameters=merged(of_world, robot.plugins),
         )
 
+    def first_place(self) -> Point2D | None:
+        """A place, in half metres, for a first task: the first robot sees it from its start and drives straight to it.
+
+        Of the places 1.5 to 3.5 m away, the one with the most room; None if there is none.
+        """
+        robot = self.robots[0]
+        found: tuple[float, Point2D | None] = (0.0, None)
+        x_m, y_m = robot.start.x_m, robot.start.y_m
+        for column in range(math.ceil(2 * x_m) - 7, math.floor(2 * x_m) + 8):
+            for row in range(math.ceil(2 * y_m) - 7, math.floor(2 * y_m) + 8):
+                place = Point2D(column / 2, row / 2)
+                away_m = robot.start.distance_m(place)
+                if not 1.5 <= away_m <= 3.5:
+                    continue
+                shares = np.linspace(0.0, 1.0, 36)
+                line = [(x_m + share * (place.x_m - x_m), y_m + share * (place.y_m - y_m)) for share in shares]
+                if all(self.plan.contains_free(*at) for at in line):
+                    room_m = [float(self.plan.clearance_m[self.plan.cell_of(*at)]) for at in line]
+                    if min(room_m) > robot.radius_m + 0.1 and room_m[-1] > found[0]:
+                        found = room_m[-1], place
+        return found[1]
+
     def map_yaml(self) -> str:
         """Scale and origin of `map_png`, in the map_server format."""
         plan = self.plan

@@ -49,6 +49,7 @@ def test_a_plugin_that_says_nothing_more_is_open_to_the_outside_and_shared(tmp_p
     [
         ("shared", "shraed", "tag", "unknown key `shraed` (did you mean `shared`?)"),  # a slip of the pen in a key
         ("[tag]", "[tags]", "file", "unknown table `tags` (did you mean `tag`?)"),  # and in a table
+        ('class = "lamp:Lamp"', 'class = "lamp:Lamp"\nrequires = ["x"]', "plugin", "it belongs into [tag]"),
         ('class = "lamp:Lamp"', 'clas = "lamp:Lamp"', "plugin", "`clas"),  # and in `class`
         ('class = "lamp:Lamp"', "", "plugin", "missing required field `class`"),  # no class
         ('[plugin]\nclass = "lamp:Lamp"', "", "file", "missing required field `plugin`"),  # no table

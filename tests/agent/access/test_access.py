@@ -76,10 +76,11 @@ def test_calls_go_to_strictly_lower_levels(bench, caller, callee):
     if levels.index(callee) < levels.index(caller):
         assert callable(bench.plugin("one").env.use(callee, interface(bench)).press)
     else:
-        levels_of_both = rf"one \({caller.replace('switch', 'device')}\) requires {callee} \(\w+\)"
+        levels_of_both = rf"one \({caller.replace('switch', 'device')}\) may not call {callee} \(\w+\)"
         why = bench.infos()["one"].why
-        assert re.match(f"{levels_of_both}: merge one and {callee}, calls go to lower levels only", why)
-        with pytest.raises(AccessDenied, match=f"calls go to lower levels only; merge one and {callee}") as denied:
+        advice = f"calls go to lower levels only; make one a {'unit' if callee == 'switch' else 'skill'}"
+        assert re.match(f"{levels_of_both}: {advice}", why)
+        with pytest.raises(AccessDenied, match=advice) as denied:
             host.manager.get("one").use(callee, interface(bench))
         assert denied.value.plugin == callee
 

@@ -385,13 +385,13 @@ def test_the_stock_plugins_provide_as_well(lamps):
     ("class_name", "level"),
     [("Chandelier", "unit"), ("Lamp", "device")],  # the same level, and a lower one that requires a higher
 )
-def test_a_requirement_of_no_lower_level_names_the_two_to_merge(lamps, class_name, level):
+def test_a_requirement_of_no_lower_level_names_the_level_that_it_needs(lamps, class_name, level):
     lamps.manifest("other", f"lamps:{class_name}", requires=["chandelier"])
     lamps.manifest("chandelier", "lamps:Chandelier", visibility=["evening", "other"], requires=["lamp"])
     ((path, key, message),) = found(lamps)
     assert (path, key) == ("other.toml", "[tag] requires")
     assert message.startswith(f"other ({level}) may not call chandelier (unit): ")
-    assert message.endswith("merge other and chandelier")
+    assert message.endswith("calls go to lower levels only; make other a skill")
 
 
 def test_a_circle_is_found_once_with_its_full_path(lamps):

@@ -165,13 +165,13 @@ def test_a_cycle_is_named_with_its_whole_path(lab):
 @pytest.mark.parametrize(
     ("class_name", "levels"),
     [
-        ("Room", r"a \(skill\) requires base \(skill\)"),  # the same level
-        ("Shade", r"a \(unit\) requires base \(skill\)"),  # a higher one
+        ("Room", r"a \(skill\) may not call base \(skill\)"),  # the same level
+        ("Shade", r"a \(unit\) may not call base \(skill\)"),  # a higher one
     ],
 )
-def test_a_requirement_that_is_not_lower_is_refused_and_says_what_to_merge(lab, class_name, levels):
+def test_a_requirement_that_is_not_lower_is_refused_and_says_which_level_it_needs(lab, class_name, levels):
     lab.manifest("a", f"lab:{class_name}", requires=["base"])
-    with pytest.raises(PluginError, match=f"{levels}: merge a and base"):
+    with pytest.raises(PluginError, match=f"{levels}: calls go to lower levels only; make a a behavior"):
         lab.manager.load("a")
     assert states(lab) == {"base": "active"}
 
@@ -180,7 +180,9 @@ def test_such_a_requirement_is_left_out_at_the_start_too(lab):
     lab.manifest("a", "lab:Shade", requires=["base"])
     lab.hosts.pop().close()
     lab.start("a")
-    assert lab.infos()["a"].why == "a (unit) requires base (skill): merge a and base, calls go to lower levels only"
+    assert lab.infos()["a"].why == (
+        "a (unit) may not call base (skill): calls go to lower levels only; make a a behavior"
+    )
     assert states(lab) == {"base": "active", "a": "faulted"}
 
 

@@ -238,11 +238,11 @@ def break_cycle(bench):
         (break_init, "lamp keeps running as it was: AttributeError: .*missing"),
         (break_activate, "lamp keeps running as it was: AttributeError: .*missing"),
         (break_period, "expected period_s > 0 or None, got 0"),
-        (break_level, r"shade \(unit\) requires lamp \(unit\): merge shade and lamp"),
+        (break_level, r"shade \(unit\) may not call lamp \(unit\): .*; make shade a skill"),
         (break_parameters, r"\[parameters\] factor: Expected `int`, got `str`"),
         (break_manifest, "lamp.toml: is not TOML"),
         (break_requires, "no plugin ghost; there are: lamp, shade"),
-        (break_cycle, r"lamp \(device\) requires shade \(unit\): merge lamp and shade"),
+        (break_cycle, r"lamp \(device\) may not call shade \(unit\): .*; make lamp a skill"),
     ],
 )
 def test_a_reload_that_fails_leaves_the_old_one_running(lab, spoil, why):

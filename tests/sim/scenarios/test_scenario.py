@@ -11,6 +11,7 @@ from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.scenarios.scenario_file import builtin_names
 from robrain.sim.world.arena import RobotHardware
 
+ROOT = Path(__file__).parents[3]
 TINY = '[scenario]\nname = "tiny"\nseed = 3\n[floor]\nsize_m = [1.5, 1.5]\n[team]\nrobots = 9\n'
 SMALL = Scenario.builtin("arena_small")
 
@@ -23,6 +24,11 @@ def test_of_each_built_in_floor_the_robots_can_reach_nearly_everything(name):
     reachable = world.plan.reachable(starts, RobotHardware().radius_m)
     free = np.count_nonzero(~world.plan.occupied)
     assert np.count_nonzero(reachable) / free >= 0.97
+    place = world.first_place()
+    assert place is not None
+    assert reachable[world.plan.cell_of(place.x_m, place.y_m)]
+    if name == "depot":
+        assert f"place=({place.x_m:g}, {place.y_m:g})" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
