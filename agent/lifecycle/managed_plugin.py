@@ -142,7 +142,7 @@ class ManagedPlugin:
 
     @property
     def caller(self) -> str:
-        """The plugin that calls this one at present; empty if none does."""
+        """See Environment.caller."""
         return self.turn.caller
 
     @property
@@ -435,9 +435,8 @@ class ManagedPlugin:
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """A handle on another plugin for this one; the other decides."""
         if name not in self.manifest.tag.requires:
-            raise AccessDenied(
-                name, f"{self.name} must name {name} in [tag] requires of {short_path(self.manifest.path)} to use it"
-            )
+            where = short_path(self.manifest.path)
+            raise AccessDenied(name, f"{self.name} must name {name} in [tag] requires of {where} to use it")
         return cast(InterfaceT, self._context.request(self, name, interface))
 
     def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
