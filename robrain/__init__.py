@@ -3,6 +3,8 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from robrain.protocol.kernel_cache import choose_kernel_cache
+
 if TYPE_CHECKING:
     from robrain.agent.action import ActionDesk
     from robrain.agent.environment import Environment
@@ -185,6 +187,9 @@ _NAMES = {
     "robrain.sim.maps.surfaces": ("SurfaceSpec",),
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}
+
+
+choose_kernel_cache()
 
 
 def __getattr__(name: str) -> Any:

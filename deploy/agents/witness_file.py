@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 
 from robrain.agent.witness import Kept
+from robrain.protocol.state_folder import state_folder
 
 STATE_VARIABLE = "STATE_DIRECTORY"
 """Set by systemd for a unit with `StateDirectory=`; several folders are separated by colons."""
@@ -14,9 +15,7 @@ STATE_VARIABLE = "STATE_DIRECTORY"
 def witness_path(team: str, robot: str) -> Path:
     """The file of a robot: in the unit's state folder, else in the user's."""
     folder = os.environ.get(STATE_VARIABLE, "").partition(":")[0]
-    if not folder:
-        folder = str(Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "robrain")
-    return Path(folder) / f"witness-{team}-{robot}.json"
+    return (Path(folder) if folder else state_folder()) / f"witness-{team}-{robot}.json"
 
 
 class WitnessFile:

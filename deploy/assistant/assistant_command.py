@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.protocol.state_folder import state_folder
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
 TOKEN_BYTES = 9
@@ -94,8 +95,7 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
 
 def default_log() -> Path:
     """Where the audit log is if no path is given."""
-    base = os.environ.get("XDG_STATE_HOME", "") or "~/.local/state"
-    return Path(base).expanduser() / "robrain" / "assistant.jsonl"
+    return state_folder() / "assistant.jsonl"
 
 
 def _listening(host: str, port: int) -> socket.socket:

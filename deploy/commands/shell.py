@@ -1,6 +1,5 @@
 """`robrain shell ROBOT`: the text form from anywhere on the team's wire, with completion, history and help."""
 
-import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,6 +16,7 @@ from robrain.agent.host.text_command import Question, parse_command
 from robrain.client.team import Team
 from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.processes.live_process import tell
+from robrain.protocol.state_folder import state_folder
 from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 
@@ -129,10 +129,8 @@ def run_shell(team: Team, robot: str, *, interactive: bool) -> int:
 
 
 def history_path() -> Path:
-    """Path of the command history: in the user's state folder, by the XDG base directory specification."""
-    state = os.environ.get("XDG_STATE_HOME", "")
-    base = Path(state) if Path(state).is_absolute() else Path.home() / ".local" / "state"
-    return base / "robrain" / "shell_history"
+    """Path of the command history: in the user's state folder."""
+    return state_folder() / "shell_history"
 
 
 def _talk(commands: RemoteCommands, robot: str) -> int:
@@ -183,12 +181,12 @@ def _execute(commands: RemoteCommands, line: str) -> bool:
 
 
 def _history() -> History:
-    path = history_path()
     try:
+        path = history_path()
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("a", encoding="utf-8"):
             return FileHistory(path)
-    except OSError:
+    except (OSError, RobrainError):
         return InMemoryHistory()  # the shell also works without a history file
 
 

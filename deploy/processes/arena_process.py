@@ -15,6 +15,7 @@ from robrain.deploy.agents.robot_files import (
     open_lines,
     write_robot_files,
 )
+from robrain.deploy.commands.recording_path import make_folder
 from robrain.deploy.commands.terminal import own_command, say
 from robrain.deploy.processes.forwarder_words import said
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
@@ -58,7 +59,7 @@ def arena_command(
         forwarders = open_forwarders(wire, [robot.name for robot in world.robots], closing)
         listening, lines = addresses(forwarders), []
         if robot_files is not None:
-            robot_files.mkdir(parents=True, exist_ok=True)
+            make_folder(robot_files)
             lines = open_lines(wire, world, robot_files, closing)
             for path in write_robot_files(
                 world,

@@ -70,8 +70,6 @@ def record(
     with closing(session), live_endpoint(session, team) as wire:
         if (others := teams_there(wire)) and team not in others:
             sys.stderr.write(f"robrain: {wrong_team(f'nobody of team {team} is there yet', wire)}\n")
-        if output is None:
-            Path("runs").mkdir(exist_ok=True)
         path = output if output is not None else next_file(Path("runs"), team)
         rotation = None
         if keep is not None:
