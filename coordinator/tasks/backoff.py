@@ -18,7 +18,7 @@ from robrain.protocol.wire.reasons.offers import (
     RobotHalted,
     StoodStill,
 )
-from robrain.protocol.wire.reasons.robots import Refused, RefusedOften, RobotReason, Unreachable
+from robrain.protocol.wire.reasons.robots import OutOfReach, Refused, RefusedOften, RobotReason, Unreachable
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0
@@ -61,7 +61,8 @@ class Backoff:
         """Record that a robot refused a task or failed at it.
 
         What a robot refuses for what it is at just now makes a pause, and does not count towards its last word; nor
-        does a refusal for lack of energy by a robot that has more after a charge.
+        does a refusal for lack of energy by a robot that has more after a charge. A task out of reach has the longest
+        pause at once: each try takes the robot out of contact.
 
         Args:
             task_id: the task.
@@ -73,6 +74,8 @@ class Backoff:
         """
         before = self._avoided.pop((task_id, robot), None)
         pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
+        if isinstance(reason, OutOfReach):
+            pause_s = LONGEST_PAUSE_S
         is_passing = isinstance(reason, Refused) and (
             isinstance(reason.because, PASSING) or _is_enough_once_charged(reason.because, battery)
         )

@@ -27,6 +27,7 @@ from robrain.protocol.wire.reasons.tasks import (
     NobodyDoes,
     NobodyThere,
     NotBefore,
+    PlanLeavesOut,
     RobotOut,
     TaskReason,
     WaitsForRobot,
@@ -234,7 +235,8 @@ class TaskExplanation:
             return f"it is next at {record.robot}{after}"
         if record.state is not TaskState.QUEUED:
             return f"it is {state}{record.robot and f' at {record.robot}'}{record.why and f': {record.why}'}"
-        also = f" ({record.why})" if record.why and record.reason != reason else ""
+        is_told = record.reason in (reason, reason.because if isinstance(reason, PlanLeavesOut) else None)
+        also = f" ({record.why})" if record.why and not is_told else ""
         return f"it is queued: {told(reason)}{also}"
 
 

@@ -21,6 +21,7 @@ from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
@@ -33,14 +34,23 @@ from robrain.protocol.wire.messages.tasks.offer_messages import TaskWithdrawal
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.reasons.robots import Failed, Refused, RobotReason, Unreachable
-from robrain.protocol.wire.reasons.tasks import DeadlinePassed, IsNext, NotOffered, Replaced, RobotOut, TaskReason
+from robrain.protocol.wire.reasons.robots import Failed, OutOfReach, Refused, RobotReason, Unreachable
+from robrain.protocol.wire.reasons.tasks import (
+    DeadlinePassed,
+    IsNext,
+    LeaseRanOut,
+    NotOffered,
+    Replaced,
+    RobotOut,
+    TaskReason,
+)
 from robrain.protocol.wire.topics import ROBOT_OFFER
 
 logger = logging.getLogger(__name__)
 
 WITHDRAW_AGAIN_NS = to_ns(0.5)
 COMPLAIN_AGAIN_NS = to_ns(10.0)
+LOSSES_KEPT = 256
 
 
 class TaskLifecycle:
@@ -73,6 +83,10 @@ class TaskLifecycle:
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
         self._written = _AsFarAsWritten()
         self._settled_version = -1
+        self._unheard: dict[str, tuple[str, Point2D]] = {}
+        """Robots whose task was given back because they were not heard: the task, and where they were."""
+        self._losses: dict[str, dict[str, Point2D]] = {}
+        """For each task, the robots that released it out of contact, and where they were heard last."""
 
     def note_pause(self, now_ns: int) -> None:
         """The coordinator itself stood still: it listens to its robots anew."""
@@ -201,16 +215,48 @@ class TaskLifecycle:
                 goes_on_s = self._roster.goes_on_s() if is_unheard else 0.0
                 move = reconcile(record, robot, now_ns, self._since_ns, goes_on_s)
                 if move is not None and move.state is TaskState.QUEUED:
-                    self._book.give_back(task_id, move.reason)
+                    out = self._note_loss(record, robot) if isinstance(move.reason, LeaseRanOut) else None
+                    self._book.give_back(task_id, out or move.reason)
                     freed = True
                 elif move is not None:
                     self._book.move(task_id, move.state, move.reason)
             elif end := self._why_over(record, now_ns, others_changed=others_changed):
                 self._book.move(task_id, *end)
 
+        if self._unheard:
+            self._look_who_came_back(now_ns)
         with self.as_far_as_written(now_ns):
             self._guard.records(self._book.open, settle, _task_id, "task")
         return freed
+
+    def _note_loss(self, record: TaskRecord, robot: Robot | None) -> RobotOut | None:
+        """Remember that a robot is unheard with a task; why, if others released that task out of contact before."""
+        if record.own or robot is None or robot.state is None or robot.state.pose is None:
+            return None
+        place = Point2D(robot.state.pose.x_m, robot.state.pose.y_m)
+        self._unheard[robot.name] = (record.task.id, place)
+        return RobotOut(robot.name, OutOfReach(place)) if record.task.id in self._losses else None
+
+    def _look_who_came_back(self, now_ns: int) -> None:
+        """Pause a task for the robots that lost contact on the way to it, from the second time on.
+
+        Once may be a disturbance. A robot that was restarted does not report the task that it had.
+        """
+        for name, (task_id, place) in list(self._unheard.items()):
+            robot = self._roster.robots.get(name)
+            if robot is None or not robot.is_up(now_ns) or robot.state is None:
+                continue
+            del self._unheard[name]
+            status = robot.state.task
+            if status is None or status.id != task_id or status.state is not TaskState.CANCELLED:
+                continue
+            losses = self._losses.setdefault(task_id, {})
+            if losses:
+                for other, at in (*losses.items(), (name, place)):
+                    self._backoff.note(task_id, other, OutOfReach(at), now_ns)
+            losses[name] = place
+            if len(self._losses) > LOSSES_KEPT:
+                del self._losses[next(iter(self._losses))]
 
     def _why_over(
         self, record: TaskRecord, now_ns: int, *, others_changed: bool

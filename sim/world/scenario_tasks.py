@@ -103,6 +103,8 @@ class TaskOutcome(msgspec.Struct, frozen=True, kw_only=True):
         by = f" by {self.robot}" if self.robot and self.state in (TaskState.DONE, TaskState.RUNNING) else ""
         if not state:
             return f"task {self.task}: {self.why or 'not submitted before the end'}"
+        if self.state is not None and not self.state.ended:  # the coordinator's sentence begins with the state
+            return f"task {self.task}: {f'{state}{by}' if by or not self.why else self.why}"
         return f"task {self.task}: {state}{by}{f': {self.why}' if self.why else ''}"
 
 
@@ -173,7 +175,7 @@ class TaskSchedule:
             self._note(event.task.id, event.state, event.robot, event.why, sim_time_s)
 
     def _explained(self, outcome: TaskOutcome) -> TaskOutcome:
-        if outcome.state is None or outcome.state.ended or outcome.why:
+        if outcome.state is None or outcome.state.ended:
             return outcome
         try:
             why = self._endpoint.ask(TASK_WHY, TaskRequest(id=outcome.task, by=SCENARIO)).now

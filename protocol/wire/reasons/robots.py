@@ -1,5 +1,6 @@
 """Why a robot, or a mote, does not do a task."""
 
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Count, Length, Name, Quantity, Text
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Members, Plugins, Reason
@@ -65,6 +66,13 @@ class Failed(Reason, frozen=True, tag="failed"):
 
     why: Text = ""
     """In its own words."""
+
+
+class OutOfReach(Reason, frozen=True, tag="out_of_reach"):
+    """It lost contact with the coordinator on the way to the task, and released it; it was not the first time."""
+
+    place: Point2D
+    """Where it was heard last, arena frame."""
 
 
 class PartFailed(Reason, frozen=True, tag="part_failed"):
@@ -254,6 +262,7 @@ RobotReason = (
     | NotHeard
     | NotReady
     | NoWayAndBack
+    | OutOfReach
     | PartFailed
     | PartUndone
     | PositionUnknown

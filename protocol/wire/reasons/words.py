@@ -207,6 +207,11 @@ def words(reason: AnyReason) -> str:
             return f"{_and(names)} can, and nobody else"
         case idle.OthersExplore(frontiers=count):
             return f"idle because other robots go to {_borders(count)}"
+        case robots.OutOfReach(place=place):
+            return (
+                f"lost contact with the coordinator at x {place.x_m:.1f}, y {place.y_m:.1f} on the way there; "
+                "with `consensus = true` under [robot] a robot goes on without contact"
+            )
         case tasks.Outranked(count=count):
             return f"there are {count} tasks that are more urgent"
         case robots.PartFailed(why=why):

@@ -335,3 +335,36 @@ def test_exploration_within_ten_metres_ends_in_less_than_twice_the_time():
     assert free.ended == limited.ended == "explored"
     assert limited.sim_time_s <= 2.0 * free.sim_time_s
     assert limited.links.out_of_reach > 0
+
+
+FAR = """
+[scenario]
+name = "far"
+until_explored = 0.3
+time_limit_s = {time_limit_s}
+[floor]
+size_m = [14.0, 4.0]
+[team]
+robots = 1
+near_m = [1.5, 2.0]
+[links]
+range_m = 6.0
+return_after_s = 3.0
+[robot]
+consensus = {consensus}
+[[tasks]]
+kind = "visit"
+place_m = [11.0, 2.0]
+"""
+
+
+@pytest.mark.slow
+def test_a_task_beyond_the_radio_is_left_out_after_two_tries_with_what_helps():
+    outcomes = {}
+    for consensus in ("false", "true"):
+        scenario = Scenario.from_toml(FAR.format(consensus=consensus, time_limit_s=80.0))
+        [outcomes[consensus]] = scenario.run().tasks
+    assert outcomes["true"].state is TaskState.DONE
+    assert outcomes["false"].state is TaskState.QUEUED
+    assert "r1 lost contact with the coordinator at x " in outcomes["false"].words
+    assert "consensus" in outcomes["false"].words
