@@ -90,6 +90,8 @@ def words(reason: AnyReason) -> str:
             return f"epoch {epoch} is more than a day ahead of the robot's clock"
         case offers.EpochOld(epoch=epoch, newest=newest):
             return f"epoch {epoch} is older than {newest}"
+        case idle.ExplorationOff():
+            return "idle because the team explores only if a task tells it to"
         case robots.Failed(why=why):
             return f"failed: {why}"
         case robots.FarFromPlace(away_m=away_m):
@@ -224,8 +226,6 @@ def words(reason: AnyReason) -> str:
             return "idle because its position is unknown"
         case tasks.PlanLeavesOut(because=left_out):
             return f"the plan leaves it out: {words(left_out)}"
-        case idle.ExplorationOff():
-            return "idle because the team explores only if a task tells it to"
         case idle.PlanPending():
             return "idle because tasks are being planned"
         case offers.PluginOut(plugin=plugin, state=name, why=why):

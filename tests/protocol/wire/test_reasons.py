@@ -32,6 +32,7 @@ NESTED_MOST = 6
 """Reasons within reasons, at the most: of a task that waits for one that was left out for a robot that refused."""
 
 EXAMPLES = [
+    (idle.ExplorationOff(), "idle because the team explores only if a task tells it to"),
     (idle.NothingUnknown(), "idle because nothing unknown is left"),
     (
         idle.NoWay(frontiers=1, needed_m=0.44),
