@@ -19,7 +19,7 @@ from robrain.coordinator.recording.reader.contents import has_numbers, several_s
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, recording_info, topic_named_by
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.topic import JSON, Topic
 
@@ -36,6 +36,10 @@ class Severity(StrEnum):
     """Worth knowing, and may be right."""
 
 
+JUMP_S = 60.0
+"""A longer time between two messages is a jump: coordinator and robots send every second."""
+
+
 class Kind(StrEnum):
     """What was found."""
 
@@ -46,6 +50,8 @@ class Kind(StrEnum):
     """A sender's stamp before the one before."""
     TIME_BACK = "time_back"
     """A time of recording before the one before."""
+    TIME_JUMP = "time_jump"
+    """A time of recording long after the one before."""
     GAP = "gap"
     """Numbers of a sender that are missing."""
     RESTART = "restart"
@@ -155,6 +161,10 @@ class _Check:
         if self._last_ns is not None and now_ns < self._last_ns:
             by_s = to_seconds(self._last_ns - now_ns)
             self.add(Severity.PROBLEM, Kind.TIME_BACK, key, now_ns, f"recorded {by_s:g} s before the message before it")
+        elif self._last_ns is not None and now_ns - self._last_ns > to_ns(JUMP_S):
+            by_s = to_seconds(now_ns - self._last_ns)
+            text = f"recorded {by_s:.0f} s after the message before it: its clock was set, or the recorder stood still"
+            self.add(Severity.PROBLEM, Kind.TIME_JUMP, key, now_ns, text)
         self._last_ns = now_ns
         if is_visual(key):
             return

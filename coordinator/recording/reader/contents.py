@@ -124,7 +124,7 @@ class _Tally:
 
     def contents(self, key: str, start_ns: int) -> KeyContents:
         topic = topic_named_by(key)
-        times_s = (np.array(self.times_ns, np.int64) - start_ns) / NS_PER_S
+        times_s = (np.array(self.times_ns, np.uint64).astype(np.float64) - float(start_ns)) / NS_PER_S
         sequences = np.array(self.sequences, np.int64)
         # A sender that begins again at 0 was restarted; nothing is missing then.
         missing = np.where(sequences[1:] > 0, np.diff(sequences) - 1, 0)

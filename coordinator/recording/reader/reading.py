@@ -15,7 +15,7 @@ import zstandard
 from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
@@ -270,9 +270,39 @@ def damage_told(path: Path) -> Iterator[None]:
             path, f"cannot read {path}: {error.strerror or error}; check the path and its permissions"
         ) from error
     except DAMAGE as error:
-        raise RecordingError(
-            path, f"{path} is damaged ({str(error) or type(error).__name__}): take another copy of it"
-        ) from error
+        what = f"{path} is damaged ({str(error) or type(error).__name__})"
+        raise RecordingError(path, f"{what}: {_rescue(path)}") from error
+
+
+def _rescue(path: Path) -> str:
+    """How much of a damaged recording `recover` saves, in words."""
+    channels: set[int] = set()
+    saved, total = 0, ""
+    with path.open("rb") as stream:
+        try:
+            summary = make_reader(stream).get_summary()
+        except (EndOfFile, *DAMAGE):
+            summary = None
+        if summary is not None:
+            channels |= summary.channels.keys()
+            total = f" of {summary.statistics.message_count}" if summary.statistics is not None else ""
+        stream.seek(0)
+        try:
+            for record in StreamReader(whole_reads(stream), emit_chunks=True).records:
+                parts = _whole(record) if isinstance(record, Chunk) else [record]
+                channels |= {part.id for part in parts if isinstance(part, Channel)}
+                saved += sum(isinstance(part, Message) and part.channel_id in channels for part in parts)
+        except (EndOfFile, *DAMAGE):
+            pass  # the rest cannot be read
+    return f"`robrain recover` saves {saved}{total} messages" if saved else "take another copy of it"
+
+
+def _whole(chunk: Chunk) -> list[McapRecord]:
+    """The records of a chunk; none if it is damaged."""
+    try:
+        return breakup_chunk(chunk, validate_crc=True)
+    except DAMAGE:
+        return []
 
 
 def is_truncated(path: Path) -> bool:

@@ -14,6 +14,7 @@
 map patches, of which the last says little, they give patches that make up the merged map as it was then.
 """
 
+import logging
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from itertools import accumulate
@@ -29,8 +30,12 @@ from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.topics import ROBOT_MAP, topic_of
 
+logger = logging.getLogger(__name__)
+
 SELDOM = 256
 """A key with fewer messages than this is held in memory: the last one before a time may stand far before it."""
+GAP_S = 60.0
+"""Recorded time without a message that is played; more is passed over, as it is where a clock was set."""
 HELD_BYTES_MAX = 64 * 1024 * 1024
 
 
@@ -196,6 +201,7 @@ class Player:
         if self.playing:
             if self._played_from is None:
                 self._played_from = (now_ns, self._position_ns)
+            self._pass_over_gap(now_ns)
             started_ns, from_ns = self._played_from
             due_ns = from_ns + round(max(now_ns - started_ns, 0) * self._speed)
             yield from self._go_on_to(min(due_ns, self._file.end_ns))
@@ -225,6 +231,17 @@ class Player:
             return (number, 0)
         messages = self._file.read(number)
         return (number, next((i for i, message in enumerate(messages) if message.log_time_ns > at_ns), 0))
+
+    def _pass_over_gap(self, now_ns: int) -> None:
+        """Go to the next message if nothing is recorded for long before it."""
+        number, index = self._place
+        messages = self._file.read(number) if number < len(self._file.chunks) else []
+        gap_ns = messages[index].log_time_ns - self._position_ns if index < len(messages) else 0
+        if gap_ns > to_ns(GAP_S):
+            at_s, gap_s = self.position_s, to_seconds(gap_ns)
+            logger.warning("%s: after %.1f s nothing is recorded for %.0f s: passed over", self.path, at_s, gap_s)
+            self._position_ns += gap_ns
+            self._played_from = (now_ns, self._position_ns)
 
     def _go_on_to(self, due_ns: int) -> Iterator[RecordedMessage]:
         number, index = self._place

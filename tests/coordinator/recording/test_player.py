@@ -13,7 +13,9 @@ from mcap.writer import Writer
 
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
+from robrain.coordinator.recording.reader.contents import read_contents
+from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, recording_info
+from robrain.coordinator.recording.reader.recovering import recover
 from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
@@ -225,17 +227,48 @@ def test_pictures_are_not_all_kept_in_memory(tmp_path: Path, monkeypatch: pytest
     player.close()
 
 
-def test_a_clock_that_was_set_back_loses_no_message(tmp_path: Path) -> None:
-    path = tmp_path / "back.mcap"
-    times = [10, 11, 12, 5, 6, 7, 13, 14]
+def recorded_at(path: Path, times_ns: list[int]) -> Path:
+    """A recording with a message at each of these times, whose payload is its number."""
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=60)
         writer.start()
         channel = writer.register_channel("robrain/t/robot/r1/log", "json", 0)
-        for number, time_s in enumerate(times):
-            writer.add_message(channel, time_s * NS_PER_S, bytes([number]), 0)
+        for number, time_ns in enumerate(times_ns):
+            writer.add_message(channel, time_ns, bytes([number]), 0)
         writer.finish()  # type: ignore[no-untyped-call]
-    player = Player(path)
+    return path
+
+
+YEARS_S = 54 * 365 * 86_400
+
+
+@pytest.mark.parametrize("jump_s", [90, YEARS_S])
+def test_a_time_in_which_nothing_is_recorded_is_passed_over_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, jump_s: int
+) -> None:
+    times_s = [0, 1, 2, 2 + jump_s, 3 + jump_s, 43 + jump_s]
+    player = Player(recorded_at(tmp_path / "jump.mcap", [time_s * NS_PER_S for time_s in times_s]))
+    player.play()
+    played = {t_s: [message.payload[0] for message in player.step(t_s * NS_PER_S)] for t_s in range(45)}
+    due_s = {t_s: numbers for t_s, numbers in played.items() if numbers}
+    assert due_s == {0: [0], 1: [1], 2: [2], 3: [3], 4: [4], 44: [5]}  # 40 s are waited for
+    assert f"after 2.0 s nothing is recorded for {jump_s} s: passed over" in caplog.text
+    assert caplog.text.count("passed over") == 1
+    player.close()
+
+
+@pytest.mark.parametrize(
+    "times_ns", [[0, 1], [2**64 - 2, 2**64 - 1], [0, 2**63, 2**64 - 1], [1_700_000_000 * NS_PER_S]]
+)
+def test_contents_of_the_largest_and_smallest_times_are_listed(tmp_path: Path, times_ns: list[int]) -> None:
+    (key,) = read_contents(recorded_at(tmp_path / "times.mcap", times_ns)).keys
+    assert key.messages == len(times_ns)
+    assert key.last_s == pytest.approx((times_ns[-1] - times_ns[0]) / 1e9, abs=1e-5, rel=1e-6)
+
+
+def test_a_clock_that_was_set_back_loses_no_message(tmp_path: Path) -> None:
+    times_s = [10, 11, 12, 5, 6, 7, 13, 14]
+    player = Player(recorded_at(tmp_path / "back.mcap", [time_s * NS_PER_S for time_s in times_s]))
     player.seek(0.0)
     player.play()
     played = [message for t_s in range(12) for message in player.step(t_s * NS_PER_S)]
@@ -267,9 +300,13 @@ def test_damage_in_a_chunk_is_told(run: Path, tmp_path: Path) -> None:
     path = tmp_path / "damaged.mcap"
     path.write_bytes(content)
     player = Player(path)
-    with pytest.raises(RecordingError, match="damaged"):
+    with pytest.raises(RecordingError) as caught:
         player.prepare()
     player.close()
+    saved, total = recover(path, tmp_path / "saved.mcap").messages, sum(recording_info(path).counts.values())
+    assert 0 < saved < total
+    assert "is damaged" in str(caught.value)
+    assert f"`robrain recover` saves {saved} of {total} messages" in str(caught.value)
 
 
 def test_an_empty_recording_has_nothing_to_play(tmp_path: Path) -> None:
