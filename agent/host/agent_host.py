@@ -78,8 +78,6 @@ waits for the answer to an offer."""
 WAKING_NS = to_ns(0.2)
 """For so long after it stood still, messages count as heard right after the last step before, and offers are refused:
 what waited in the process arrives in the first step, what waited in the network soon after it."""
-WIRES_MIN = 128
-"""Number of wires, closed ones included, from which closed ones are let go."""
 WOKEN_PASSES = 2
 """A task that follows another at once: its behavior is told in the first, the driver in the second."""
 IDLE_S = 1.0
@@ -136,8 +134,6 @@ class AgentHost:
         self._session = session
         self._team = robot_file.robot.team
         self._wires: list[Endpoint] = []
-        self._wires_looked_at = WIRES_MIN
-        """Number of wires at which closed ones are looked for."""
         self.refusals = Refusals(clock)
         """What all its wires have refused, and failures of replaceable parts."""
         """Of the host and all plugins."""
@@ -408,11 +404,8 @@ class AgentHost:
             party=self.name,
             thinning=self.thinning,
         )
-        if len(self._wires) >= self._wires_looked_at:
-            # A new list: the host's own thread may be going through the old one. Closed ones are let go.
-            self._wires = [each for each in self._wires if not each.is_closed]
-            self._wires_looked_at = max(WIRES_MIN, 2 * len(self._wires))
-        self._wires.append(wire)
+        # A new list: the host's own thread may be going through the old one. Closed endpoints are released.
+        self._wires = [*(each for each in self._wires if not each.is_closed), wire]
         return wire
 
     def _make_environment(self, plugin: PluginRequests) -> Environment:

@@ -55,6 +55,8 @@ class PluginManager:
         """Held by a load, unload, reload or restart."""
         self._under_way = threading.Lock()
         """Held by these as well, and by `settle`."""
+        self._begins_lacking = False
+        """Whether plugins that lacked another are about to be started: one thread waits for that, not one a fault."""
         self._stopped = False
 
     @property
@@ -218,10 +220,11 @@ class PluginManager:
         try:
             self._see_to_faults(now_ns)
             self.faults.look(now_ns)
-            if self.registry.newly_running and not self.halted:
+            if self.registry.newly_running and not (self.halted or self._begins_lacking):
                 self.registry.newly_running = False
-                if any(plugin.lacks for plugin in self.plugins.values()):
-                    self.later(self._starter.begin_lacking)
+                self._begins_lacking = any(plugin.lacks for plugin in self.plugins.values())
+                if self._begins_lacking:
+                    self.later(self._begin_lacking)
         finally:
             self._under_way.release()
 
@@ -297,6 +300,10 @@ class PluginManager:
         with self._changing, self._under_way:
             if not self._stopped:
                 do()
+
+    def _begin_lacking(self) -> None:
+        self._begins_lacking = False
+        self._starter.begin_lacking()
 
     def _see_to_faults(self, now_ns: int) -> None:
         new_faults = self.registry.new_faults

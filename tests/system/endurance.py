@@ -31,6 +31,10 @@ SAMPLE_S = 5.0
 TASK_S = 4.0
 """A task is submitted this often, if no more than `OPEN_TASKS` are open."""
 OPEN_TASKS = 12
+RELOAD_S = 20.0
+"""A plugin of some robot is reloaded this often, and each `UNLOAD` th time unloaded with its users and loaded again."""
+UNLOAD = 4
+RELOADED = ("mocdevice", "scan", "driver", "localisation", "mapper", "planner", "energy", "explore", "visit")
 HALT_S, HALTED_S = 120.0, 5.0
 """The team is halted this often, for so long."""
 END_S = 180.0
@@ -114,7 +118,8 @@ def endure(folder: Path, minutes: float, *, robots: int, seed: int, scenario: st
         up.wait_for("dashboard: ")
         with Team.connect(hub, by="operator:endurance", patience_s=60.0) as team:
             began_s = time.monotonic()
-            due_s = {"sample": 0.0, "task": 10.0, "halt": HALT_S}
+            due_s = {"sample": 0.0, "task": 10.0, "halt": HALT_S, "reload": RELOAD_S}
+            reloads = 0
             while (now_s := time.monotonic() - began_s) < 60.0 * minutes:
                 if now_s >= due_s["sample"]:
                     due_s["sample"] = now_s + SAMPLE_S
@@ -124,6 +129,10 @@ def endure(folder: Path, minutes: float, *, robots: int, seed: int, scenario: st
                 if now_s >= due_s["task"]:
                     due_s["task"] = now_s + TASK_S
                     _submit(team, draw, submitted)
+                if now_s >= due_s["reload"]:
+                    due_s["reload"] = now_s + RELOAD_S
+                    reloads += 1
+                    _reload(team, draw, unload=reloads % UNLOAD == 0)
                 if now_s >= due_s["halt"]:
                     due_s["halt"] = now_s + HALT_S
                     halts += 1
@@ -135,6 +144,18 @@ def endure(folder: Path, minutes: float, *, robots: int, seed: int, scenario: st
     finally:
         up.stop()
     return Endured(samples, submitted, ended, halts)
+
+
+def _reload(team: Team, draw: random.Random, *, unload: bool) -> None:
+    """Reload a plugin of some robot, or take it away for a moment from those that require it."""
+    robot, plugin = draw.choice(team.robots), draw.choice(RELOADED)
+    with suppress(CallError, NobodyThere):  # it may be out, or another reload may be under way
+        if not unload:
+            team.reload(robot, plugin)
+            return
+        gone = [info.name for info in team.unload(robot, plugin, cascade=True)]
+        for name in reversed(gone):
+            team.load(robot, name)
 
 
 def _submit(team: Team, draw: random.Random, submitted: list[str]) -> None:

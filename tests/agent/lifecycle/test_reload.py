@@ -1,5 +1,6 @@
 """Reloading plugins after an edit, while the robot runs."""
 
+import gc
 import os
 import sys
 
@@ -123,6 +124,22 @@ def test_a_plugin_of_two_files_is_imported_and_an_edit_of_the_second_is_seen(ben
     with pytest.raises(ManifestError, match="division by zero"):
         manager.reload("stove")
     assert bench.call("stove", "heat") == 21
+
+
+def test_reloads_and_faults_leave_nothing_behind(lab):
+    def reload(times):
+        for _ in range(times):
+            lab.manager.reload("lamp")
+            lab.manager.reload("shade")
+            lab.manager.get("lamp").fault(RuntimeError("leak"))
+            lab.tick()
+            lab.manager.reload("lamp")
+            lab.tick()
+        gc.collect()
+        return len(gc.get_objects())
+
+    before = reload(5)
+    assert (reload(10) - before) / 10 < 30  # one instance with its class and endpoint is more than 200 objects
 
 
 def test_a_file_beside_a_plugin_hides_no_installed_module(bench):
