@@ -113,6 +113,6 @@ def _values(hint: Any) -> list[str]:
 
 
 def listed(names: Iterable[str], last: str = "and") -> str:
-    """`a, b and c`, in order of the alphabet."""
-    *others, end = sorted(names)
+    """`a, b and c`, in order of the alphabet; `none` if there are none."""
+    *others, end = sorted(names) or ["none"]
     return f"{', '.join(others)} {last} {end}" if others else end
