@@ -13,6 +13,7 @@ import subprocess
 import sys
 import termios
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,6 +31,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ARENA_TRUTH
+from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -38,12 +40,26 @@ WAY_M = 0.3
 WHEELS = ("wheel_1_rad_s", "wheel_2_rad_s", "wheel_3_rad_s")
 
 
-@pytest.fixture
-def arena(commands) -> str:
+@pytest.fixture(scope="module")
+def arena(tmp_path_factory) -> Iterator[str]:
     """A live arena with a robot r1; its endpoint."""
+    commands = Commands(tmp_path_factory.mktemp("arena"))
     process = commands.start("arena", "arena_small", "--listen", "tcp/127.0.0.1:0")
     line = commands.line_with(process, "robots r1")
-    return re.search(r"tcp/127\.0\.0\.1:\d+", line).group()
+    yield re.search(r"tcp/127\.0\.0\.1:\d+", line).group()
+    commands.stop_all()
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    """Where the drive is logged."""
+    return tmp_path_factory.mktemp("log") / "drive.log"
+
+
+@pytest.fixture(scope="module")
+def driven(arena: str, log: Path) -> "Driven":
+    """A drive that was logged, before anything else moved the robot."""
+    return log_a_drive(arena, log)
 
 
 def tool(name: str, *words: str) -> list[str]:
@@ -94,9 +110,7 @@ def log_a_drive(endpoint: str, log: Path) -> Driven:
             session.close()
 
 
-def test_the_logger_writes_what_passes_on_a_simulated_robot_s_bus(arena, tmp_path) -> None:
-    log = tmp_path / "drive.log"
-    driven = log_a_drive(arena, log)
+def test_the_logger_writes_what_passes_on_a_simulated_robot_s_bus(log: Path, driven: "Driven") -> None:
     lines = log.read_text().splitlines()
     assert re.fullmatch(r"\(\d+\.\d{6}\) .+ [0-9A-F]{3}#[0-9A-F]+( [RT])?", lines[0]), lines[0]
     with can.CanutilsLogReader(log) as reader:
@@ -118,9 +132,7 @@ def test_the_logger_writes_what_passes_on_a_simulated_robot_s_bus(arena, tmp_pat
     assert sum(steps) < 1.2 * len(steps)
 
 
-def test_a_log_that_is_played_into_a_robot_moves_its_odometry_as_the_drive_did(arena, tmp_path) -> None:
-    log = tmp_path / "drive.log"
-    driven = log_a_drive(arena, log)
+def test_a_log_that_is_played_into_a_robot_moves_its_odometry_as_the_drive_did(log: Path, driven: "Driven") -> None:
     with can.CanutilsLogReader(log) as reader:
         encoders = sum(frame.arbitration_id == 0x180 for frame in reader)
     hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])

@@ -7,11 +7,14 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
+from robrain import Scenario
 from tests.system.browser import chromium, keep, open_page, picture_of, wait_for
+from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -19,11 +22,21 @@ TYPED_MS = 5000
 """What was typed shows long before, unless it was lost."""
 
 
-def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
-    done = commands.run("run", "depot", "--robots", "3", "--seed", "7", "--time-limit", "20", "--record", "run.mcap")
-    assert done.returncode == 0, done.stderr
-    process = commands.start("replay", "run.mcap", "--port", "0")
-    url = commands.line_with(process, "dashboard: ").split()[1]
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "run.mcap"
+    Scenario.builtin("depot").replace(robots=3, seed=7).run(time_limit_s=20.0, record=path)
+    return path
+
+
+@pytest.fixture
+def url(commands: Commands, recording: Path) -> str:
+    """The page of a replay, which is paused at its start."""
+    process = commands.start("replay", str(recording), "--port", "0")
+    return commands.line_with(process, "dashboard: ").split()[1]
+
+
+def test_recording_is_scrubbed_stepped_and_played(url: str) -> None:
     with chromium() as context:
         page, errors = open_page(context, url)
         expect(page.get_by_role("button", name="EMERGENCY HALT")).to_have_count(0)
@@ -62,11 +75,7 @@ def test_recording_is_scrubbed_stepped_and_played(commands) -> None:
         assert errors == []
 
 
-def test_recording_has_no_halt_over_it_on_a_narrow_screen(commands) -> None:
-    done = commands.run("run", "depot", "--robots", "2", "--seed", "7", "--time-limit", "20", "--record", "run.mcap")
-    assert done.returncode == 0, done.stderr
-    process = commands.start("replay", "run.mcap", "--port", "0")
-    url = commands.line_with(process, "dashboard: ").split()[1]
+def test_recording_has_no_halt_over_it_on_a_narrow_screen(url: str) -> None:
     with chromium(width=420, height=860) as context:
         page, errors = open_page(context, url)
         keep(page, "dashboard-replay-narrow")

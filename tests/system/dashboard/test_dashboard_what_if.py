@@ -14,7 +14,7 @@ pytestmark = pytest.mark.system
 
 def test_replay_is_run_again_without_a_robot_from_the_time_shown(commands) -> None:
     words = ("run", "arena_small", "--seed", "3", "--time-limit", "8", "--until", "explored=1", "--record", "run.mcap")
-    done = commands.run(*words)
+    done = commands.run_here(*words)
     assert done.returncode == 0, done.stderr
     process = commands.start("replay", "run.mcap", "--port", "0", "--start", "3")
     url = commands.line_with(process, "dashboard: ").split()[1]

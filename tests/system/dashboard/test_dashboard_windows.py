@@ -25,7 +25,7 @@ ON_TOP = """() => {
 ADD_WHY = """() => document.body.insertAdjacentHTML("beforeend",
   `<div class="rb" style="position: fixed; top: 200px; left: 200px; z-index: 50">
     <b data-rb="why visit-1">why</b></div>`)"""
-TIMES = 4
+TIMES = 2
 
 
 @pytest.fixture(scope="module")

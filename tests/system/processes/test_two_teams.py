@@ -95,7 +95,7 @@ def test_two_teams_of_one_hub_do_not_see_each_other(commands, hub, where) -> Non
     ids=" ".join,
 )
 def test_no_command_means_two_teams_at_a_time(commands, words: tuple[str, ...]) -> None:
-    refused = commands.run(*words, "--team", "*", "--connect", "tcp/127.0.0.1:1")
+    refused = commands.run_here(*words, "--team", "*", "--connect", "tcp/127.0.0.1:1")
     assert refused.returncode == 2
     assert "bad team name" in refused.stderr
 
