@@ -18,7 +18,7 @@ from tests.bench.call_count import calls_per_robot_second
 from tests.bench.results import Results
 from tests.real_maps import REAL_MAPS, needs_real_maps
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 PRINTED = Results.read().named()
 SMALL = Scenario.builtin("arena_small").replace(robots=1)
 
