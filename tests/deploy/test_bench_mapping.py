@@ -154,6 +154,7 @@ def test_run_tells_the_worst_robot_and_all_robots_samples() -> None:
     assert len(HEADINGS) == len(run.line())
 
 
+@pytest.mark.slow
 def test_nothing_measured_is_told_as_such() -> None:
     result: RunResult = SMALL.scenario().run(time_limit_s=0.02)
     run = mapped(SMALL, result)

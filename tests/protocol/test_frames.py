@@ -66,6 +66,7 @@ def any_values(draw):
     return name, draw(st.integers(0, 255)), values
 
 
+@pytest.mark.slow
 @given(any_values())
 def test_the_bytes_and_the_values_are_those_that_cantools_makes(drawn):
     name, counter, values = drawn

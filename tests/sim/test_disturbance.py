@@ -104,6 +104,7 @@ def test_nothing_is_late_by_default_and_then_nothing_is_drawn():
     assert not DisturbanceSpec().is_on
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", [{"can": FRAMES}, {"scan": SCANS}, {"agent": AGENTS}])
 def test_disturbed_run_repeats_and_differs_from_one_without(spec):
     scenario = PLAIN.replace(disturbance=DisturbanceSpec(**spec))
@@ -114,6 +115,7 @@ def test_disturbed_run_repeats_and_differs_from_one_without(spec):
     assert first.distance_m > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stamped_at", list(StampedAt))
 def test_odometry_at_the_time_of_a_frame_is_right_however_late_the_frame_was(stamped_at):
     frames = FrameDelaySpec(per_minute=60, duration_s=(0.1, 0.35), stamped_at=stamped_at)
@@ -144,6 +146,7 @@ def test_odometry_at_the_time_of_a_frame_is_right_however_late_the_frame_was(sta
     assert max(errors_m) < 0.003
 
 
+@pytest.mark.slow
 def test_late_scan_is_stamped_with_the_time_at_which_it_was_measured():
     run = LockstepRun(PLAIN.replace(robots=1, disturbance=DisturbanceSpec(scan=SCANS)).world())
     inbox = Inbox(every=True)
@@ -162,6 +165,7 @@ def test_late_scan_is_stamped_with_the_time_at_which_it_was_measured():
     assert set(np.diff(stamps_ns).tolist()) == {to_ns(0.2)}
 
 
+@pytest.mark.slow
 def test_agent_that_pauses_takes_no_step_and_goes_on_after_it():
     scenario = PLAIN.replace(robots=2, disturbance=DisturbanceSpec(agent=AGENTS))
     run = LockstepRun(scenario.world())
@@ -248,6 +252,7 @@ def test_scenario_of_the_documentation_is_one():
     assert tables.robot.lidar.dropout == 0.03
 
 
+@pytest.mark.slow
 def test_scenario_of_the_documentation_runs_and_repeats(tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "how-to" / "imperfect-sensors.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)

@@ -200,6 +200,7 @@ def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench):
     assert bench.env.asked == [("ranger", RangerInterface)]
 
 
+@pytest.mark.slow
 def test_calls_from_its_own_threads_come_back_here_too(bench):
     bench.env.others["ranger"] = Ranger()
     vision = bench.start(
@@ -218,6 +219,7 @@ def test_calls_from_its_own_threads_come_back_here_too(bench):
     assert told == [Point2D(0.5, 1.0)]
 
 
+@pytest.mark.slow
 def test_events_of_lower_plugins_reach_it_in_its_turn(bench):
     ranger = bench.env.others["ranger"] = Ranger()
     vision = bench.start(
@@ -234,6 +236,7 @@ def test_events_of_lower_plugins_reach_it_in_its_turn(bench):
     assert vision.all_heard() == [1.5, 2.5]
 
 
+@pytest.mark.slow
 def test_it_has_the_rights_of_its_plugin_and_no_more(bench):
     with pytest.raises(AccessDenied, match="not in the visibility of ranger") as caught:
         bench.start(RANGED)
@@ -241,6 +244,7 @@ def test_it_has_the_rights_of_its_plugin_and_no_more(bench):
     assert bench.plugins[0].pid is None
 
 
+@pytest.mark.slow
 def test_only_the_interface_is_offered_through_its_handles(bench):
     bench.env.others["ranger"] = Ranger()
     vision = bench.start(

@@ -69,6 +69,7 @@ def problems(draw):
     return msgspec.structs.replace(problem, jobs=tuple(jobs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", Objective)
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(problem=problems(), seed=st.integers(0, 1000))
@@ -88,6 +89,7 @@ def test_same_seed_gives_the_same_plan_and_none_is_worse_than_the_auction(proble
     assert plan.rank <= AuctionAllocator(objective).plan(problem).rank
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(problem=problems(), objective=st.sampled_from(Objective))
 def test_warm_start_is_the_least_that_comes_back(problem, objective):

@@ -100,6 +100,7 @@ def finish_s(charging, docks):
         return took_s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("docks", [1, 2, 4])
 def test_four_robots_do_many_visits_with_few_chargers_in_less_time_than_in_turns_and_keep_their_reserve(docks):
     assert finish_s(Charging.SCHEDULE, docks) <= finish_s(Charging.TURNS, docks)
@@ -175,6 +176,7 @@ def test_a_robot_that_is_halted_while_it_charges_is_counted_on_no_more(team):
 # -- the schedule ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_time(team):
     ears = Inbox(1000, every=True)
     team.endpoint().subscribe(ears, COORDINATOR_CHARGES)
@@ -201,6 +203,7 @@ def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_t
     assert run(team, workers, 60.0, until=lambda: status(team).charges == ())
 
 
+@pytest.mark.slow
 def test_a_charge_ends_for_one_that_is_much_lower_while_tasks_wait_for_energy(team):
     workers = staff(team, (0.118, 0.11), dearer=90.0)
     assert run(team, workers, 30.0, until=lambda: workers[1].at_charger is not None)
@@ -215,6 +218,7 @@ def test_a_charge_ends_for_one_that_is_much_lower_while_tasks_wait_for_energy(te
     assert run(team, workers, 900.0, until=all_done(team))
 
 
+@pytest.mark.slow
 def test_a_charge_of_its_own_accord_that_has_brought_enough_is_ended_as_well(team):
     low, own = staff(team, (0.12, 0.3), dearer=90.0)
     own.robot.behavior = "recharge"
@@ -241,6 +245,7 @@ def test_a_charge_of_its_own_accord_that_has_brought_enough_is_ended_as_well(tea
     assert run(team, [low, own], 900.0, until=all_done(team))
 
 
+@pytest.mark.slow
 def test_a_short_turn_that_was_of_no_use_is_not_cut_short_again(team):
     """Each visit takes more than a short turn gives: two thirds of a battery."""
     workers = staff(team, (0.3, 0.2), dearer=1.0)

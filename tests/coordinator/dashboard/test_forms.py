@@ -108,6 +108,7 @@ json_values = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from(SCHEMA_WORDS), json_values, max_size=5))
 def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> None:
     for field in fields_of(schema):
@@ -153,6 +154,7 @@ def test_a_kind_that_only_a_robot_knows_has_a_form_made_of_its_schema() -> None:
         form_submission(sweep, {"place": place, "width_m": -2.0})
 
 
+@pytest.mark.slow
 @given(json_values)
 def test_a_kind_whose_schema_is_nonsense_has_the_fields_that_every_task_has(nonsense: object) -> None:
     schema = nonsense if isinstance(nonsense, dict) else {"properties": nonsense, "required": nonsense}

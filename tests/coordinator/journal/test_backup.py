@@ -256,6 +256,7 @@ def _killed_in_a_restore(backup: Path, path: Path) -> None:
     restore_backup(backup, path)
 
 
+@pytest.mark.slow
 def test_kill_in_the_middle_of_a_restore_leaves_the_journal_as_it_was(path, tmp_path) -> None:
     backup = backed_up(path, tmp_path / "one.backup", tasks=200)
     with closing(Journal(path)) as journal:

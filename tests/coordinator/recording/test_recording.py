@@ -152,6 +152,7 @@ def test_each_channel_is_a_key_and_carries_the_schema_of_its_message(stage: Stag
         msgspec.json.decode(message.data, type=found[0].message)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "topic",
     [topic for topic in PUBLISHED if topic.recorded and topic.message is not None],

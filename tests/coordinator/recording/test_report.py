@@ -74,6 +74,7 @@ class Page(HTMLParser):
         self.said.append(data)
 
 
+@pytest.mark.slow
 def test_a_report_is_one_page_with_all_figures_and_each_as_a_file(run: Path, tmp_path: Path) -> None:
     shares: list[float] = []
     report = write_report([run], tmp_path / "out", shares.append, forms=("png",))
@@ -90,6 +91,7 @@ def test_a_report_is_one_page_with_all_figures_and_each_as_a_file(run: Path, tmp
     assert shares[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_a_report_may_run_no_script_and_load_nothing(run: Path, tmp_path: Path) -> None:
     text = write_report([run], tmp_path).page.read_text()
     assert "default-src 'none'" in text
@@ -98,6 +100,7 @@ def test_a_report_may_run_no_script_and_load_nothing(run: Path, tmp_path: Path) 
     assert not {name for name in page.attributes if name.startswith("on")}
 
 
+@pytest.mark.slow
 def test_its_totals_are_those_of_the_run(run: Path) -> None:
     data = read_run(run)
     told = totals(data)
@@ -117,6 +120,7 @@ def test_its_totals_are_those_of_the_run(run: Path) -> None:
     assert robot.measured_j[-1] == pytest.approx(robot.energy_j, rel=0.15)
 
 
+@pytest.mark.slow
 def test_several_runs_are_compared_on_one_page(run: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.mcap"
     Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=8.0, record=other)
@@ -138,6 +142,7 @@ def of_seeds(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return paths
 
 
+@pytest.mark.slow
 def test_runs_of_several_seeds_are_compared_by_mean_and_interval(of_seeds: list[Path], tmp_path: Path) -> None:
     text = write_report(of_seeds, tmp_path).page.read_text()
     table = text[text.index("<h2>Compared</h2>") : text.index("</table>")]
@@ -153,6 +158,7 @@ def test_runs_of_several_seeds_are_compared_by_mean_and_interval(of_seeds: list[
     assert "<summary>Runs (6)</summary>" in text
 
 
+@pytest.mark.slow
 def test_the_groups_are_runs_that_differ_in_their_seed_alone(of_seeds: list[Path], tmp_path: Path) -> None:
     runs = [read_run(path) for path in of_seeds]
     assert [(group.name, len(group.runs)) for group in group_runs(runs)] == [("robots=1", 3), ("robots=2", 3)]
@@ -163,6 +169,7 @@ def test_the_groups_are_runs_that_differ_in_their_seed_alone(of_seeds: list[Path
     assert [len(group.runs) for group in group_runs([runs[0], read_run(other)])] == [1, 1]
 
 
+@pytest.mark.slow
 def test_many_runs_of_several_seeds_have_no_section_each(of_seeds: list[Path], tmp_path: Path) -> None:
     more = tmp_path / "robots=2-seed4.mcap"
     Scenario.builtin("arena_small").replace(robots=2, motes=0, seed=4).run(time_limit_s=1.0, record=more)
@@ -170,6 +177,7 @@ def test_many_runs_of_several_seeds_have_no_section_each(of_seeds: list[Path], t
     assert sorted(path.name for path in report.figures) == ["comparison.svg", "explored.svg"]
 
 
+@pytest.mark.slow
 def test_figures_are_written_in_the_formats_asked_for(run: Path, tmp_path: Path) -> None:
     report = write_report([run], tmp_path, forms=("svg", "pdf"))
     assert {path.suffix for path in report.figures} == {".svg", ".pdf"}
@@ -180,6 +188,7 @@ def test_figures_are_written_in_the_formats_asked_for(run: Path, tmp_path: Path)
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.slow
 def test_equal_recordings_make_equal_reports(run: Path, tmp_path: Path) -> None:
     one, two = write_report([run], tmp_path / "one"), write_report([run], tmp_path / "two")
     assert one.page.read_bytes() == two.page.read_bytes()
@@ -242,6 +251,7 @@ def hostile_said() -> list[tuple[str, float, msgspec.Struct]]:
     return sorted(said, key=lambda entry: entry[1])
 
 
+@pytest.mark.slow
 def test_hostile_texts_stay_texts_in_the_report(tmp_path: Path) -> None:
     recording = write(tmp_path / "<script>alert(1)<script>.mcap", hostile_said())
     text = write_report([recording], tmp_path / "out").page.read_text()

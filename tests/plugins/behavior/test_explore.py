@@ -67,6 +67,7 @@ def test_an_offer_is_accepted_driven_to_and_done(explorer):
     assert one.truth().collisions == 0
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_done_stands_and_is_idle(explorer):
     one, host = explorer
     one.offer(frontiers(host)[0])

@@ -160,6 +160,7 @@ def test_two_robots_end_with_one_map(stage, room):
     assert class_at(view(hosts[0]), 7.0, 1.5) == FREE  # behind the wall: known by the other's word
 
 
+@pytest.mark.slow
 def test_teammates_that_drive_about_leave_no_ghosts(stage, room):
     plan = room(6.0, 4.0)
     one = stage(plan, r1=Pose2D(1.5, 2.0, 0.0), r2=Pose2D(3.0, 2.0, 0.0))

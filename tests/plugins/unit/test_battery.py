@@ -281,6 +281,7 @@ def test_a_battery_that_tells_the_truth_again_is_believed_again(pack):
     assert one.state()["soc"] == pytest.approx(one.battery.soc, abs=0.04)
 
 
+@pytest.mark.slow
 def test_a_minute_of_silence_is_counted_once_and_one_word_does_not_end_the_doubt(pack):
     one = pack(soc_at_start=0.8)
     one.run(240.0)  # what is usual has to be known

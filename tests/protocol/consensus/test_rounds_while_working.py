@@ -80,6 +80,7 @@ def test_no_task_is_begun_twice_and_each_stays_with_the_robot_that_has_begun_it(
     assert sorted(task for member in members for task in member.path) == TASKS
 
 
+@pytest.mark.slow
 def test_rounds_shorten_the_ways_that_are_not_begun() -> None:
     costs = []
     for rounds in (0, 20):

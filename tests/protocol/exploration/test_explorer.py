@@ -336,6 +336,7 @@ def fail(explorer, place, now_ns):
     explorer.note_failure("r1", place, now_ns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attempt", [visit, fail])
 def test_a_frontier_that_moves_with_each_change_of_the_map_is_tried_a_few_times_only(attempt):
     sent = attempts_until_rest(attempt)

@@ -57,6 +57,7 @@ def test_splitting_keeps_mean_and_covariance_of_all_states():
     assert one.whole_covariance == pytest.approx(covariance, abs=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(events=st.lists(st.one_of(STEP, SIGNAL), max_size=80), sigma_rad=st.floats(0.01, 1.0))
 def test_whatever_is_measured_there_are_few_parts_and_their_covariance_is_sound(events, sigma_rad):
@@ -92,6 +93,7 @@ def test_what_is_put_somewhere_or_doubted_is_one_filter():
         assert len(mixture) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("yaw_rad", [-0.9, -0.4, 0.0, 0.5, 0.9])
 def test_a_robot_that_does_not_know_its_yaw_finds_it_on_its_way(yaw_rad):
     rng = np.random.default_rng(3)

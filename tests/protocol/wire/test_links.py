@@ -190,6 +190,7 @@ def test_puts_reach_the_inboxes_of_their_keys_until_they_are_undeclared():
     assert [len(inbox) for inbox in inboxes] == [0, 1]
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(SELECTORS, st.booleans()), max_size=12), st.lists(KEYS, max_size=3))
 def test_what_is_declared_is_reached_as_zenoh_matches_keys_in_the_order_of_declaration(steps, keys):
     declared: Declared[int] = Declared()

@@ -63,6 +63,7 @@ def test_a_patch_says_on_the_other_side_what_it_said_on_this():
     assert take_message(atlas, PATCH) == 0
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_every_patch_survives_the_wire(data):
     row, column = data.draw(st.integers(0, GEOMETRY.height - 1)), data.draw(st.integers(0, GEOMETRY.width - 1))

@@ -140,6 +140,7 @@ def test_nothing_deeper_than_the_limit_comes_through(text):
     assert depth_of(found) <= 1 + 2 * (limits.depth + 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "unit", ['\\"""\n', "'''", '"""', '"', "'", '"\\', "[a]\n", "a.", "[", "#", '\\"""x\\'], ids=repr
 )

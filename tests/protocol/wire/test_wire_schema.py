@@ -25,6 +25,7 @@ def test_no_two_types_of_the_wire_have_the_same_name():
     assert set(STRUCTS) <= set(definitions())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("struct", STRUCTS.values(), ids=STRUCTS)
 def test_every_field_has_a_meaning(struct):
     assert set(struct.__struct_fields__) == set(field_meanings(struct))

@@ -127,6 +127,7 @@ def test_robots_that_are_not_there_are_refused(lines, sentence):
 ROOT = Path(__file__).parents[3]
 
 
+@pytest.mark.slow
 def test_scenario_of_the_documentation_runs(tmp_path):
     page = (ROOT / "docs" / "how-to" / "simulated-radio.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)

@@ -53,6 +53,7 @@ def door(toml: str = "", **fields: object) -> Door:
     return Door("door1", spec, np.random.default_rng(1))
 
 
+@pytest.mark.slow
 def test_a_closed_door_is_a_wall_for_lidars_until_it_opens():
     run = opened(DOOR + "open_s = [[0.5, 1.0]]\n")
     try:
@@ -69,6 +70,7 @@ def test_a_closed_door_is_a_wall_for_lidars_until_it_opens():
         run.close()
 
 
+@pytest.mark.slow
 def test_a_robot_goes_through_a_door_while_it_is_open():
     scenario = Scenario.from_toml(ROOMS + DOOR + "period_s = 10.0\nopen_share = 0.3\nphase_s = 0.0\n")
     result = scenario.run(until_explored=0.95)
@@ -76,6 +78,7 @@ def test_a_robot_goes_through_a_door_while_it_is_open():
     assert result.per_robot[0].distance_m > 1.5
 
 
+@pytest.mark.slow
 def test_a_door_that_never_opens_hides_floor_that_counts_as_reachable():
     result = Scenario.from_toml(ROOMS + DOOR + "open_s = []\n").run(until_explored=0.95)
     assert result.ended == "nothing_left"
@@ -107,6 +110,7 @@ def test_the_phase_of_a_door_is_drawn_from_the_seed():
     assert sum(one) == sum(other) == 60
 
 
+@pytest.mark.slow
 def test_a_mover_goes_back_and_forth_at_its_speed_and_pauses():
     run = opened(MOVER, robots=1)
     try:
@@ -137,6 +141,7 @@ def test_a_box_is_seen_where_it_is_and_no_longer_where_it_was():
     assert len(ends) == pytest.approx(0.6 * 0.4 / 0.05**2, rel=0.1)
 
 
+@pytest.mark.slow
 def test_people_walk_through_doorways_clear_of_walls_and_draw_their_way_from_the_seed():
     ways = []
     for seed in (1, 1, 2):
@@ -174,6 +179,7 @@ def test_a_mover_stops_for_a_robot_if_it_is_to_and_else_hits_it(stop_m, collisio
         run.close()
 
 
+@pytest.mark.slow
 def test_a_person_that_a_robot_blocks_turns_back():
     run = opened("[[people]]\nplaces_m = [[7.0, 0.8], [0.6, 0.8]]\npause_s = [0.0, 0.0]\n", seed=2)
     try:
@@ -191,6 +197,7 @@ def test_a_person_that_a_robot_blocks_turns_back():
         run.close()
 
 
+@pytest.mark.slow
 def test_a_run_with_all_of_it_repeats_and_one_without_has_no_bodies():
     scenario = Scenario.from_toml(ROOMS + DOOR + "period_s = 6.0\n" + MOVER + PEOPLE)
     one, other = (scenario.run(time_limit_s=12.0, until_explored=1.0) for _ in range(2))

@@ -238,6 +238,7 @@ def test_encoders_stand_still_while_a_wall_holds_the_robot(stage):
     assert one.truth().distance_m - way_m < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", range(0, 360, 30))
 def test_no_robot_gets_into_a_wall_at_full_speed(stage, degrees):
     plan = crossed_room()

@@ -75,6 +75,7 @@ def broken():
         each.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "plugin"),
     [(FaultKind.CAN_CUT, "mocdevice"), (FaultKind.CAN_SHORTED, "mocdevice"), (FaultKind.MOTORS_FAIL, "mocdevice")],
