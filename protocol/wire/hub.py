@@ -9,7 +9,7 @@ from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.access.trial import missing_rights
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import NobodyThere
-from robrain.protocol.wire.session import check_endpoint
+from robrain.protocol.wire.session import check_endpoint, unknown_host
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 CONNECT_VARIABLE = "ROBRAIN_CONNECT"
@@ -54,6 +54,8 @@ def nobody_answers(endpoints: list[str]) -> str:
     'nobody answers at tcp/10.0.0.5:7447: is `robrain up` or a Zenoh router running there?'
     """
     where = ", ".join(endpoints)
+    if unknown := [host for host in map(unknown_host, endpoints) if host]:
+        return f"nobody answers at {where}: the host {unknown[0]} is unknown; check its name or give its address"
     if endpoints == [hub_endpoint()]:
         return (
             f"nobody answers at {where}, the hub of this machine: `robrain up` starts a team; for one elsewhere "

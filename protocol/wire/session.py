@@ -34,6 +34,8 @@ TCP_ENDPOINT = re.compile(r"tcp/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
 PROBE_TIMEOUT_S = 0.5
 LISTENING = re.compile(TCP_ENDPOINT.pattern.replace("tcp", "(tcp|tls)"))
 """As above, or with certificates."""
+_ADDRESS = re.compile(r"(tcp|tls|udp)/(?P<host>\[[^\]]+\]|[^:/?#]+)(:(?P<port>\d{1,9}))?")
+MAX_PORT = 65535
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp|unixsock-stream|ws)/.+")
 
 
@@ -160,7 +162,25 @@ def check_endpoint(endpoint: str) -> str:
     """Return `endpoint` if it reads like one, else raise WireError saying what one looks like."""
     if not _ENDPOINT.fullmatch(endpoint):
         raise WireError(f"{endpoint!r} is not an endpoint: expected something like tcp/127.0.0.1:7447")
+    if address := _ADDRESS.match(endpoint):
+        if address["port"] is None:
+            raise WireError(f"{endpoint!r} has no port: expected something like tcp/127.0.0.1:7447")
+        if int(address["port"]) > MAX_PORT:
+            raise WireError(f"{endpoint!r}: expected a port from 0 to {MAX_PORT}")
     return endpoint
+
+
+def unknown_host(endpoint: str) -> str:
+    """The host of an endpoint if no name server knows it; empty if it is known or the endpoint has none."""
+    address = _ADDRESS.match(endpoint)
+    if address is None:
+        return ""
+    host = address["host"].strip("[]")
+    try:
+        socket.getaddrinfo(host, None)
+    except OSError:
+        return host
+    return ""
 
 
 def is_secured(endpoint: str) -> bool:

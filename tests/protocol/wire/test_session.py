@@ -4,6 +4,7 @@ import pytest
 import zenoh
 
 from robrain.protocol.wire.errors import NobodyThere, PortTaken, RobrainError, WireError
+from robrain.protocol.wire.hub import nobody_answers
 from robrain.protocol.wire.session import check_endpoint, listening_at, open_lockstep_session, open_session
 from tests.own_hub import OwnHub
 
@@ -65,6 +66,20 @@ def test_what_is_no_endpoint_is_refused_with_an_example_of_one(endpoint):
     for options in ({"connect": [endpoint]}, {"mode": "router", "listen": [endpoint]}):
         with pytest.raises(WireError, match=r"is not an endpoint: expected something like tcp/127.0.0.1:7447"):
             open_session(**options)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "why"),
+    [("tcp/127.0.0.1", "has no port"), ("tls/[::1]", "has no port"), ("udp/10.0.0.1:65536", "a port from 0 to 65535")],
+)
+def test_a_missing_and_an_impossible_port_are_named(endpoint, why):
+    with pytest.raises(WireError, match=why):
+        check_endpoint(endpoint)
+
+
+def test_an_unknown_host_is_named():
+    assert "the host no-such-host.invalid is unknown" in nobody_answers(["tcp/no-such-host.invalid:7447"])
+    assert "is unknown" not in nobody_answers(["tcp/127.0.0.1:9"])
 
 
 @pytest.mark.parametrize(
