@@ -79,6 +79,8 @@ class Board:
         """Whether this has shown that the robot did not start at its configured pose; written by localisation."""
         self.misplaced = ""
         """Why the robot's recent map lies wrong and a new one must begin; mapper writes it, localisation empties it."""
+        self.map_paused = ""
+        """Why scans are not put into the map now; empty if they are. Mapper writes it."""
         self.velocity = Twist2D()
         self.radius_m = 0.0
         self.battery: BatteryState | None = None

@@ -53,6 +53,7 @@ from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest, RobotRemoval
 from robrain.protocol.wire.messages.team.team_messages import FrontierSummary, StandByStatus, TeamState
 from robrain.protocol.wire.reasons.idle import IdleReason, TeamHalted
+from robrain.protocol.wire.reasons.offers import OfferRefusal, PositionLost
 from robrain.protocol.wire.reasons.tasks import MinorityHeard, NotLeading, TakesOver
 from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
@@ -367,11 +368,11 @@ class Coordinator:
         if status.state is TaskState.FAILED:
             self.planning.blocked()
 
-    def _note_refusal(self, record: TaskRecord, robot: str, now_ns: int) -> None:
+    def _note_refusal(self, record: TaskRecord, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
         """A robot has refused a task of the coordinator's own."""
         if record.task.kind == RECHARGE:
             self._charge_desk.ended(robot, TaskState.FAILED, now_ns)
-        elif record.task.kind == EXPLORE and not record.by:
+        elif record.task.kind == EXPLORE and not record.by and not isinstance(refusal, PositionLost):
             self._frontiers.note_refusal(robot, record.task, now_ns)
 
     # -- deciding -------------------------------------------------------------------------------------------

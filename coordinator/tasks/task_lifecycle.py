@@ -65,8 +65,8 @@ class TaskLifecycle:
     """
 
     def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities) -> None:
-        self.on_refused: Callable[[TaskRecord, str, int], None] = lambda _record, _robot, _now_ns: None
-        """Called with each of the coordinator's own tasks that a robot refuses, the robot and the time."""
+        self.on_refused: Callable[[TaskRecord, str, OfferRefusal, int], None] = lambda *_refusal: None
+        """Called with each of the coordinator's own tasks that a robot refuses, the robot, its reason and the time."""
         self._offers = Offers(wire, LEASE_S)
         self._ahead: dict[str, tuple[str, str]] = {}
         """For each robot, the running task after which it was last offered another, and that one."""
@@ -154,7 +154,7 @@ class TaskLifecycle:
         if not after:  # what is refused for later is asked again when the robot is free
             self._avoid_refuser(task_id, robot, refusal, now_ns)
         if record.own:
-            self.on_refused(record, robot, now_ns)
+            self.on_refused(record, robot, refusal, now_ns)
         return True
 
     def _end_replaced(self, robot: str, task_id: str) -> None:

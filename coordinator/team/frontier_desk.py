@@ -81,7 +81,9 @@ class FrontierDesk:
         busy = [Busy(self._place_of(record), record.task.place) for record in bound]
         choices = self._explorer.choose(scouts, busy, now_ns) if scouts else []
         is_busy = bool(choices or paused or bound or under_way) or self._explorer.has_failures
-        if is_busy or not up or not self._team_map.version:
+        # A team whose robots are all lost has not explored what it cannot get to.
+        is_lost = all(robot.state is None or robot.state.lost for robot in up)
+        if is_busy or is_lost or not self._team_map.version:
             self._busy_ns = now_ns
         return choices
 

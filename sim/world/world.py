@@ -51,6 +51,10 @@ from robrain.sim.world.robot_specs import (
 from robrain.sim.world.scenario_tasks import TaskSpec
 
 MOTE_CLEARANCE_M = 0.1
+EXACT_NOISE = {"sigma_m_per_sqrt_m": 2e-4, "sigma_rad_per_sqrt_m": 1e-5, "sigma_rad_per_sqrt_rad": 3e-5}
+EXACT_ERRORS = {"scale": 1e-5, "curve_rad_per_m": 2e-6, "turn": 1e-5}
+EXACT_START = {"start_sigma_m": 0.001, "start_sigma_rad": 0.0001}
+"""Errors of odometry and start of a base whose wheels are as its file says: measured in open halls (`tests/sim`)."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +120,7 @@ class World:
             start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)
         # An exact odometry is better than cells of 0.1 m can tell; late frames and pauses make any odometry inexact.
         slack_cells = 0.5 if robot.wheels.is_exact and not self.disturbance.is_on else 0.0
+        is_exact = bool(slack_cells) and robot.imu is None
         of_world: dict[str, dict[str, Any]] = {
             "localisation": {
                 "x_m": start.x_m,
@@ -123,7 +128,10 @@ class World:
                 "yaw_rad": start.yaw_rad,
                 **({} if is_known else {"start_known": False}),
                 "wall_slack_cells": slack_cells,
+                **(EXACT_START if is_known and is_exact else {}),
+                **({"errors": EXACT_ERRORS} if is_exact else {}),
             },
+            **({"driver": {"odometry": EXACT_NOISE}} if is_exact else {}),
             "mapper": {
                 "resolution_m": geometry.resolution_m,
                 "origin_x_m": geometry.origin_x_m,

@@ -24,7 +24,7 @@ from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.offers import NoPath
+from robrain.protocol.wire.reasons.offers import NoPath, PositionLost
 
 OWN_CHOICES = 12
 SPENT_MAX = 256
@@ -135,6 +135,9 @@ class ExploreBehavior(Behavior):
             self._travel.forget()  # another behavior drives
 
     def _pursue(self, task: Task) -> None:
+        if self.env.board.map_paused and not self._travel.lost:  # nothing that it sees would be mapped
+            self._finish(TaskState.FAILED, self.env.board.map_paused)
+            return
         if (self._travel.roams or not self._travel.lost) and self._is_seen(self._travel.view(), task.place):
             self._finish(TaskState.DONE, "nothing unknown is left there")
             return
@@ -269,7 +272,8 @@ class ExploreBehavior(Behavior):
         self.env.wire.refusals.note_failure("exploration_strategy", name, why)
 
     def _accept(self, task: Task) -> TaskAnswer:
-        if (lost := self._travel.position_lost) is not None:
+        unsure = self.env.board.map_paused and PositionLost(self.env.robot, self.env.board.map_paused)
+        if lost := self._travel.position_lost or unsure:
             return TaskAnswer.refused(lost)
         self._travel.roams = False
         if not self._aim(task.place, round(min(task.priority, PRIORITY_MAX))):

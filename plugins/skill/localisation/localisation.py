@@ -44,12 +44,24 @@ PAUSE_M, PAUSE_RAD = 0.1, 0.05
 """How far a robot may have been pushed while its localisation paused; chosen."""
 
 
+WALK_SHARE, CURVE_WALK_SHARE = 1 / 60, 1 / 100
+"""Random walk of the odometry's errors per √m, as shares of the errors: floors and loads change; chosen."""
+
+
 class OdometryErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Errors of the odometry that stay: standard deviations before anything is known. All chosen."""
+    """Errors of the odometry that stay: standard deviations before anything is known. All chosen.
+
+    A calibrated base states smaller ones. They decide for how far a robot trusts its odometry alone.
+    """
 
     scale: float = 0.03
     curve_rad_per_m: float = 0.03
     turn: float = 0.03
+
+    @property
+    def share(self) -> float:
+        """The errors by those of a base that nobody has measured, at most 1."""
+        return min(max(self.scale, self.curve_rad_per_m) / 0.03, 1.0)
 
 
 NO_MATES: Floats = np.empty((0, 3))
@@ -90,17 +102,25 @@ class Localisation(Skill):
                 raise ValueError(f"expected wall_slack_cells from 0 to 1, got {self.wall_slack_cells}")
 
         def spec(self, noise: OdometryNoise) -> LocaliserSpec:
-            """For a base with such an odometry."""
+            """For a base with such an odometry.
+
+            Where small offsets of scans count as zero, nothing but the odometry's errors decides for the doubt.
+            """
+            errors = self.errors
             drift = DriftModel(
                 sigma_m_per_sqrt_m=noise.sigma_m_per_sqrt_m,
                 sigma_rad_per_sqrt_m=noise.sigma_rad_per_sqrt_m,
                 sigma_rad_per_sqrt_rad=noise.sigma_rad_per_sqrt_rad,
-                scale=self.errors.scale,
-                curve_rad_per_m=self.errors.curve_rad_per_m,
-                turn=self.errors.turn,
+                scale=errors.scale,
+                curve_rad_per_m=errors.curve_rad_per_m,
+                turn=errors.turn,
+                scale_per_sqrt_m=errors.scale * WALK_SHARE,
+                curve_rad_per_m_per_sqrt_m=errors.curve_rad_per_m * CURVE_WALK_SHARE,
+                turn_per_sqrt_m=errors.turn * WALK_SHARE,
             )
             return LocaliserSpec(
                 drift=drift,
+                least_share=errors.share if self.wall_slack_cells else 1.0,
                 path_loss=self.path_loss,
                 watch=self.watch,
                 slack_cells=self.wall_slack_cells,

@@ -19,6 +19,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.numeric.small_linear_algebra import inverse
 from robrain.protocol.model.slam.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.slam.submap_graph import SubmapGraph
@@ -53,6 +54,10 @@ JOIN_SIGMA_M, JOIN_SIGMA_RAD = 0.1, 0.02
 """Standard deviations of such an answer."""
 FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD = 0.05, 0.01
 """Standard deviations of a mate's movement as its followers take it over."""
+
+
+PRIOR_GATE = 16.27
+"""99.9 % of a chi-square variable of three degrees of freedom."""
 
 
 MayBeAt = Callable[[MapFrame, Pose2D], bool]
@@ -103,6 +108,8 @@ class Frames:
         self._mates = mates
         self._answers: deque[tuple[MapFrame, _Answer]] = deque(maxlen=ANSWERS_MAX)
         self._turn = 0
+        self._prior: tuple[Pose2D, Floats] | None = None
+        """Pose and covariance (3, 3), arena frame, with which the robot has left that frame; None if it is lost."""
 
     @property
     def frame(self) -> MapFrame:
@@ -111,6 +118,7 @@ class Frames:
 
     def begin(self, number: int, why: str) -> None:
         """A trajectory begins with this submap: in a frame of its own if there is a reason why the place is unknown."""
+        self._prior = None
         self._enter(MapFrame(number, self._robot) if why else ARENA, why)
 
     def part(self, why: str) -> None:
@@ -119,6 +127,8 @@ class Frames:
         if not numbers:
             return
         frame = MapFrame(min(numbers), self._robot)
+        current = self._graph.own[max(numbers)]
+        self._prior = current.pose, current.covariance.copy()
         self._graph.part(self._own.trajectory, frame)
         self._enter(frame, why)
         self._place({(self._robot, number): self._graph.own[number].T_arena_local for number in numbers})
@@ -198,11 +208,29 @@ class Frames:
             return
         if frame == ARENA and cells_outside(own, T_new_old, other.geometry) > OUTSIDE_MAX:
             return
+        if frame == ARENA and not self._agrees_with_prior(T_new_old):
+            return
         self._answers.append((frame, _Answer(T_new_old, place)))
         is_plain = found.overlap.agreeing >= PLAIN_MIN and not found.overlap.contradicting
         if self._is_sure(frame, T_new_old, here, 0.0 if is_plain else APART_M):
             covariance = _covariance(JOIN_SIGMA_M, JOIN_SIGMA_RAD)
             self._join(frame, T_new_old, T_new_old.compose(place), covariance)
+
+    def _agrees_with_prior(self, T_new_old: Pose2D) -> bool:
+        """Whether the robot may lie so, by what it knew of its place when it left the arena frame.
+
+        Walls that look alike fit in several places, and a robot that was only unsure is in one near where it believed.
+        """
+        current = self._graph.current
+        if self._prior is None or current is None:
+            return True
+        place, prior = self._prior
+        here = current.pose
+        at = T_new_old.compose(here)
+        off = np.array((at.x_m - here.x_m, at.y_m - here.y_m, math.remainder(T_new_old.yaw_rad, math.tau)))
+        away_m2 = float(prior[2, 2]) * place.distance_m(here) ** 2
+        expected = prior + current.covariance + np.diag((away_m2, away_m2, 0.0))
+        return float(off @ inverse(expected) @ off) < PRIOR_GATE
 
     def _was_in(self, frame: MapFrame) -> bool:
         """Whether the robot has mapped in a frame before: so its place is most likely on that frame's map."""

@@ -91,7 +91,6 @@ class Mapper(Skill):
     """Why scans are left out, from now on; empty when they are taken in again."""
 
     def init(self) -> None:
-        self._why_paused = ""
         self._taken = self._left_out = 0
         geometry = self.parameters.geometry()
         self._atlas = SubmapAtlas(geometry)
@@ -167,7 +166,7 @@ class Mapper(Skill):
         return MapperCounters(
             scans=self._taken,
             scans_left_out=self._left_out,
-            why_left_out=self._why_paused,
+            why_left_out=self.env.board.map_paused,
             patches_dropped=self._hearing.dropped,
             submaps=len(self._atlas.submaps),
             closures=self._desk.closed,
@@ -193,7 +192,7 @@ class Mapper(Skill):
         if self.env.board.false_start:
             self._begin_anew()
         self._pause(self._why_not(local_pose))
-        if self._why_paused:
+        if self.env.board.map_paused:
             self._left_out += 1
             return
         if not local_pose.fits:
@@ -332,7 +331,7 @@ class Mapper(Skill):
         if board.lost and not local_pose.lost:
             return f"the robot does not know where it is: {board.lost}"
         # With some slack, so that it does not go on and off.
-        limit_m = self.parameters.sigma_max_m * (0.8 if self._why_paused else 1.0)
+        limit_m = self.parameters.sigma_max_m * (0.8 if self.env.board.map_paused else 1.0)
         if local_pose.sigma_m > limit_m:
             return f"the robot's place is not sure enough, above {limit_m:g} m"
         return ""
@@ -362,10 +361,10 @@ class Mapper(Skill):
         self._own.begin_trajectory(self._own.trajectory)
 
     def _pause(self, why: str) -> None:
-        if bool(why) != bool(self._why_paused):
+        if bool(why) != bool(self.env.board.map_paused):
             logger.warning("%s: the mapper %s", self.env.robot, f"leaves scans out: {why}" if why else "goes on")
             self.paused.notify(why)
-        self._why_paused = why
+        self.env.board.map_paused = why
 
     def _mates(self) -> Floats:
         """(K, 3) published places of mates and their radii, metres, in the robot's map frame."""

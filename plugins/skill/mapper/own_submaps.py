@@ -20,8 +20,9 @@ from robrain.protocol.model.slam.submap_graph import SubmapGraph
 
 GRID_REACH_M = 20.0
 """Distance from the frame's origin, metres, at which its yaw must not shift cells."""
-LEAST = 1e-6
-"""Least variance (m², rad²) of a submap's pose relative to the one before."""
+LEAST, LEAST_SHARE = 1e-6, 0.1
+"""Least variance (m², rad²) of a submap's pose relative to the one before; it is at most that share of the pose's own,
+since exact odometry is better."""
 TURN_M_PER_RAD = 0.3
 """Metres of path that a turn by one radian counts as: it shows new surroundings too."""
 
@@ -105,14 +106,16 @@ class OwnSubmaps:
             number: greater than those before.
             T_local_robot: pose of the robot on its own map.
             drift: `LocalPose.drift`.
-            covariance: (3, 3) of the robot's pose in the arena; used for the first submap of a trajectory.
+            covariance: (3, 3) of the robot's pose in the arena.
 
         """
         self._oldest = number if self.number is None else self.number
         if self.number is not None:
             self.grid.begin_stretch()
             number = max(number, self.number + 1)
-            m2, rad2 = (max(now - then, LEAST) for now, then in zip(drift, self._drift, strict=True))
+            xx, yy, yaw = covariance.diagonal().tolist()
+            m2 = max(drift[0] - self._drift[0], min(LEAST, LEAST_SHARE * 0.5 * (xx + yy)))
+            rad2 = max(drift[1] - self._drift[1], min(LEAST, LEAST_SHARE * yaw))
             covariance = np.diag((m2, m2, rad2))
         self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance, self.frame)
         self.number, self._way_m, self._drift = number, 0.0, drift

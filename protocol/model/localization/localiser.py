@@ -46,6 +46,8 @@ REFUSED_SIGMA_M, REFUSED_SIGMA_RAD = 0.1, 0.05
 of the next scan that says the same it is believed; chosen."""
 JUMP_M, JUMP_RAD, JUMP_SIGMAS = 0.3, 0.35, 3.0
 """A scan that fits this far from the pose by the wheels, after scans that did not fit, shows another place; chosen."""
+ADAPTATION, NIS_MAX = 0.1, 5.0
+"""Rate by which one match changes the share of doubt, and the largest normalised innovation that counts; chosen."""
 START_AGREES = 0.6
 """Share of a scan's beams that must be as the team's map says, or the robot is not where it was told; chosen."""
 SIGNALS_TO_AGREE = 12
@@ -71,9 +73,11 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     """Standard deviation of what a match says beyond that. What a match does not correct is drawn into the map, and the
     next one holds on to it: taken for larger, the map turns with the odometry."""
     floor_m: float = 0.03
-    """By matching, the place on the map is never taken to be surer than this …"""
+    """Matching does not make the place on the map surer than this; a better odometry alone does …"""
     floor_rad: float = 0.005
-    """… nor the yaw."""
+    """… and the same for the yaw."""
+    least_share: float = 1.0
+    """Least share of doubts and floors that counts: below 1 for a base with better odometry than they are made for."""
     doubt_m_per_m: float = 0.05
     """Error of the odometry between two matches beyond the filter's states: metres per metre …"""
     doubt_rad_per_m: float = 0.1
@@ -131,6 +135,8 @@ class Localiser:
         self._trajectory = 0
         self._of_map = NONE
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
+        self._share = spec.least_share
+        """Share of doubts and floors that counts, as the innovations of scans have it."""
         self._matched_way_m = 0.0
         self._seen_way_m = 0.0
         self.way_m = 0.0
@@ -225,7 +231,9 @@ class Localiser:
             self._fitted_sigma_m = self.filter.sigma_m
         way_m = min(self.way_m - self._seen_way_m, DOUBT_WAY_M)
         self._seen_way_m = self.way_m
-        doubt_m2, doubt_rad2 = self.spec.doubt_m_per_m**2 * way_m**2, self.spec.doubt_rad_per_m**2 * way_m**2
+        doubt_m2, doubt_rad2 = (
+            (self._share * each * way_m) ** 2 for each in (self.spec.doubt_m_per_m, self.spec.doubt_rad_per_m)
+        )
         self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
         is_new = self.way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
         if fit.directions and is_new:
@@ -283,10 +291,10 @@ class Localiser:
 
     def _drift(self, covariances: Sequence[float]) -> Drift:
         spec = self.spec
-        beyond_m2 = max(0.5 * (covariances[0] + covariances[4]) - spec.floor_m**2, 0.0)
-        beyond_rad2 = max(covariances[8] - spec.floor_rad**2, 0.0)
+        own_m2, own_rad2 = 0.5 * (covariances[0] + covariances[4]), covariances[8]
+        beyond_m2, beyond_rad2 = max(own_m2 - spec.floor_m**2, 0.0), max(own_rad2 - spec.floor_rad**2, 0.0)
         m2, rad2 = self._map_drift
-        return m2 + beyond_m2 + spec.step_m**2, rad2 + beyond_rad2 + spec.step_rad**2
+        return m2 + beyond_m2 + min(spec.step_m**2, own_m2), rad2 + beyond_rad2 + min(spec.step_rad**2, own_rad2)
 
     def _go_by(self, walls: Drift) -> None:
         """Note that the scan was matched to walls that were mapped when the robot's pose had these variances.
@@ -345,8 +353,9 @@ class Localiser:
         if not fit.directions:
             return True
         ahead = (guess.x_m - believed.x_m, guess.y_m - believed.y_m, wrap_angle_rad(guess.yaw_rad - believed.yaw_rad))
-        slack_m = map.grid.geometry.resolution_m * self.spec.slack_cells
-        of_beam_m2, cos, sin = self.spec.wall_sigma_m**2, 1.0, 0.0
+        spec = self.spec
+        slack_m = map.grid.geometry.resolution_m * spec.slack_cells
+        of_beam_m2, cos, sin = spec.wall_sigma_m**2, 1.0, 0.0
         if map.T_arena_local.yaw_rad:
             cos, sin = math.cos(map.T_arena_local.yaw_rad), math.sin(map.T_arena_local.yaw_rad)
         rows, offsets_m, variances = [], [], []
@@ -357,13 +366,24 @@ class Localiser:
             rows.append((cos * x - sin * y, sin * x + cos * y, yaw))
             variances.append(of_beam_m2 * (1.0 + WALL_BEAMS / held.information))
         along, off_m, noise = np.array(rows), np.array(offsets_m), np.array(variances)
-        if innovation_squared(along, self.filter.covariance, off_m, noise) > SCAN_GATES[len(rows) - 1]:
+        floors, before = (spec.floor_m**2, spec.floor_m**2, spec.floor_rad**2), self.filter.covariance
+        shared = before + np.diag(np.maximum(floors - before.diagonal(), 0.0))
+        if innovation_squared(along, shared, off_m, noise) > SCAN_GATES[len(rows) - 1]:
             return False
+        self._adapt(innovation_squared(along, before, off_m, noise) / len(rows))
         self.filter.correct_along(along, off_m, noise)
-        floor_m2 = self.spec.floor_m**2
-        self.filter.at_least((floor_m2, floor_m2, self.spec.floor_rad**2))
+        self.filter.at_least(tuple(np.clip(before.diagonal(), self._share**2 * np.array(floors), floors).tolist()))
         self._matched_way_m = self.way_m
         return True
+
+    def _adapt(self, nis: float) -> None:
+        """Match the covariance to the innovations: more doubt while they are larger than expected, else less.
+
+        Innovation-based adaptive estimation of the process noise (Mohamed and Schwarz, *Adaptive Kalman filtering for
+        INS/GPS*, Journal of Geodesy 1999), of one factor.
+        """
+        share = self._share * math.exp(ADAPTATION * (min(nis, NIS_MAX) - 1.0))
+        self._share = min(max(share, self.spec.least_share), 1.0)
 
     def lose(self, why: str) -> None:
         """The estimate is not to be believed any more.

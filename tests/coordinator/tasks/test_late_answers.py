@@ -81,7 +81,7 @@ class Desk:
         self.mail = Mail()
         self.tasks._offers = self.mail
         self.refused: list[tuple[str, str, int]] = []
-        self.tasks.on_refused = lambda record, robot, now_ns: self.refused.append((record.task.id, robot, now_ns))
+        self.tasks.on_refused = lambda record, robot, _why, now_ns: self.refused.append((record.task.id, robot, now_ns))
         for name in ("r1", "r2"):
             self.roster.note_presence(Change({"robot": name}, True))
             self.say(name)
