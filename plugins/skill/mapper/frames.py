@@ -19,7 +19,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.local_map import ArenaFix
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.numeric.kernel_array import Floats
-from robrain.protocol.model.numeric.small_linear_algebra import inverse
+from robrain.protocol.model.numeric.small_linear_algebra import inverse_form
 from robrain.protocol.model.slam.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.slam.submap_graph import SubmapGraph
@@ -230,7 +230,7 @@ class Frames:
         off = np.array((at.x_m - here.x_m, at.y_m - here.y_m, math.remainder(T_new_old.yaw_rad, math.tau)))
         away_m2 = float(prior[2, 2]) * place.distance_m(here) ** 2
         expected = prior + current.covariance + np.diag((away_m2, away_m2, 0.0))
-        return float(off @ inverse(expected) @ off) < PRIOR_GATE
+        return bool(inverse_form(expected, off) < PRIOR_GATE)
 
     def _was_in(self, frame: MapFrame) -> bool:
         """Whether the robot has mapped in a frame before: so its place is most likely on that frame's map."""
