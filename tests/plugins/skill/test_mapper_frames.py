@@ -261,6 +261,18 @@ def test_a_robot_that_hardly_knows_its_place_leaves_unless_it_is_alone_in_the_ar
         assert scene.frames.why_unsure() == "", "it has left"
 
 
+@pytest.mark.parametrize(("variances", "joins"), [((1.1, 1.1, 0.001), False), ((400.0, 400.0, 4.0), True)])
+def test_a_robot_that_was_only_unsure_joins_only_where_its_last_place_allows(
+    variances: tuple[float, float, float], joins: bool
+) -> None:
+    scene = Scene()
+    scene.map(20, *PLACES, trajectory=0)
+    scene.mates_map(ARENA)
+    scene.graph.own[20].covariance = np.diag(variances)
+    scene.frames.part(scene.frames.why_unsure())
+    assert any(scene.search(place) for place in PLACES) is joins
+
+
 def test_a_robot_without_submaps_has_nothing_to_leave_with() -> None:
     scene = Scene()
     scene.frames.begin(20, "")
