@@ -7,6 +7,7 @@ import pytest
 
 from robrain import LinkSpec, Scenario, ScenarioError
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.clock import to_seconds
@@ -230,4 +231,23 @@ def test_components_are_also_switched_off_and_on_by_hand() -> None:
     assert [robot.name for robot in told.latest[COORDINATOR].robots if robot.up] == ["r2"]
     with pytest.raises(KeyError):
         told.run.switch_off("r1")
+    told.run.close()
+
+
+@pytest.mark.slow
+def test_an_explored_team_keeps_its_map_and_rests_after_coordinator_and_robot_were_restarted() -> None:
+    told = Told(
+        FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=42.0, until_s=50.0),
+        fault(FaultKind.KILL, at_s=44.0, until_s=46.0),
+    )
+    told.until(41.9)
+    assert told.run.nothing_left
+    known = told.run.coordinator.team_map.known_area_m2
+    told.until(65.0)
+    explored: set[str] = set()
+    while told.run.sim_time_s < 90.0:
+        told.run.tick()
+        explored.update(record.task.id for record in told.run.coordinator.tasks.open if record.task.kind == EXPLORE)
+    assert explored == set()
+    assert told.run.coordinator.team_map.known_area_m2 >= known - 0.5
     told.run.close()
