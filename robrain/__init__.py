@@ -3,7 +3,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from robrain.protocol.kernel_cache import choose_kernel_cache
+from robrain.protocol.kernel_cache import choose_kernel_cache as _choose_kernel_cache
 
 if TYPE_CHECKING:
     from robrain.agent.action import ActionDesk
@@ -189,7 +189,7 @@ _NAMES = {
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}
 
 
-choose_kernel_cache()
+_choose_kernel_cache()
 
 
 def __getattr__(name: str) -> Any:

@@ -48,6 +48,7 @@ CLOCKS = {
     "agent/isolation/peer.py": "a plugin in a process of its own, refused in lockstep",
     "agent/host/live_drive.py": "the live drive",
     "agent/authoring/foreign_bench.py": "tests a process of its own, in live",
+    "agent/authoring/testing.py": "ends a plugin of a test that hangs; no run uses it",
     "client/transport.py": "the live drive's client",
     "client/members.py": "waits for tokens on their way, in live",
     "coordinator/live.py": "the live drive",

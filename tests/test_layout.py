@@ -144,8 +144,8 @@ def test_all_is_sorted_and_what_is_exported() -> None:
     assert robrain.__all__ == sorted(robrain.__all__)
     tree = ast.parse((ROOT / "robrain" / "__init__.py").read_text(encoding="utf-8"))
     imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    homes = {alias.name: str(node.module) for node in imports for alias in node.names}
-    homes = {name: home for name, home in homes.items() if home.startswith("robrain.")}
+    homes = {alias.asname or alias.name: str(node.module) for node in imports for alias in node.names}
+    homes = {name: home for name, home in homes.items() if home.startswith("robrain.") and not name.startswith("_")}
     assert robrain.__all__ == sorted(homes)
     for name, home in homes.items():
         assert getattr(robrain, name).__module__ == home
