@@ -17,7 +17,7 @@ def unknown_name(document: dict[str, Any], struct: Struct, path: str = "") -> st
     Empty if there is none. Nothing else is checked: types, ranges and missing keys are the decoder's affair. `path` is
     where the document stands in its file, if it is a part of one.
 
-    >>> class Radio(msgspec.Struct, forbid_unknown_fields=True):
+    >>> class Radio(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ...     range_m: float = 10.0
     >>> class Tables(msgspec.Struct):
     ...     radio: Radio = Radio()

@@ -82,7 +82,7 @@ def test_a_plugin_without_a_table_hears_and_says_what_is_said(tmp_path):
         ('incoming = { A = "1" }\nboth = { A = "2" }', "transform", "two for A"),  # one word, two meanings
         ('both = { A = "2", B = "2" }', "transform", "two for 2"),  # which of them comes out?
         ('both = { A = "2" }\noutgoing = { 2 = "B" }', "transform", "two for 2"),
-        ('inwards = { A = "1" }', "transform", "unknown field `inwards`"),
+        ('inwards = { A = "1" }', "transform", "unknown key `inwards`"),
     ],
 )
 def test_a_table_that_cannot_be_is_refused_with_its_file_and_key(tmp_path, table, key, complaint):

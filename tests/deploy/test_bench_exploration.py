@@ -146,7 +146,7 @@ def test_the_table_has_a_row_for_each_group_with_its_speed_up() -> None:
     assert shown.row_count == len(by_group(runs)) == 2
     cells = {str(column.header): list(column.cells) for column in shown.columns}
     assert cells["speed-up"] == ["1.00", "2.00"]
-    assert cells["95 % s"] == ["41.0 ± 12.7", "20.5"]
+    assert cells["95 % s"] == ["41.0 [40.0, 42.0]", "20.5"]
 
 
 def test_the_file_has_all_runs_and_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -86,7 +86,7 @@ def test_ipv6_address_stands_in_brackets(tmp_path) -> None:
         ("port = 7000", "prot = 7000", "team: unknown key `prot` (did you mean `port`?)"),
         ("[[hosts]]", "[[hosts", "is not TOML"),
         ('[team]\n', '[robots]\nr9 = "r9.toml"\n[team]\n', "robots.r9: expected a file"),
-        ("[[hosts]]", "[[computers]]", "unknown table `computers`"),
+        ("[[hosts]]", "[[computers]]", "unknown key `computers`"),
     ],
 )  # fmt: skip
 def test_wrong_file_is_told_by_file_key_and_what_was_expected(tmp_path, old: str, new: str, said: str) -> None:

@@ -237,7 +237,8 @@ def test_a_forwarder_that_is_absent_at_the_start_is_found_when_it_appears(stage,
     info = one.infos()["mote_base"]
     assert f"no Serial Forwarder at 127.0.0.1:{gone.port}" in info.why
     assert 5 <= info.restarts <= 9  # after 0.5, 1, 2, 4, 8, 16, 30, 30 s
-    assert {"mote_base", "snw_exploration"} <= {fault.plugin for fault in states.drain()[-1].message.faulted}
+    (fault,) = states.drain()[-1].message.faulted
+    assert (fault.plugin, list(fault.dependants)) == ("mote_base", ["snw_exploration"])
     come = forwarders(port=gone.port)
     with ThreadPoolExecutor(1) as pool:
         accepted = pool.submit(come.accept)

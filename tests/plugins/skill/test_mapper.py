@@ -312,7 +312,11 @@ def hall(robot, observed_ms):
     return to_message(robot, grid, other.full_patch())
 
 
-@pytest.mark.parametrize(("observed_ms", "is_taken"), [(500, True), (5_900, True), (20_000, False), (2**31 - 1, False)])
+WRAPPED_MS = 2**31 - 1
+"""A millisecond before 0, as times in patches have 31 bits."""
+
+
+@pytest.mark.parametrize(("observed_ms", "is_taken"), [(500, True), (5_900, True), (20_000, False), (WRAPPED_MS, True)])
 def test_patches_from_the_future_are_ignored(stage, observed_ms, is_taken):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)

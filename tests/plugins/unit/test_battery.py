@@ -317,7 +317,7 @@ def test_a_gauge_that_lies_in_the_arena_is_noticed_over_the_real_bus(stage, room
         ({"capacity_wh": 0.0}, "expected capacity_wh > 0, got 0.0"),
         ({"soc_at_start": 1.5}, "expected soc_at_start from 0 to 1, got 1.5"),
         ({"low_soc": -0.5}, "expected low_soc from 0 to 1, got -0.5"),
-        ({"capacity": 3.0}, "unknown field `capacity`"),
+        ({"capacity": 3.0}, "unknown key `capacity`"),
     ],
 )
 def test_a_battery_with_wrong_parameters_is_left_out_with_the_reason(stage, battery, expected):

@@ -116,21 +116,25 @@ def test_a_cancelled_action_stands_still(robot, start):
 
 
 @pytest.mark.parametrize(
-    ("end", "why"),
+    ("end", "outcome", "why"),
     [
-        (lambda one: one.call("driver", "stop"), "the driver was told to stop"),
-        (lambda one: one.call("driver", "turn", 1.0), "turn-2 has taken its place"),
-        (lambda one: one.hosts[0].manager.get("driver").plugin.follow([Point2D(1.0, 0.0)]), "another path was given"),
-        (lambda one: one.halt(), "emergency halt"),
-        (lambda one: one.hosts[0].manager.unload("driver", cascade=True), "it is being unloaded"),
+        (lambda one: one.call("driver", "stop"), "cancelled", "the driver was told to stop"),
+        (lambda one: one.call("driver", "turn", 1.0), "superseded", "superseded by turn-2"),
+        (
+            lambda one: one.hosts[0].manager.get("driver").plugin.follow([Point2D(1.0, 0.0)]),
+            "superseded",
+            "superseded by a path from outside",
+        ),
+        (lambda one: one.halt(), "cancelled", "emergency halt"),
+        (lambda one: one.hosts[0].manager.unload("driver", cascade=True), "cancelled", "it is being unloaded"),
     ],
     ids=["stop", "turn", "follow", "halt", "unload"],
 )
-def test_what_comes_between_cancels_the_action_and_says_so(robot, end, why):
+def test_what_comes_between_ends_the_action_and_says_so(robot, end, outcome, why):
     action = robot.call("driver", "drive", 3.0)
     robot.run(1.0)
     end(robot)
-    assert end_of(robot, action, 0.1) == ("cancelled", why)
+    assert end_of(robot, action, 0.1) == (outcome, why)
 
 
 def test_a_path_that_follows_an_action_is_driven_as_ever(robot):
@@ -241,7 +245,7 @@ def test_the_text_form_has_the_same_ranges(robot, word):
 
 def test_a_signature_is_shown_without_its_ranges_and_its_schema_has_them(robot):
     (info,) = robot.hosts[0].manager.get("driver").code.functions["drive"].infos
-    assert info.signature == "(distance_m: float) -> str"
+    assert info.signature == "(distance_m: float) -> ActionId"
     assert info.parameters["$defs"]["drive_arguments"]["properties"]["distance_m"]["maximum"] == 1e6
 
 

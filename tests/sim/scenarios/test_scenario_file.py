@@ -24,7 +24,7 @@ WRONG = {
     "empty": ("", "", "missing required field `scenario`"),
     "no name": (f"[scenario]\n{FLOOR}", "scenario", "missing required field `name`"),
     "unknown table": (f"{GOOD}[robot_team]\ncount = 3\n", "", "unknown table `robot_team`"),
-    "unknown key": (GOOD + "[team]\nrobot = 3\n", "team", "`robot` (did you mean `robots`?); there are near_m,"),
+    "unknown key": (GOOD + "[team]\nrobot = 3\n", "team", "`robot` (did you mean `robots`?); there are idle, near_m,"),
     "unknown key of the floor": (f"{GOOD}colour = 3\n", "floor", "unknown key `colour`; there are blocks, pillars,"),
     "seed of another type": (GOOD.replace("[floor]", 'seed = "7"\n[floor]'), "scenario.seed", "Expected `int`"),
     "robots of another type": (GOOD + "[team]\nrobots = 2.5\n", "team.robots", "Expected `int`"),
