@@ -181,7 +181,7 @@ def test_a_patch_from_the_future_changes_nothing(team):
     assert not summary.all_explored
     (found,) = summary.refused
     assert (found.topic, found.code) == ("robot_map", "not_plausible")
-    assert "from the future" in found.why
+    assert "claims to be observed 19.0 s from now" in found.why
 
 
 def test_more_walls_than_a_robot_can_have_seen_in_one_patch_are_refused(team):

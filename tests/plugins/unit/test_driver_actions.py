@@ -123,7 +123,7 @@ def test_a_cancelled_action_stands_still(robot, start):
         (
             lambda one: one.hosts[0].manager.get("driver").plugin.follow([Point2D(1.0, 0.0)]),
             "superseded",
-            "superseded by a path from outside",
+            "superseded by a call from outside",
         ),
         (lambda one: one.halt(), "cancelled", "emergency halt"),
         (lambda one: one.hosts[0].manager.unload("driver", cascade=True), "cancelled", "it is being unloaded"),
