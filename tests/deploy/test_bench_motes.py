@@ -56,7 +56,7 @@ def test_table_has_a_row_for_each_way_and_fits_its_width() -> None:
     text = out.getvalue()
     tree, mules = (next(line for line in text.splitlines() if line.startswith(f"│ {way} ")) for way in (TREE, MULES))
     assert [cell.strip() for cell in tree.split("│")[1:10]] == [
-        "tree", "2", "90 ± 127", "180", "270", "0.45", "1.00", "50.0 %", "25.0 %",
+        "tree", "2", "90 [80, 100]", "180", "270", "0.45", "1.00", "50.0 %", "25.0 %",
     ]  # fmt: skip
     assert "5.00" in mules
     assert "…" not in text

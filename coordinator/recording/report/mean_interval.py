@@ -81,7 +81,8 @@ def bootstrap_interval(values: NDArray[np.float64]) -> tuple[NDArray[np.float64]
     """
     count = len(values)
     drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), RESAMPLES) / count
-    low, high = np.quantile(drawn @ values, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], axis=0)
+    ends = np.quantile(drawn @ values, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], axis=0)
+    low, high = np.clip(ends, values.min(axis=0), values.max(axis=0))
     return low, high
 
 

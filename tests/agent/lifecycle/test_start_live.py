@@ -40,7 +40,10 @@ SHOP = """
         def deactivate(self): self.wait("deactivate")
         def wait(self, where):
             if where in WHERE:
-                GO.wait(10)
+                try:
+                    GO.wait(10)
+                except SystemExit:
+                    pass  # goes on although its robot ends its thread
                 try:
                     self.bell.press("late")
                 except PluginUnloaded as error:
