@@ -206,11 +206,11 @@ def import_everything(missing: tuple[type[Exception], ...] = ()) -> None:
                 importlib.import_module(module.name)
     with suppress(*missing):
         importlib.import_module("robrain.deploy.run.kernels").prepare_kernels(quiet=True)
-    gc.freeze()  # what is there is shared by all commands
 
 
 def _main() -> NoReturn:
     import_everything(missing=(ModuleNotFoundError,) if sys.argv[1:] else ())
+    gc.freeze()  # what is there is shared by all commands
     _serve()
     _end(run_main())
 

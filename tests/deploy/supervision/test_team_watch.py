@@ -105,7 +105,7 @@ def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> No
     assert cells_of(parts[0]) == ["arena", "12", "25%", "282 MB", "5.0 truths/s", "0", "up"]
     assert cells_of(parts[1])[1:] == [*["–"] * 5, "waiting"]
     assert not any("\x1b" in line for line in lines_of(parts))
-    console = Console(record=True, width=80, file=io.StringIO())
+    console = Console(record=True, width=80, file=io.StringIO(), markup=False)
     console.print(drawn("12.0% [b]explored", parts))
     heading, titles, *rows = console.export_text().splitlines()
     assert heading == "12.0% [b]explored"
