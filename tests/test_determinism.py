@@ -130,11 +130,13 @@ def test_what_varies_by_processor_is_found(line: str, what: str) -> None:
     assert what in list(varying(ast.parse(line)))
 
 
+@pytest.mark.slow
 def test_what_a_digest_depends_on_uses_nothing_that_varies_by_processor() -> None:
     found = {f"{name}: {what}" for name, tree in sources().items() for what in varying(tree)}
     assert found == set(EXCEPTIONS)
 
 
+@pytest.mark.slow
 def test_only_what_is_not_for_lockstep_reads_the_clock_of_the_machine() -> None:
     found = {
         name

@@ -129,6 +129,7 @@ def test_example_runs_and_says_what_it_should(script: Path, tmp_path: Path, requ
         assert re.search(pattern, done.stdout), f"{pattern} in:\n{done.stdout}"
 
 
+@pytest.mark.slow
 def test_energy_comes_before_time_or_the_other_way_round_as_the_objective_says(tmp_path: Path) -> None:
     script = EXAMPLES / "07_objectives.py"
     said = subprocess.run(

@@ -68,6 +68,7 @@ def test_what_searches_words_is_found(line: str, is_found: bool) -> None:
     assert bool(list(searched(ast.parse(line)))) is is_found
 
 
+@pytest.mark.slow
 def test_no_decision_searches_words() -> None:
     found = [
         f"{name}:{line}"

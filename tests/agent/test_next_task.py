@@ -336,7 +336,7 @@ class DeskWithNext(RuleBasedStateMachine):
 
 
 DeskWithNext.TestCase.settings = settings(max_examples=100, stateful_step_count=30, deadline=None)
-TestDeskWithNext = DeskWithNext.TestCase
+TestDeskWithNext = pytest.mark.slow(DeskWithNext.TestCase)
 
 
 # -- in its host ------------------------------------------------------------------------------------------------------

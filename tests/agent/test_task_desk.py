@@ -320,7 +320,7 @@ class Desk(RuleBasedStateMachine):
 
 
 Desk.TestCase.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
-TestDesk = Desk.TestCase
+TestDesk = pytest.mark.slow(Desk.TestCase)
 
 
 # -- one drives at a time -----------------------------------------------------------------------------------------

@@ -109,6 +109,7 @@ def test_words_of_both_directions_come_back_as_they_went_in(both, words):
     assert [transform.outgoing(word) for word in transform.incoming(said)] == said
 
 
+@pytest.mark.slow
 @given(st.text())
 def test_any_text_is_translated_without_an_error(text):
     transform = Transform(msgspec.convert({"both": {"A": "1"}}, TransformTable))

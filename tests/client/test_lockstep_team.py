@@ -16,6 +16,7 @@ from robrain.sim.world.scenario_tasks import TaskSpec
 SCENARIO = Scenario.builtin("arena_small").replace(robots=1, motes=1)
 
 
+@pytest.mark.slow
 def test_time_stands_still_while_a_team_is_asked() -> None:
     with SCENARIO.team() as team:
         with pytest.raises(NobodyThere, match="r1 has sent no state yet: let some time pass"):
@@ -36,6 +37,7 @@ def test_time_stands_still_while_a_team_is_asked() -> None:
         assert team.now_s == ended_s  # it has ended already
 
 
+@pytest.mark.slow
 def test_a_dry_run_takes_the_arguments_of_a_submission() -> None:
     assert inspect.signature(Team.dry_run).parameters == inspect.signature(Team.submit).parameters
     with SCENARIO.team() as team:
@@ -56,6 +58,7 @@ def test_a_dry_run_takes_the_arguments_of_a_submission() -> None:
                 ask(submitted.task, place=(2, 1))
 
 
+@pytest.mark.slow
 def test_a_wait_ends_in_the_tick_of_the_end() -> None:
     with SCENARIO.team() as team:
         team.run_for(1.0)
@@ -63,6 +66,7 @@ def test_a_wait_ends_in_the_tick_of_the_end() -> None:
         assert team.now_s - record.changed_ns / 1e9 < 0.021
 
 
+@pytest.mark.slow
 def test_equal_seeds_and_calls_give_equal_recordings_and_other_seeds_others(tmp_path: Path) -> None:
     def digest(name: str, seed: int) -> str:
         with SCENARIO.team(seed=seed, record=tmp_path / name) as team:
@@ -76,6 +80,7 @@ def test_equal_seeds_and_calls_give_equal_recordings_and_other_seeds_others(tmp_
     assert {event.message.task.id for event in told} >= {"visit-1"}
 
 
+@pytest.mark.slow
 def test_what_is_listened_to_ends_with_the_loop_and_with_the_team() -> None:
     with SCENARIO.team() as team:
         kept = len(team._listening._open)
@@ -100,6 +105,7 @@ def test_action_that_a_behavior_supersedes_ends_with_its_name() -> None:
         assert end.action.startswith("drive-")
 
 
+@pytest.mark.slow
 def test_nothing_supersedes_an_action_in_an_idle_team() -> None:
     with SCENARIO.replace(idle=True).team() as team:
         team.run_for(2.0)
@@ -123,6 +129,7 @@ def test_idle_team_explores_only_as_a_task_says_and_ends_with_its_tasks() -> Non
         assert team.state("r1").pose.distance_m(began) < 0.05
 
 
+@pytest.mark.slow
 def test_a_client_is_made_of_any_transport() -> None:
     with SCENARIO.team() as team:
         other = Team(team.transport, by="bob")

@@ -3,6 +3,10 @@
 import subprocess
 import sys
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 SLOW = ("numba", "scipy", "pyvrp", "pandas", "matplotlib", "viser", "mcap", "PIL", "rich", "can", "prompt_toolkit")
 LOADED = """
 import sys

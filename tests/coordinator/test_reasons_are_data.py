@@ -116,6 +116,7 @@ def test_the_days_have_what_decisions_could_be_read_from(tired, fresh) -> None:
     assert "nearest_out" in codes(fresh[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "vocabulary"), [(1, MISLEADING), (2, MISLEADING), (1, MEANINGLESS)])
 @pytest.mark.parametrize("socs", [TIRED, FRESH])
 def test_the_same_is_planned_offered_and_charged_whatever_the_reasons_are_called(

@@ -86,6 +86,7 @@ def test_a_wrong_option_is_refused_in_words(options: dict[str, object], told: st
     assert str(caught.value).startswith(told)
 
 
+@pytest.mark.slow
 def test_ideal_motion_and_the_full_stack_explore_the_same_floor_from_the_same_place() -> None:
     ideal, full = (run_case(msgspec.structs.replace(SMALL, motion=motion, near=(2.0, 2.0))) for motion in (IDEAL, FULL))
     assert ideal.explored_m2 == pytest.approx(full.explored_m2, rel=0.03)

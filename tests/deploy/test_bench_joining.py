@@ -59,6 +59,7 @@ def test_unknown_starts_are_timed_and_robots_carried_off_need_to_be_found() -> N
     assert (found["carried off: false joins"].value, found["carried off: false joins"].kept) == (1.0, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_that_ends_before_there_was_time_tells_no_overlap(kind: str) -> None:
     runs = run_case((SMALL, kind))
@@ -66,6 +67,7 @@ def test_a_run_that_ends_before_there_was_time_tells_no_overlap(kind: str) -> No
     assert (runs[0].overlap_s, runs[0].joined_s, runs[0].why_not) == (None, None, "")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_run_says_why_and_counts_in_no_figure() -> None:
     (each,) = run_case((msgspec.structs.replace(SMALL, robots=1000), "unknown"))
     assert "robots" in each.why_not
@@ -73,6 +75,7 @@ def test_what_cannot_be_run_says_why_and_counts_in_no_figure() -> None:
     assert list(figures([each])) == []
 
 
+@pytest.mark.slow
 def test_runs_are_printed_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "told.json"
     run_bench(Plan(cases=[SMALL], jobs=1, absent=[]), ["unknown"], file)

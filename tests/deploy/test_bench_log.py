@@ -91,6 +91,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     return *write_log(folder), robot
 
 
+@pytest.mark.slow
 def test_trajectory_is_right_where_the_odometry_alone_is_not(files, tmp_path: Path, capsys) -> None:
     log, relations, robot = files
     run_bench(log, relations, tmp_path / "told.json", tmp_path / "room.yaml", robot)
@@ -113,6 +114,7 @@ def test_trajectory_is_right_where_the_odometry_alone_is_not(files, tmp_path: Pa
     assert "resolution: 0.1" in (tmp_path / "room.yaml").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_without_matching_scans_the_trajectory_is_wrong(files) -> None:
     log = read_carmen_log(files[0])
     played = play(log, {"localisation": {"scan_matching": False}})
@@ -135,6 +137,7 @@ def test_log_that_covers_too_large_an_area_is_refused(files) -> None:
         play(msgspec.structs.replace(log, entries=[*log.entries, far]))
 
 
+@pytest.mark.slow
 def test_files_that_do_not_go_together_or_cannot_be_written_are_refused(files, tmp_path: Path) -> None:
     log, relations, _ = files
     other = tmp_path / "other.relations"

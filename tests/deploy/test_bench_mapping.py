@@ -126,6 +126,7 @@ def test_late_runs_are_compared_with_the_same_runs_in_time() -> None:
     assert found["exact wheels: occupied cells off, worst run"].value == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_run_tells_the_worst_robot_and_all_robots_samples() -> None:
     result = SMALL.scenario().replace(robots=2).run(time_limit_s=0.2)
     near = PoseAccuracy(samples=10, rmse_m=0.1, max_error_m=0.9, nees=1.0, nees_in_band=1.0, lost_s=2.0, is_lost=True)

@@ -52,6 +52,7 @@ def solve(path, best=None, iterations=400):
     return solve_public(read_public(path), allocator, best, iterations=iterations)
 
 
+@pytest.mark.slow
 def test_published_optimum_of_solomons_r101_is_found_with_no_gap():
     result = solve(R101, 617.1, 3000)
     assert (result.value, result.vehicles, result.note) == (617.1, 8, "")

@@ -157,6 +157,7 @@ def test_the_floor_of_a_recorded_run_is_that_of_its_scenario(run: Path) -> None:
     assert found.chargers == ()
 
 
+@pytest.mark.slow
 def test_the_floor_of_a_map_file_is_in_the_recording(tmp_path: Path) -> None:
     world = Scenario.builtin("arena_small").world()
     (tmp_path / "hall.yaml").write_text(world.map_yaml().replace("map.png", "hall.png"))
@@ -204,6 +205,7 @@ def test_without_the_simulator_all_but_walls_is_judged(run: Path, monkeypatch: p
     assert ruling(run, Invariant.TASK_KEPT).standing is Standing.KEPT
 
 
+@pytest.mark.slow
 @given(st.floats(-1.0, 25.0), st.floats(-1.0, 15.0))
 @settings(max_examples=300)
 def test_clearance_that_is_looked_up_is_that_of_the_floor(x_m: float, y_m: float) -> None:

@@ -49,6 +49,8 @@ from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world import arena
 from robrain.sim.world.chargers import Chargers, ChargerSpec
 
+pytestmark = pytest.mark.slow
+
 SMALL = Scenario.builtin("arena_small").replace(motes=0)
 WITH_CHARGER = SMALL.replace(chargers=(ChargerSpec(place_m=(0.6, 5.4)),))
 

@@ -32,6 +32,7 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_parts_at_the_start_are_compiled_first_and_stored(empty_cache: Path) -> None:
     with KernelCompiler(FEW, 1) as compiler:
         assert compiler.progress == (0, 1, None)
@@ -42,6 +43,7 @@ def test_parts_at_the_start_are_compiled_first_and_stored(empty_cache: Path) -> 
     assert not list(empty_cache.rglob("*.tmp.*"))
 
 
+@pytest.mark.slow
 def test_parts_that_are_needed_later_are_left_to_one_process(empty_cache: Path) -> None:
     later = {name: part for name, part in PARTS.items() if not part.at_start}
     with KernelCompiler(later, 2) as compiler:
@@ -52,6 +54,7 @@ def test_parts_that_are_needed_later_are_left_to_one_process(empty_cache: Path) 
         assert compiler.failure == ""
 
 
+@pytest.mark.slow
 def test_process_that_fails_is_told_and_nobody_waits_for_it(empty_cache: Path) -> None:
     with KernelCompiler({"no such part": Part(PARTS["obstacles"].warm_up, at_start=True)}, 1) as compiler:
         until(lambda: compiler.is_done, step=compiler.step)
@@ -65,6 +68,7 @@ def test_python_that_cannot_be_started_is_told(monkeypatch: pytest.MonkeyPatch, 
         assert "No such file" in compiler.failure
 
 
+@pytest.mark.slow
 def test_left_block_ends_the_processes_within_the_limit(empty_cache: Path) -> None:
     compiler = KernelCompiler(PARTS, 2)
     pids = [worker._process.pid for worker in compiler._workers]
@@ -75,6 +79,7 @@ def test_left_block_ends_the_processes_within_the_limit(empty_cache: Path) -> No
     assert not any(_runs(pid) for pid in pids)
 
 
+@pytest.mark.slow
 def test_processes_end_when_their_parent_is_killed(empty_cache: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", SCRIPT], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None

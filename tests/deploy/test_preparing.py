@@ -70,6 +70,7 @@ def run() -> Iterator[LockstepRun]:
     run.close()
 
 
+@pytest.mark.slow
 def test_what_a_run_does_not_need_at_first_is_compiled_when_its_page_has_long_been_loaded(
     clock: Clock, run: LockstepRun
 ) -> None:

@@ -56,6 +56,7 @@ def test_each_key_of_the_table_is_printed_once(document):
         assert len(re.findall(rf"^\| `{re.escape(row.pattern)}` \|", page, re.MULTILINE)) == 1
 
 
+@pytest.mark.slow
 def test_each_schema_is_one_and_refers_to_what_is_there(document):
     jsonschema.Draft202012Validator.check_schema({"$defs": document["$defs"]})
     for kind in ("topics", "queries"):

@@ -49,17 +49,20 @@ def _run(path: str, change: str, folder: Path, code: str) -> str:
 WRAP = ("protocol/model/geometry.py", "2 * math.pi -> 2 / math.pi")
 
 
+@pytest.mark.slow
 def test_a_loaded_function_makes_the_mistake_for_all_who_imported_it(tmp_path: Path) -> None:
     said = _run(*WRAP, tmp_path, "print(round(geometry.wrap_angle_rad(7.0), 3))")
     assert said != "0.717"
 
 
+@pytest.mark.slow
 def test_a_child_process_makes_the_mistake_too(tmp_path: Path) -> None:
     code = "from robrain.protocol.model.geometry import wrap_angle_rad; print(round(wrap_angle_rad(7.0), 3))"
     said = _run(*WRAP, tmp_path, f"print(subprocess.run([sys.executable, '-c', {code!r}], capture_output=True).stdout)")
     assert said not in {"b'0.717\\n'", "b''"}
 
 
+@pytest.mark.slow
 def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
     code = "print(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
     right = clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
@@ -68,6 +71,7 @@ def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
     assert said != str(right)
 
 
+@pytest.mark.slow
 def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_nobody(tmp_path: Path) -> None:
     """numba's cache does not tell a kernel from one with another constant."""
     code = "from robrain.protocol.model.navigation import clearance_kernels; import numpy as np; {}".format(
@@ -86,6 +90,7 @@ def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_
         assert after.stdout == f"{right}\n"
 
 
+@pytest.mark.slow
 def test_a_mutated_kernel_that_leaves_its_arrays_raises(tmp_path: Path) -> None:
     code = """
 from robrain.protocol.model.localization.gauss_newton_kernels import eigen
@@ -99,6 +104,7 @@ except IndexError:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_frozen", [False, True])
 def test_the_callers_of_a_compiled_kernel_are_known(*, is_frozen: bool) -> None:
     if is_frozen:

@@ -81,6 +81,7 @@ def test_the_bytes_and_the_values_are_those_that_cantools_makes(drawn):
     }
 
 
+@pytest.mark.slow
 @given(any_values())
 def test_bytes_and_values_in_their_order_are_those_of_whole_frames(drawn):
     name, counter, values = drawn

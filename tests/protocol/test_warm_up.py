@@ -24,6 +24,8 @@ from robrain.protocol.model.slam import (
 )
 from robrain.protocol.model.warm_up import warm_up
 
+pytestmark = pytest.mark.slow
+
 MODULES: tuple[ModuleType, ...] = (
     clearance_kernels,
     frontier,

@@ -31,6 +31,7 @@ def test_robots_notice_within_two_seconds_and_go_on_with_what_they_do(lost: Lost
     assert all(robot.running == task for robot, task in zip(lost.robots, running, strict=True) if task)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after_s", [0.5, 3.0, 8.0, 14.0, 40.0])
 def test_a_coordinator_that_returns_takes_in_what_was_done_and_nothing_is_done_twice(
     lost: LostTeam, after_s: float
@@ -119,6 +120,7 @@ def test_tasks_that_wait_for_others_come_after_them(lost: LostTeam) -> None:
     assert lost.done == {"t0": 1, "t1": 1, "t2": 1}
 
 
+@pytest.mark.slow
 def test_what_one_robot_cannot_do_another_does(lost: LostTeam) -> None:
     names = lost.visits(6)
     lost.run(0.5)

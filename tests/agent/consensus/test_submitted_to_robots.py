@@ -201,6 +201,7 @@ def test_a_submission_that_makes_no_sense_names_its_key(lost: LostTeam, asked: T
     assert refused.value.code is ErrorCode.BAD_ARGUMENTS
 
 
+@pytest.mark.slow
 def test_robots_remember_so_many_and_no_more_and_all_of_them_come_to_all(lost: LostTeam) -> None:
     lost.kill()
     lost.run(3.0)

@@ -154,6 +154,7 @@ LOOPS = """
 """
 
 
+@pytest.mark.slow
 def test_an_endless_loop_ends_when_its_plugin_is_abandoned_and_one_that_cannot_be_ended_is_named(mine, bench):
     robot = mine()
     bench.code("loops", LOOPS)

@@ -141,6 +141,7 @@ def test_call_payloads(lab, function):
     assert codes == {ErrorCode.BAD_ARGUMENTS, "a result"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["load", "unload", "reload", "command", "halt", "nonsense"])
 def test_requests_to_the_host(lab, verb, monkeypatch, tmp_path_factory):
     monkeypatch.chdir(tmp_path_factory.mktemp("empty"))
@@ -172,6 +173,7 @@ def test_commands_in_text_form(lab):
     assert all(answers.values())
 
 
+@pytest.mark.slow
 def test_manifests(lab):
     manager = lab.hosts[-1].manager
     odd = lab.place / "odd.toml"
@@ -193,6 +195,7 @@ def test_manifests(lab):
     assert refused > loaded > 0
 
 
+@pytest.mark.slow
 def test_manifests_by_path(lab):
     odd = lab.place / "odd.toml"
     manager = lab.hosts[-1].manager

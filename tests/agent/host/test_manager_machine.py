@@ -20,6 +20,8 @@ from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLO
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS
 from tests.agent.conftest import Bench
 
+pytestmark = pytest.mark.slow
+
 WATCHDOG_S = 500.0
 
 UNIVERSE = """

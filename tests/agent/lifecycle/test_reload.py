@@ -126,6 +126,7 @@ def test_a_plugin_of_two_files_is_imported_and_an_edit_of_the_second_is_seen(ben
     assert bench.call("stove", "heat") == 21
 
 
+@pytest.mark.slow
 def test_reloads_and_faults_leave_nothing_behind(lab):
     def reload(times):
         for _ in range(times):

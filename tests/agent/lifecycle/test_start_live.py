@@ -129,6 +129,7 @@ def test_a_load_that_hangs_is_refused_in_time_and_the_next_one_is_not_kept_waiti
     assert robot.which() == b"1"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["init", "activate"])
 def test_what_a_plugin_does_that_was_left_behind_in_its_start_has_no_consequence(shop, bench, where):
     robot = shop(start_s=START_S)

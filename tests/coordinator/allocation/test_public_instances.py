@@ -11,11 +11,14 @@ exceeds the capacity: what is best without capacities and keeps them is best wit
 from pathlib import Path
 
 import numpy as np
+import pytest
 import vrplib
 
 from robrain.coordinator.allocation.optimal import OptimalAllocator
 from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.allocation.validate import validate
+
+pytestmark = pytest.mark.slow
 
 BEST_KNOWN = 617.1
 

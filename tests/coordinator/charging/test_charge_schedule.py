@@ -137,6 +137,7 @@ def teams(draw):
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(teams(), st.sampled_from([CALM, SHORT]), st.randoms(use_true_random=False))
 def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(team, demand, shuffle):
@@ -162,6 +163,7 @@ def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(t
     assert schedule_charges(mixed, demand, lambda _: POWER_W) == turns
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(teams())
 def test_nobody_waits_while_a_charger_that_it_knows_stands_empty(team):

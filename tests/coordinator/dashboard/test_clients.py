@@ -64,6 +64,7 @@ def test_waiting_browser_is_woken_only_on_the_servers_own_thread(server: LocalSe
     assert woken.result(PATIENCE_S) == server._websock_server._server_thread.ident
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("hasty", "patient")
 def test_no_layer_is_hidden_while_hundreds_of_browsers_come_and_go(
     endpoint: Endpoint, caplog: pytest.LogCaptureFixture
@@ -87,6 +88,7 @@ def test_no_layer_is_hidden_while_hundreds_of_browsers_come_and_go(
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING] == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize(
     "camera",

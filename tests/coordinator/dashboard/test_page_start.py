@@ -53,6 +53,7 @@ def patch(columns: int = 2) -> Received:
     return Received(ROBOT_MAP, ROBOT_MAP.key("default", robot="r1"), {"team": "default", "robot": "r1"}, message)
 
 
+@pytest.mark.slow
 def test_page_is_served_and_drawn_without_what_loads_slowly() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())

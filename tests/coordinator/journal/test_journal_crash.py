@@ -27,6 +27,8 @@ from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.reasons.robots import LostContact
 from robrain.protocol.wire.reasons.tasks import Cancelled, Forgotten, IsNext, LeaseRanOut
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = ("r1", "r2", "r3")
 
 
@@ -457,5 +459,5 @@ def folders(tmp_path: Path) -> None:
     CrashMachine.folders = tmp_path / "machine"
 
 
-TestCrashMachine = CrashMachine.TestCase
+TestCrashMachine = pytest.mark.slow(CrashMachine.TestCase)
 TestCrashMachine.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)

@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,6 +23,8 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import TASK_DECISION, TASK_PROBLEM
 from tests.coordinator.conftest import Team
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
+
+pytestmark = pytest.mark.slow
 
 POLICY = PlanningPolicy(give_up_s=20.0, iterations=20)
 RESERVE_J = POLICY.reserve_share * CAPACITY_J

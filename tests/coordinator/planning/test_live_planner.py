@@ -24,6 +24,7 @@ def wait_for(planner, made, until):
             return plans
 
 
+@pytest.mark.slow
 def test_an_answer_comes_before_the_search_is_over_and_a_better_one_after_it(planner, made):
     planner.ask(open_floor_snapshot(1, 30), PlanningPolicy(deadline_s=600.0))  # it gives up by itself
     plans = wait_for(planner, made, lambda found: found and found[-1].problem.rounds > 0)
@@ -34,6 +35,7 @@ def test_an_answer_comes_before_the_search_is_over_and_a_better_one_after_it(pla
     assert lockstep.take()[0].problem.routes == plans[-1].problem.routes
 
 
+@pytest.mark.slow
 def test_of_many_questions_the_last_is_answered(planner, made):
     for number in range(1, 30):
         planner.ask(open_floor_snapshot(number, 12), PlanningPolicy(deadline_s=0.2))
@@ -41,6 +43,7 @@ def test_of_many_questions_the_last_is_answered(planner, made):
     assert len({plan.problem.plan for plan in plans}) < 29
 
 
+@pytest.mark.slow
 def test_a_question_that_cannot_be_answered_does_not_end_planning(planner, made, caplog):
     bad = open_floor_snapshot(1, 2)
     bad.members["r0"] = Member(RobotState(robot="r0"), None, (), Point2D(0.0, 0.0))  # it has no pose

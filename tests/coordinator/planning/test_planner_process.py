@@ -46,6 +46,7 @@ def next_plan(planner, made):
     return planner.take()
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_it(planner, made, caplog):
     planner.ask(open_floor_snapshot(7, 200, robots=10), LONG)
     next_plan(planner, made)
@@ -58,6 +59,7 @@ def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_
     assert "was ended by SIGKILL" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_while_nobody_asks_is_there_again_for_the_next_question(planner, made):
     planner.ask(open_floor_snapshot(1, 3), SHORT)
     next_plan(planner, made)
@@ -67,6 +69,7 @@ def test_a_process_that_is_killed_while_nobody_asks_is_there_again_for_the_next_
     assert next_plan(planner, made)[-1].problem.plan == 2
 
 
+@pytest.mark.slow
 def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_again(planner, made, caplog, monkeypatch):
     planner.ask(open_floor_snapshot(1, 3), SHORT)
     next_plan(planner, made)
@@ -93,6 +96,7 @@ class Poison(str):
         return os._exit, (3,)
 
 
+@pytest.mark.slow
 def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answered(planner, made, caplog, monkeypatch):
     monkeypatch.setattr("robrain.coordinator.planning.worker.live_planner.FIRST_PAUSE_S", 0.01)
     monkeypatch.setattr(planner, "_pause_s", 0.01)
@@ -106,6 +110,7 @@ def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answere
     assert next_plan(planner, made)[-1].problem.plan == 2
 
 
+@pytest.mark.slow
 def test_closing_leaves_no_process_whatever_it_is_at(made):
     planner = LivePlanner(made.set)
     planner.ask(open_floor_snapshot(1, 200, robots=10), LONG)
@@ -170,6 +175,7 @@ def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_sea
     until(lambda: has_ended(pid))
 
 
+@pytest.mark.slow
 def test_an_interrupt_for_the_whole_terminal_is_none_for_the_process(planner, made, capfd):
     planner.ask(open_floor_snapshot(1, 3), SHORT)
     next_plan(planner, made)
@@ -213,6 +219,7 @@ def _fields(snapshot):
     return {name: getattr(snapshot, name) for name in snapshot.__struct_fields__}
 
 
+@pytest.mark.slow
 def test_a_planner_that_cannot_be_started_is_tried_again_and_says_so(planner, made, caplog, monkeypatch):
     caplog.set_level(logging.WARNING)
     monkeypatch.setattr("robrain.coordinator.planning.worker.live_planner.FIRST_PAUSE_S", 0.01)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import msgspec
+import pytest
 
 from robrain.coordinator.planning.recorded_plans import plan_again, replay_decisions
 from robrain.coordinator.recording.writer.provenance import Provenance
@@ -95,6 +96,7 @@ def digest() -> str:
         return found
 
 
+@pytest.mark.slow
 def test_what_is_said_of_plans_does_not_depend_on_the_hash_seed():
     code = "from tests.coordinator.planning.test_replaying import digest; import sys; sys.stdout.write(digest())"
     found = set()

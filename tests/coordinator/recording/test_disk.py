@@ -226,6 +226,7 @@ signal.pause()
 """
 
 
+@pytest.mark.slow
 def test_a_killed_recorder_leaves_all_but_the_last_half_second(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with subprocess.Popen([sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE) as process:

@@ -125,6 +125,7 @@ def test_files_stay_small(run: Path) -> None:
     assert derived > 0
 
 
+@pytest.mark.slow
 def test_the_digest_and_what_went_over_the_wire_are_the_same_with_and_without(run: Path, tmp_path: Path) -> None:
     plain = tmp_path / "plain.mcap"
     result = Scenario.builtin("depot").replace(robots=2, motes=8).run(time_limit_s=RUN_S)

@@ -10,6 +10,7 @@ from robrain.coordinator.recording.report.mean_interval import holm, mean_interv
 NUMBERS = st.lists(st.integers(-1000, 1000).map(float), min_size=2, max_size=30)
 
 
+@pytest.mark.slow
 @given(NUMBERS)
 def test_the_interval_is_within_the_values(values: list[float]) -> None:
     found = mean_interval(values)
@@ -44,6 +45,7 @@ def test_one_value_has_no_interval_and_none_no_mean() -> None:
     assert mean_interval([]) is None
 
 
+@pytest.mark.slow
 @given(NUMBERS)
 def test_the_paired_test_is_that_of_student(differences: list[float]) -> None:
     first = dict.fromkeys(range(len(differences)), 100.0)

@@ -4,8 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from robrain.sim.scenarios.scenario import Scenario
 from tests.waiting import PATIENCE_S
+
+pytestmark = pytest.mark.slow
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "notebook_run_analysis.py"
 

@@ -84,6 +84,7 @@ def assert_same_map(one: OccupancyGrid | None, two: OccupancyGrid | None) -> Non
         np.testing.assert_array_equal(one.classes(), two.classes())
 
 
+@pytest.mark.slow
 @given(t_s=st.floats(-1.0, RUN_S + 1.0))
 def test_the_run_at_a_time_is_the_last_message_of_each_key_and_the_merged_map(
     run: Path, prepared: Player, t_s: float
@@ -95,6 +96,7 @@ def test_the_run_at_a_time_is_the_last_message_of_each_key_and_the_merged_map(
     assert_same_map(prepared.map_at(t_s), map_of(before))
 
 
+@pytest.mark.slow
 @given(t_s=st.floats(0.0, RUN_S))
 def test_what_follows_a_seek_completes_the_map_of_the_whole_run(run: Path, prepared: Player, t_s: float) -> None:
     told = prepared.seek(t_s)

@@ -96,6 +96,7 @@ def test_the_info_tells_length_counts_and_digest(session: zenoh.Session, tmp_pat
     assert not info.truncated
 
 
+@pytest.mark.slow
 def test_a_file_cut_anywhere_gives_its_first_messages_and_its_provenance(recording: Path) -> None:
     whole = list(read_messages(recording))
     size_bytes = recording.stat().st_size

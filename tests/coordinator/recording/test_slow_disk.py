@@ -22,6 +22,8 @@ from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_STATE
 from tests.waiting import PATIENCE_S
 
+pytestmark = pytest.mark.slow
+
 PROVENANCE = Provenance("", "", 0, None, "live", "default")
 CAPACITY = 200
 

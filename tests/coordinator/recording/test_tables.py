@@ -90,6 +90,7 @@ def test_tasks_of_all_kinds_share_one_set_of_columns() -> None:
     assert columns["result"] is Cell.JSON
 
 
+@pytest.mark.slow
 def test_csv_and_parquet_hold_the_same_rows(run: Path, tmp_path: Path) -> None:
     shares: list[float] = []
     as_csv = export_tables(run, tmp_path / "csv", "csv", shares.append)

@@ -60,6 +60,7 @@ def test_row_is_told_in_words(row: ComparedRow, words: tuple[str, str, str]) -> 
     assert words_of(row) == words
 
 
+@pytest.mark.slow
 def test_report_of_two_runs_has_the_table(runs: tuple[Path, Path], tmp_path: Path) -> None:
     page = write_report(list(runs), tmp_path / "two").page.read_text(encoding="utf-8")
     assert "Who did what" in page

@@ -61,6 +61,7 @@ def two() -> Iterator[RobotsThatGoOn]:
     yield from team_of(2)
 
 
+@pytest.mark.slow
 def test_nothing_is_offered_while_more_than_half_are_out_of_reach(four: RobotsThatGoOn) -> None:
     four.part("r2", "r3", "r4")
     four.run(1.0)

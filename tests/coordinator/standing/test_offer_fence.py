@@ -195,6 +195,7 @@ def test_the_operators_word_lets_it_go_on_without_the_silent_robots(four: Fenced
     assert four.ask(COORDINATOR_LEAD, LeadRequest(), LeadReply).left_out == []
 
 
+@pytest.mark.slow
 def test_robots_count_for_ten_minutes_and_for_longer_while_offers_are_held_back(four: FencedTeam) -> None:
     four.cut("r4", stand_by=False)
     four.run(to_seconds(HEARD_NS) + 5.0)

@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,6 +15,8 @@ from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskR
 from robrain.protocol.wire.topics import TASK_CANCEL
 from tests.coordinator.conftest import Team
 from tests.coordinator.histories import play
+
+pytestmark = pytest.mark.slow
 
 ROBOTS = ("r1", "r2", "r3")
 AFTER = {"a": (), "b": ("a",), "c": (), "d": ("b", "c"), "e": ("f",), "f": (), "g": ("h",), "h": ()}

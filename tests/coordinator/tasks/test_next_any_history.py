@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,6 +16,8 @@ from robrain.protocol.wire.topics import TASK_CANCEL
 from tests.coordinator.conftest import Team
 from tests.coordinator.desk_robots import DeskRobot
 from tests.coordinator.histories import play
+
+pytestmark = pytest.mark.slow
 
 ROBOTS = ("r1", "r2", "r3")
 TASKS = [f"t{number}" for number in range(8)]

@@ -152,7 +152,7 @@ class BookMachine(RuleBasedStateMachine):
         assert self.book.done_count == sum(event.state is TaskState.DONE for event in self.told)
 
 
-TestBookMachine = BookMachine.TestCase
+TestBookMachine = pytest.mark.slow(BookMachine.TestCase)
 TestBookMachine.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
 
 

@@ -18,6 +18,7 @@ from tests.deploy.bringup.brought_up import NO_SQUARES, BroughtUp, value, wrong
 IMU = {"bias_rad_s": 0.05, "noise_rad_s": 0.005}
 
 
+@pytest.mark.slow
 def test_a_unit_that_is_as_the_file_says_is_right_and_its_bias_is_told(tmp_path: Path) -> None:
     report = BroughtUp(tmp_path, {}, {"imu": IMU}).run(Wanted(air=False))
     assert wrong(report) == set()
@@ -28,6 +29,7 @@ def test_a_unit_that_is_as_the_file_says_is_right_and_its_bias_is_told(tmp_path:
     assert imu.values["bias_rad_s"] == pytest.approx(0.05, abs=0.002)
 
 
+@pytest.mark.slow
 def test_a_unit_upside_down_is_named_and_corrected_and_does_not_spoil_the_wheels(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {"imu": {"upside_down": False}}, {"imu": {**IMU, "upside_down": True}})
     first = robot.run(NO_SQUARES)
@@ -37,6 +39,7 @@ def test_a_unit_upside_down_is_named_and_corrected_and_does_not_spoil_the_wheels
     assert wrong(robot.run(NO_SQUARES)) == set()
 
 
+@pytest.mark.slow
 def test_a_unit_that_is_not_there_is_named_and_the_rest_is_done(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {"imu": {"port": "zenoh:nothing"}}, {"imu": IMU})
     report = robot.run(Wanted(air=False))

@@ -40,6 +40,7 @@ def runner(bench: LockstepBench) -> Any:
     return bench.host.manager.get(DRIVER).live_plugin()
 
 
+@pytest.mark.slow
 def test_a_straight_way_and_a_turn_end_where_they_are_to_by_odometry(bench: LockstepBench) -> None:
     record = bench.perform(Straight(0.4))
     before, after = record.samples[0].pose, record.samples[-1].pose
@@ -104,6 +105,7 @@ def test_a_runner_that_is_deactivated_stops_the_wheels_itself() -> None:
     assert devices.wheels.said[-1] == "stop"
 
 
+@pytest.mark.slow
 def test_a_way_to_a_wall_is_given_up_before_it(bench: LockstepBench) -> None:
     with pytest.raises(MotionFailed, match=r"something is 0\.(27|28|29|30) m from the lidar"):
         bench.perform(Straight(6.0))
@@ -135,6 +137,7 @@ def test_wheels_turn_as_fast_and_for_as_long_as_they_are_told(bench: LockstepBen
     assert second == pytest.approx(-first, rel=0.02)
 
 
+@pytest.mark.slow
 def test_wheels_that_turn_on_without_commands_are_named_and_the_robot_is_not_put_on_the_floor(tmp_path: Path) -> None:
     robot, person = BroughtUp(tmp_path, {}), Watcher()
     seen: list[float] = []
@@ -162,6 +165,7 @@ def test_wheels_that_turn_on_in_silence_are_stopped_at_the_end_of_the_motion(ben
     assert not any(wheels(bench))
 
 
+@pytest.mark.slow
 def test_a_halt_is_timed_by_the_wheels_and_the_host_goes_on_afterwards(tmp_path: Path) -> None:
     report = BroughtUp(tmp_path, {}).run(AIR)
     assert value(report, Found.RIGHT, "rate_hz") > 0.0

@@ -38,18 +38,21 @@ CUT_OFF = FaultScript(
 """r2 is cut off while it is at the only task."""
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_cut_off_leaves_its_task_to_another() -> None:
     verdict = run_full_trial(CUT_OFF)
     assert (verdict.broken, verdict.done) == ((), 1)
     assert verdict.lost > 100
 
 
+@pytest.mark.slow
 def test_a_lease_that_is_not_kept_is_found() -> None:
     with planted("lease_not_kept"):
         broken = run_full_trial(CUT_OFF).broken
     assert recorded.Invariant.TASK_AT_ONE in {one.invariant for one in broken}
 
 
+@pytest.mark.slow
 def test_a_robot_that_charges_does_a_task_that_nobody_else_can_do_as_soon_as_it_has_enough() -> None:
     """Not when its battery is full, half an hour later."""
     script = msgspec.structs.replace(
@@ -78,6 +81,7 @@ def test_the_robots_of_a_shrunk_script_are_named_anew_with_their_faults() -> Non
     assert scenario.world().robots[0].name == "r1"
 
 
+@pytest.mark.slow
 def test_a_forgotten_cancellation_is_found() -> None:
     killed = FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=6.0, until_s=7.0)
     late = msgspec.structs.replace(NEAR, earliest_ns=20_000_000_000)
@@ -93,6 +97,7 @@ def test_a_forgotten_cancellation_is_found() -> None:
     assert Invariant.LOST in {one.invariant for one in broken}
 
 
+@pytest.mark.slow
 def test_halts_of_the_operator_reach_the_team_and_end() -> None:
     script = msgspec.structs.replace(CUT_OFF, faults=(), halts=(HaltOrder(at_s=2.0, until_s=10.0),))
     verdict = run_full_trial(script)
@@ -112,6 +117,7 @@ def test_drawn_scripts_differ_by_seed_and_have_faults_of_all_sorts() -> None:
     assert {fault.robot for fault in faults if fault.kind is FaultKind.CLOCK_SKEW} == {COORDINATOR}
 
 
+@pytest.mark.slow
 def test_a_recording_of_a_trial_is_judged_alike(tmp_path) -> None:
     file = tmp_path / "trial.mcap"
     verdict = run_full_trial(draw_full_script(4), record=file)
@@ -124,6 +130,7 @@ def robrain(*words: object):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
+@pytest.mark.slow
 def test_the_command_runs_scripts_of_the_full_stack_and_one_again_from_its_file(tmp_path) -> None:
     ended = robrain("soak", "--full", "--runs", 1, "--seed", 8, "--jobs", 1, "-o", tmp_path)
     assert ended.exit_code == 0
@@ -150,6 +157,7 @@ def test_some_scripts_have_a_radio_and_their_scenario_has_its_links() -> None:
     assert scenario_of(CUT_OFF).links is None
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_cut_off_on_top_of_a_radio_leaves_its_task_to_another() -> None:
     radio = ScriptRadio(range_m=15.0, loss=0.05, delay_s=0.01)
     verdict = run_full_trial(msgspec.structs.replace(CUT_OFF, radio=radio))

@@ -22,12 +22,14 @@ FOUND_BY = {
 """The first seed that finds each; docs/how-to/soak.md has the same."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bug", BUGS)
 def test_a_planted_bug_is_found_by_the_seed_in_the_docs(bug):
     record = soak_one(SoakTask(seed=FOUND_BY[bug], trials_max=0, bug=bug))
     assert record.verdict.broken
 
 
+@pytest.mark.slow
 def test_the_seeds_that_find_planted_bugs_find_nothing_in_the_product():
     assert {seed: run_trial(draw_script(seed)).broken for seed in set(FOUND_BY.values())} == dict.fromkeys(
         FOUND_BY.values(), ()
@@ -42,6 +44,7 @@ def test_a_planted_bug_is_gone_after_its_block():
     assert before == [getattr(owner, name) for bug in BUGS.values() for owner, name, _ in bug.patches()]
 
 
+@pytest.mark.slow
 def test_a_failing_script_is_shrunk_and_fails_by_itself():
     record = soak_one(SoakTask(seed=FOUND_BY["strays_stay"], bug="strays_stay"))
     script = draw_script(FOUND_BY["strays_stay"])

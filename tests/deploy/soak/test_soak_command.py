@@ -18,6 +18,7 @@ def robrain(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
+@pytest.mark.slow
 def test_a_soak_of_the_product_breaks_nothing_and_says_what_it_ran(tmp_path):
     result = soak(SoakOptions(seeds=range(1, 4), jobs=1, output=tmp_path / "out"))
     assert (result.runs, result.failures, result.errors) == (3, [], [])
@@ -26,6 +27,7 @@ def test_a_soak_of_the_product_breaks_nothing_and_says_what_it_ran(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_script_runs_again_from_its_file(tmp_path):
     file = tmp_path / "s.json"
     file.write_bytes(script_json(draw_script(SEED)))
@@ -34,6 +36,7 @@ def test_a_script_runs_again_from_its_file(tmp_path):
     assert "no invariant broken" in ended.output
 
 
+@pytest.mark.slow
 def test_a_script_that_fails_again_says_what_is_broken_and_exits_with_1(tmp_path):
     file = tmp_path / "s.json"
     file.write_bytes(script_json(draw_script(SEED)))
@@ -58,6 +61,7 @@ def test_bad_options_are_refused(words, told):
     assert told in f"{ended.output} {ended.exception}"
 
 
+@pytest.mark.slow
 def test_the_record_of_a_seed_tells_its_cost():
     record = soak_one(SoakTask(seed=SEED))
     assert record.state is RunState.DONE

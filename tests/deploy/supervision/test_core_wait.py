@@ -47,6 +47,7 @@ def test_where_nothing_is_known_nothing_was_waited(tmp_path: Path) -> None:
     assert (wait.since_last_s(), wait.since_last_s()) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_process_whose_core_is_taken_waits_and_one_that_is_stopped_does_not() -> None:
     core = {min(os.sched_getaffinity(0))}
     spinners = [subprocess.Popen([sys.executable, "-c", SPIN]) for _ in range(3)]

@@ -68,6 +68,7 @@ def test_certificates_that_are_there_stay_and_those_of_new_parts_are_added(made:
     assert after == before
 
 
+@pytest.mark.slow
 def test_certificates_that_soon_end_are_renewed_at_the_start_and_while_the_team_runs(made: Credentials) -> None:
     before = serials(made)
     assert made.renew(PARTS, NOW) == []

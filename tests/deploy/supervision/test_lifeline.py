@@ -60,6 +60,7 @@ def test_loop_that_is_faster_beats_no_more_often(end) -> None:
     assert 1.0 / BEAT_S <= end.pulse().beats <= 1.0 / BEAT_S + 1
 
 
+@pytest.mark.slow
 def test_supervisor_that_reads_nothing_holds_up_no_process(end) -> None:
     clock = Clock()
     lifeline = Lifeline(clock)

@@ -199,4 +199,4 @@ class RestartsMachine(RuleBasedStateMachine):
             assert len(within) <= POLICY.limit + 1
 
 
-TestRestartsMachine = RestartsMachine.TestCase
+TestRestartsMachine = pytest.mark.slow(RestartsMachine.TestCase)

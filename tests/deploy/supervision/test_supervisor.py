@@ -45,6 +45,7 @@ def kinds(events: list[PartEvent]) -> list[PartEventKind]:
     return [event.kind for event in events]
 
 
+@pytest.mark.slow
 def test_killed_process_is_started_again_and_what_it_had_started_is_gone(run) -> None:
     supervisor, events = run(HUB)
     hub = supervisor.named("hub")
@@ -60,6 +61,7 @@ def test_killed_process_is_started_again_and_what_it_had_started_is_gone(run) ->
     assert hub.restarts.restarts == 1
 
 
+@pytest.mark.slow
 def test_process_that_stands_still_is_killed_and_started_again(run) -> None:
     supervisor, events = run(HUB)
     hub = supervisor.named("hub")
@@ -70,6 +72,7 @@ def test_process_that_stands_still_is_killed_and_started_again(run) -> None:
     assert events[2].words.startswith("hub was silent for 1.")
 
 
+@pytest.mark.slow
 def test_process_that_waits_for_a_core_has_more_time(run, monkeypatch) -> None:
     monkeypatch.setattr(CoreWait, "since_last_s", lambda _: 1.0)
     supervisor, events = run(HUB)
@@ -82,6 +85,7 @@ def test_process_that_waits_for_a_core_has_more_time(run, monkeypatch) -> None:
     assert events[2].cause is Cause.SILENT
 
 
+@pytest.mark.slow
 def test_process_that_fails_again_and_again_is_given_up(run) -> None:
     supervisor, events = run(WRONG)
     wait(supervisor, lambda: supervisor.given_up)
@@ -91,12 +95,14 @@ def test_process_that_fails_again_and_again_is_given_up(run) -> None:
     assert events[-1].words == f"hub ended with status 2 ({said}) and is given up: it has failed too often"
 
 
+@pytest.mark.slow
 def test_refusal_of_a_part_that_must_start_is_an_error_of_whoever_started_it(run) -> None:
     supervisor, _ = run(WRONG, must_start=True)
     with pytest.raises(ChildFailed, match="the hub did not start: 'nowhere' is not an endpoint"):
         wait(supervisor, lambda: False)
 
 
+@pytest.mark.slow
 def test_view_tells_process_memory_and_restarts(run) -> None:
     supervisor, _ = run(HUB)
     hub = supervisor.named("hub")

@@ -12,6 +12,8 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.plugins.behavior.errands import BEHAVIORS, CHARGER, MOTES, Errands
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 TASKS: tuple[Task, ...] = (
     Task(id="visit", kind="visit", place=Point2D(3.0, 3.2), service_s=1.0),

@@ -39,6 +39,7 @@ def test_an_inspection_publishes_a_picture_of_what_was_to_be_seen(errands):
     assert status.result["yaw_rad"] == pytest.approx(toward_rad, abs=0.1)
 
 
+@pytest.mark.slow
 def test_keys_of_pictures_are_used_in_turn(errands):
     run = errands("inspect")
     images = run.inbox(ROBOT_IMAGE, robot="r1")
@@ -61,6 +62,7 @@ def test_without_a_picture_an_inspection_has_failed_with_why(errands):
 # -- motes ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_mule_brings_what_a_mote_has_stored(errands):
     run = errands("collect", parameters={"snw_exploration": {"collect": False}})
     run.run(40.0)
@@ -82,6 +84,7 @@ def test_a_mote_that_says_nothing_lets_the_mule_fail_after_its_time(errands):
     assert 10e9 < run.clock.now_ns() - begun_ns < 20e9
 
 
+@pytest.mark.slow
 def test_a_relay_with_a_good_link_holds_its_place(errands):
     run = errands("relay")
     status = run.finish(
@@ -94,6 +97,7 @@ def test_a_relay_with_a_good_link_holds_its_place(errands):
     assert status.result["packets"] >= 5
 
 
+@pytest.mark.slow
 def test_a_relay_whose_link_is_too_weak_moves_nearer_and_no_farther_than_it_may(errands):
     run = errands("relay", parameters={"relay": {"stray_m": 1.8}})
     place = Point2D(1.0, 3.0)
@@ -106,6 +110,7 @@ def test_a_relay_whose_link_is_too_weak_moves_nearer_and_no_farther_than_it_may(
     assert status.result["share_linked"] == 0.0
 
 
+@pytest.mark.slow
 def test_a_relay_holds_the_link_to_another_robot(errands):
     run = errands("relay", starts={"r2": Pose2D(1.2, 3.2, 0.0)})
     status = run.finish(
@@ -117,6 +122,7 @@ def test_a_relay_holds_the_link_to_another_robot(errands):
     assert status.result["moved_m"] < 0.3
 
 
+@pytest.mark.slow
 def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
     bound_dbm = -77.0
     run = errands("relay", starts={"r2": Pose2D(1.0, 3.2, 0.0)})
@@ -138,6 +144,7 @@ def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
     assert link["rssi_dbm"] > bound_dbm - 6.0
 
 
+@pytest.mark.slow
 def test_a_relay_to_a_robot_that_nobody_hears_stands_and_tells_so(errands):
     run = errands("relay")
     status = run.finish(
@@ -210,6 +217,7 @@ def test_who_replaces_a_mote_senses_at_its_place_and_speaks_in_its_name(errands)
 # -- monitor --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_room_in_which_nothing_happens_raises_no_alarm(errands):
     run = errands("monitor")
     told = run.inbox(ROBOT_EVENT, plugin="monitor")
@@ -222,6 +230,7 @@ def test_a_room_in_which_nothing_happens_raises_no_alarm(errands):
     assert told.drain() == []
 
 
+@pytest.mark.slow
 def test_what_has_changed_in_a_room_is_told_with_the_picture_and_once(errands):
     run = errands("monitor", "visit", starts={"r2": Pose2D(5.3, 3.3, 0.0)})
     told, images = run.inbox(ROBOT_EVENT, robot="r1", plugin="monitor"), run.inbox(ROBOT_IMAGE, robot="r1")

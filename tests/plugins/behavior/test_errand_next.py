@@ -68,6 +68,7 @@ def test_the_wheels_are_told_of_the_next_task_in_the_step_in_which_they_stop(err
     assert wheels.standing_s() == [0.0]
 
 
+@pytest.mark.slow
 def test_two_runs_of_the_same_are_the_same(errands):
     stamps = []
     for _ in range(2):

@@ -44,6 +44,7 @@ def antipodal(count, radius_m=2.6, middle_m=3.5):
     return [(place, places[(k + count // 2) % count]) for k, place in enumerate(places)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plan", "ways", "lidar", "limit_s"),
     [
@@ -82,6 +83,7 @@ def test_robots_that_meet_pass_without_touching_and_without_a_deadlock(cross, pl
     assert one.deadlock_s <= DEADLOCK_S
 
 
+@pytest.mark.slow
 def test_the_task_of_higher_priority_goes_first(cross):
     """The door lies nearer to r1; without the priority its shorter way would count."""
     one = cross(DOORWAY, [(P(2.5, 2.45), P(5.5, 2.45)), (P(6.5, 2.45), P(1.5, 2.45))])
@@ -94,6 +96,7 @@ def test_the_task_of_higher_priority_goes_first(cross):
     assert one.arrived_s["r2"] < one.arrived_s["r1"]
 
 
+@pytest.mark.slow
 def test_one_that_stands_idle_in_a_corridor_makes_room(cross):
     one = cross((*ROOMS_AND_CORRIDOR, BAY), [(P(1.2, 2.0), P(10.8, 2.0)), (P(7.0, 2.0), P(7.0, 2.0))], lidar=EXACT)
     one.go("r1")
@@ -130,6 +133,7 @@ def test_one_that_nobody_hears_of_is_not_run_into(cross):
     assert one.collisions == 0
 
 
+@pytest.mark.slow
 def test_equal_runs_give_way_equally(session):
     poses = []
     for _ in range(2):

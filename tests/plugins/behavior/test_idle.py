@@ -25,6 +25,7 @@ def errands() -> Iterator[Callable[..., Errands]]:
         one.close()
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_home_stays_where_it_is(errands):
     run = errands()
     run.finish(Task(id="v", kind="visit", place=FAR))
@@ -35,6 +36,7 @@ def test_a_robot_without_a_home_stays_where_it_is(errands):
     assert run.call("idle", "idle_s") == pytest.approx(21.0, abs=2.1)
 
 
+@pytest.mark.slow
 def test_a_robot_with_nothing_to_do_goes_home_after_a_while(errands):
     run = errands(home=[HOME.x_m, HOME.y_m])
     run.finish(Task(id="v", kind="visit", place=FAR))

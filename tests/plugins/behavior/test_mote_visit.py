@@ -86,6 +86,7 @@ def test_at_the_edge_of_reach_what_the_air_loses_is_asked_for_again(air):
     assert len(sequences) >= 50
 
 
+@pytest.mark.slow
 def test_two_robots_at_the_same_motes_put_each_reading_on_the_wire_once(air):
     visit = air(motes=4, robots=2)
     visit.run(100.0)
@@ -98,6 +99,7 @@ def test_two_robots_at_the_same_motes_put_each_reading_on_the_wire_once(air):
     assert {each.via for each in readings} >= {"r1"}
 
 
+@pytest.mark.slow
 def test_a_second_robot_does_not_ask_for_what_the_first_has_brought_in(air):
     visit = air(robots=2)
     visit.run(200.0)

@@ -35,6 +35,7 @@ def docked(run: Errands) -> bool:
     return run.arena.chargers.docked == [0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_robot_that_is_told_to_docks_within_5_cm_and_is_charged(errands, seed):
     run = errands(parameters=KNOWN, seed=seed)
@@ -51,6 +52,7 @@ def test_a_robot_that_is_told_to_docks_within_5_cm_and_is_charged(errands, seed)
     assert docked(run)
 
 
+@pytest.mark.slow
 def test_what_the_charger_gave_is_told_apart_from_what_the_way_to_it_took(errands):
     run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
     before = run.hosts["r1"].board.battery
@@ -69,6 +71,7 @@ def test_a_charger_that_a_task_names_is_known_from_then_on(errands):
     assert run.call("home", "chargers") == [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.5}]
 
 
+@pytest.mark.slow
 def test_a_charger_that_gives_nothing_is_named(errands):
     run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
     status = run.finish(Task(id="c", kind="recharge", place=Point2D(3.0, 3.0)))
@@ -76,6 +79,7 @@ def test_a_charger_that_gives_nothing_is_named(errands):
     assert re.fullmatch(r"the charger gives nothing, 0\.0\d m from its place", status.why)
 
 
+@pytest.mark.slow
 def test_a_dock_that_is_not_quite_where_it_should_be_is_found(errands):
     run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
     beside = Point2D(CHARGER.x_m + 0.33, CHARGER.y_m)  # the contacts reach 0.25 m
@@ -91,6 +95,7 @@ def test_a_battery_that_is_full_before_the_robot_thinks_so_is_full(errands):
     assert (status.state, status.why) == (TaskState.DONE, "")
 
 
+@pytest.mark.slow
 def test_a_charger_that_is_switched_off_meanwhile_is_named(errands):
     run = errands(hardware={"battery": BatterySpec(soc_at_start=0.6)})
     assert run.offer(Task(id="c", kind="recharge", place=CHARGER)).accepted
@@ -102,6 +107,7 @@ def test_a_charger_that_is_switched_off_meanwhile_is_named(errands):
     assert re.fullmatch(r"the charger has stopped at \d\d%", run.status().why)
 
 
+@pytest.mark.slow
 def test_a_robot_with_little_left_goes_to_charge_by_itself_and_is_free_afterwards(errands):
     run = errands(parameters=KNOWN)
     run.finish(Task(id="v", kind="visit", place=FAR))
@@ -131,6 +137,7 @@ def test_a_task_that_is_running_is_given_back_when_the_way_home_can_just_be_paid
     assert behavior(run) == "recharge"
 
 
+@pytest.mark.slow
 def test_who_fails_for_want_of_energy_goes_home_at_once(errands):
     run = errands(parameters=KNOWN)
     told = run.inbox(ROBOT_EVENT, plugin="home")
@@ -146,6 +153,7 @@ def test_who_fails_for_want_of_energy_goes_home_at_once(errands):
     assert docked(run)
 
 
+@pytest.mark.slow
 def test_without_a_charger_the_robot_goes_back_to_where_it_started(errands):
     run = errands()
     run.finish(Task(id="v", kind="visit", place=FAR))
@@ -158,6 +166,7 @@ def test_without_a_charger_the_robot_goes_back_to_where_it_started(errands):
     assert run.way_m() == pytest.approx(here, abs=0.01)  # it is at home, and stays there
 
 
+@pytest.mark.slow
 def test_a_robot_with_plenty_left_stays_where_it_is(errands):
     run = errands(parameters=KNOWN)
     run.run(20.0)
@@ -165,6 +174,7 @@ def test_a_robot_with_plenty_left_stays_where_it_is(errands):
     assert behavior(run) != "recharge"
 
 
+@pytest.mark.slow
 def test_an_offer_to_recharge_is_taken_even_on_the_way_home(errands):
     run = errands(parameters=KNOWN)
     run.finish(Task(id="v", kind="visit", place=FAR))

@@ -32,6 +32,7 @@ def seek(**parameters):
     return Task(id="s", kind="seek", place=Point2D(2.0, 2.0), parameters=parameters)
 
 
+@pytest.mark.slow
 def test_the_source_is_found_and_told_with_its_place_and_value(errands):
     run = errands("seek")
     heat(run)
@@ -49,6 +50,7 @@ def test_the_source_is_found_and_told_with_its_place_and_value(errands):
     assert run.arena.collisions == 0
 
 
+@pytest.mark.slow
 def test_a_source_behind_the_wall_is_marked_as_such(errands):
     run = errands("seek")
     heat(run, Point2D(9.0, 2.0), FieldSpec(plumes=1, width_m=4.0, wind_m_s=0.0, temperature=HOT.temperature))
@@ -59,6 +61,7 @@ def test_a_source_behind_the_wall_is_marked_as_such(errands):
     assert abs(status.result["y_m"] - 2.0) < 0.8
 
 
+@pytest.mark.slow
 def test_in_a_flat_field_the_robot_ends_with_why(errands):
     run = errands("seek")
     heat(run, None)
@@ -100,6 +103,7 @@ def test_a_robot_that_is_called_off_forgets_the_climb(errands):
     assert run.status().state is TaskState.CANCELLED
 
 
+@pytest.mark.slow
 def test_equal_seeds_climb_alike(errands):
     digests = []
     for _ in range(2):

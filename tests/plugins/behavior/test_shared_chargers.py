@@ -9,6 +9,8 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.sim.firmware.battery import BatterySpec
 from tests.plugins.behavior.errands import CHARGER, Errands
 
+pytestmark = pytest.mark.slow
+
 DOCKS = (CHARGER, Point2D(0.8, 3.2), Point2D(5.2, 3.2), Point2D(5.2, 0.8), Point2D(2.4, 3.3))
 SMALL_WH = 1.5
 

@@ -21,6 +21,7 @@ def test_a_robot_does_not_wander_before_it_is_told_to(errands):
     assert run.way_m() == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_robot_that_wanders_gets_about_and_runs_into_nothing(errands, seed):
     run = errands(seed=seed)
@@ -48,6 +49,7 @@ def test_wandering_ends_when_told(errands):
     assert run.hosts["r1"].board.behavior == "idle"
 
 
+@pytest.mark.slow
 def test_wandering_gives_way_to_a_task_and_does_not_come_back(errands):
     run = errands("visit")
     run.call("wander", "start", 100.0)

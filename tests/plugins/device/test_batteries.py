@@ -313,6 +313,7 @@ def test_what_is_no_number_is_rejected(device: Any, supply: Any, voltage: str) -
     assert one.it.counters().rejected == 1
 
 
+@pytest.mark.slow
 def test_a_battery_of_the_kernel_that_is_taken_out_is_a_fault_and_back_when_it_is_in(device: Any, supply: Any) -> None:
     folder = supply(voltage_now=12_000_000, present=1)
     one = device(PowerSupply, folder=str(folder), silent_s=1.0)

@@ -78,6 +78,7 @@ def firmware():
         process.wait()
 
 
+@pytest.mark.slow
 def test_over_udp_multicast_the_robot_drives_a_controller_in_another_process(firmware):
     pytest.importorskip("msgpack", reason="python-can's udp_multicast packs frames with it")
     options = {"port": firmware, "hop_limit": 0, "fd": False}

@@ -82,6 +82,7 @@ def test_as_many_packets_as_are_allowed_are_no_flood(stage):
     assert (counters(one)["muted"], counters(one)["dropped"]) == (0, 0)
 
 
+@pytest.mark.slow
 def test_a_flood_that_does_not_end_is_a_fault_that_the_state_names_until_it_is_over(stage):
     one = stage()
     one.host("snw_exploration", "driver")

@@ -38,6 +38,7 @@ def cost_j(one, doing):
     return one.truth().energy_j - before_j
 
 
+@pytest.mark.slow
 def test_what_a_way_costs_is_learned_over_the_bus_and_told_in_the_state(robot):
     states = robot.inbox(ROBOT_STATE)
     before = robot.call("energy", "estimate", {"path_m": 7.0})
@@ -58,6 +59,7 @@ def test_what_a_way_costs_is_learned_over_the_bus_and_told_in_the_state(robot):
     assert (told.mean_j, told.sigma_j) == pytest.approx((own["mean_j"], own["sigma_j"]))
 
 
+@pytest.mark.slow
 def test_a_wait_costs_what_standing_costs(robot):
     robot.run(60.0)
     told = robot.call("energy", "estimate", {"wait_s": 60.0})
@@ -92,6 +94,7 @@ def test_what_is_usable_is_the_low_end_of_what_the_battery_believes(robot):
     assert robot.call("energy", "usable_j") == robot.call("battery", "state")["remaining_low_j"]
 
 
+@pytest.mark.slow
 def test_a_battery_that_lies_teaches_nothing_and_leaves_less_to_use(robot):
     shuttle(robot, 1)
     before = robot.call("energy", "model")

@@ -66,6 +66,7 @@ def restarted(stage, room):
     return one, plan, again, mate, events
 
 
+@pytest.mark.slow
 def test_a_robot_begun_anew_away_from_its_start_says_at_once_that_it_is_lost_and_finds_itself(restarted):
     one, _, again, _, events = restarted
     assert again.manager.get("localisation").plugin.pose().distance_m(one.truth().pose) > 4.0
@@ -80,6 +81,7 @@ def test_a_robot_begun_anew_away_from_its_start_says_at_once_that_it_is_lost_and
     assert found.yaw_rad == pytest.approx(one.truth().pose.yaw_rad, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_robot_begun_anew_away_from_its_start_spoils_nobodys_map(restarted):
     one, plan, again, mate, _ = restarted
     for _ in range(50):
@@ -118,6 +120,7 @@ def test_a_robot_that_comes_where_nobody_has_been_believes_its_start(stage, room
     assert ghosts(late, plan) == []
 
 
+@pytest.mark.slow
 def test_a_robot_whose_start_is_not_known_is_lost_until_the_walls_on_its_teams_map_find_it(stage, room):
     plan = room(10.0, 5.0, *BLOCKS)
     one = stage(plan, r1=START, r2=Pose2D(6.8, 4.2, -1.0))

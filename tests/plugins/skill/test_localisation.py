@@ -57,6 +57,7 @@ def test_the_velocity_of_the_state_is_that_of_the_wheels(stage):
     assert (driving.forward_m_s, driving.left_m_s, driving.yaw_rad_s) == pytest.approx((0.3, 0.1, 0.2), abs=0.03)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(x_m=COORDINATE_M, y_m=COORDINATE_M, yaw_rad=st.floats(-3.1, 3.1), point=st.tuples(COORDINATE_M, COORDINATE_M))
 def test_a_point_in_the_odom_frame_is_the_same_place(stage, x_m, y_m, yaw_rad, point):
@@ -198,6 +199,7 @@ def test_signals_that_nobody_takes_are_bounded_and_counted(stage):
     assert one.call("mote_ranges", "dropped") == 44
 
 
+@pytest.mark.slow
 def test_walls_hold_a_robot_whose_wheels_are_wrong(stage, room):
     plan = room(9.0, 5.0, (2.8, 2.2, 3.6, 2.8), (5.6, 2.1, 6.2, 2.6))
     errors_m = {}

@@ -16,6 +16,8 @@ from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP
 from tests.protocol.mapping.lidar_floor import ANGLES_RAD, LidarFloor
 
+pytestmark = pytest.mark.slow
+
 BASE = OmniBase()
 GRID = {"resolution_m": 0.1, "origin_x_m": -2.0, "origin_y_m": -2.0, "width_m": 16.0, "height_m": 12.0}
 BLOCK = LidarFloor(

@@ -63,6 +63,7 @@ def test_a_lost_robot_refuses_what_it_is_offered_and_says_why(errands):
     assert run.finish(Task(id="v", kind="visit", place=FAR)).state is TaskState.DONE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "task", [Task(id="t", kind="visit", place=FAR, service_s=1.0), Task(id="t", kind="explore", place=FAR)]
 )
@@ -92,6 +93,7 @@ def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(
     assert run.pose().distance_m(FAR) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", [Task(id="t", kind="visit", place=FAR), Task(id="t", kind="explore", place=FAR)])
 def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, task):
     run = errands("explore")
@@ -106,6 +108,7 @@ def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, 
     assert "does not know where it is" in run.status().why
 
 
+@pytest.mark.slow
 def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_stands(errands):
     run = errands()
     assert run.offer(Task(id="v", kind="visit", place=FAR)).accepted
@@ -119,6 +122,7 @@ def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_st
     assert run.arena.collisions == 0
 
 
+@pytest.mark.slow
 def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_found(errands):
     run = errands("idle")
     lose(run)
@@ -136,6 +140,7 @@ def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_foun
     assert run.finish(Task(id="v", kind="visit", place=FAR)).state is TaskState.DONE
 
 
+@pytest.mark.slow
 def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     run = errands("idle")
     lose(run)
@@ -146,6 +151,7 @@ def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     assert run.hosts["r1"].board.behavior == "idle"
 
 
+@pytest.mark.slow
 def test_one_that_looks_for_itself_explores_as_soon_as_it_sees_where(errands):
     run = errands("idle", "explore")
     explore = run.hosts["r1"].manager.get("explore").live_plugin()

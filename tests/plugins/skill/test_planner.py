@@ -122,6 +122,7 @@ def test_a_new_version_of_the_map_is_looked_at(planner):
     assert planner.plan(changed, START, GOAL, []) is None
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     blocks=st.lists(st.tuples(st.integers(4, 50), st.integers(3, 30), st.integers(1, 8), st.integers(1, 8)), max_size=6)

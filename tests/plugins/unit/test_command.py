@@ -118,6 +118,7 @@ def test_a_robots_command_calls_the_robots_plugins(stage):
     assert robot.execute("call driver motion()") == "error halted: driver is halted"
 
 
+@pytest.mark.slow
 def test_any_text_is_answered_by_a_robot_that_lives_on(stage):
     robot = stage().host("command", "driver").manager.get("command").plugin
 

@@ -67,6 +67,7 @@ def test_on_the_way_it_keeps_to_the_path(stage, room):
     assert np.median(aside_m) < 0.1
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.floats(0.6, 5.4), st.floats(0.6, 3.4)), min_size=1, max_size=3))
 def test_whatever_the_path_its_end_is_reached_without_touching_a_wall(stage, room, places):

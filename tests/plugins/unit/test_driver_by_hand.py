@@ -64,6 +64,7 @@ def test_no_wish_gives_the_robot_back_at_once(robot):
     assert robot.truth().pose.x_m == pytest.approx(stood.x_m, abs=0.005)
 
 
+@pytest.mark.slow
 def test_hand_does_not_drive_into_a_wall(robot):
     hold(robot, 22.0, 0.6, 0.0, 0.0)
     assert robot.truth().collisions == 0

@@ -60,6 +60,7 @@ class Squeezing:
         return self.stage.truth().collisions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.0, -2.5])
 @pytest.mark.parametrize(("gap_m", "slow_m_s"), [(0.45, 0.2), (0.5, 0.4), (0.54, 0.55)])
 def test_a_robot_goes_the_slower_through_a_corridor_the_narrower_it_is_and_touches_nothing(
@@ -74,6 +75,7 @@ def test_a_robot_goes_the_slower_through_a_corridor_the_narrower_it_is_and_touch
     assert one.fastest_m_s > 0.25, "where there is room it drives as ever"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off_m", [-0.06, 0.06])
 def test_the_robot_keeps_to_the_middle_of_the_walls_where_its_path_does_not(stage, off_m):
     one = Squeezing(stage, two_rooms(0.45))
@@ -107,6 +109,7 @@ def test_before_a_gap_that_is_too_narrow_the_robot_stands_and_tells_its_width(st
     assert one.collisions == 0
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_given_the_same_way_again_and_again_tells_that_it_is_too_narrow(stage):
     one = Squeezing(stage, two_rooms(0.4))
     told_m = set()
@@ -119,6 +122,7 @@ def test_a_robot_that_is_given_the_same_way_again_and_again_tells_that_it_is_too
     assert one.driver.blocked_s() > 2.0
 
 
+@pytest.mark.slow
 def test_something_in_a_narrow_place_is_no_gap_that_is_too_narrow(stage):
     plan = two_rooms(0.6)
     occupied = plan.occupied.copy()
@@ -131,6 +135,7 @@ def test_something_in_a_narrow_place_is_no_gap_that_is_too_narrow(stage):
     assert one.collisions == 0
 
 
+@pytest.mark.slow
 def test_robot_that_was_stuck_in_a_corridor_sets_out_on_a_narrow_path_back(stage):
     plan = two_rooms(0.5)
     occupied = plan.occupied.copy()
@@ -148,6 +153,7 @@ def test_robot_that_was_stuck_in_a_corridor_sets_out_on_a_narrow_path_back(stage
     assert one.pose.distance_m(Point2D(START.x_m, START.y_m)) < 0.15
 
 
+@pytest.mark.slow
 def test_the_gap_is_forgotten_with_the_next_path(stage):
     one = Squeezing(stage, two_rooms(0.36))
     one.follow((1.5, 1.0), (END.x_m, END.y_m))

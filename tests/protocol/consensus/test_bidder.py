@@ -37,6 +37,7 @@ def test_every_connected_team_agrees_within_tasks_times_diameter(seed: int, robo
     assert paths_of(bidders) == greedy(team)
 
 
+@pytest.mark.slow
 @given(SEEDS)
 @settings(max_examples=60, deadline=None)
 def test_the_result_is_the_same_if_every_fifth_message_is_lost(seed: int) -> None:
@@ -47,6 +48,7 @@ def test_the_result_is_the_same_if_every_fifth_message_is_lost(seed: int) -> Non
     assert paths_of(bidders) == greedy(team)
 
 
+@pytest.mark.slow
 @given(SEEDS, SEEDS)
 @settings(max_examples=60, deadline=None)
 def test_the_result_is_the_same_whatever_the_order_of_late_and_repeated_messages(seed: int, order: int) -> None:
@@ -64,6 +66,7 @@ def test_the_result_is_the_same_whatever_the_order_of_late_and_repeated_messages
     assert paths_of(bidders) == greedy(team)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_no_task_has_two_robots_and_all_are_worth_half_of_the_optimum(seed: int, distinct: bool) -> None:

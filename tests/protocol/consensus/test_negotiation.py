@@ -45,6 +45,7 @@ def test_all_robots_end_with_the_same_allocation_and_value(loss: float) -> None:
     assert worth == pytest.approx(members[0].value)
 
 
+@pytest.mark.slow
 def test_rounds_never_make_an_allocation_worse_and_mostly_better() -> None:
     values = []
     for rounds in (0, 5, 20, 60):
@@ -82,6 +83,7 @@ def test_a_ballot_of_a_later_negotiation_calls_for_a_new_one() -> None:
     assert here.term == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [12, 14])
 def test_robots_do_not_outbid_each_other_for_ever(seed: int) -> None:
     """They did here while a path was only put in order once nothing more could be bid for."""

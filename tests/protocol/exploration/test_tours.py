@@ -121,6 +121,7 @@ def cost(problem, robot, tour):
     return total
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=200)
 @given(problems())
 def test_every_place_that_can_be_reached_is_in_one_tour_of_a_robot_that_reaches_it(problem):

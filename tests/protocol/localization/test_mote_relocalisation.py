@@ -120,6 +120,7 @@ def grids(signals, here):
     return far, near + [pose for pose in wide if pose not in far]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("off_m", "off_rad", "is_elsewhere", "spread"),
     [

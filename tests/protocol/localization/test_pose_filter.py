@@ -85,6 +85,7 @@ def test_the_prediction_agrees_with_a_cloud_of_robots():
     assert estimate.covariance == pytest.approx(cloud, rel=0.1, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_errors_of_the_odometry_are_learned_from_what_walls_say():
     estimate = fresh()
     true = Pose2D(0.0, 0.0, 0.0)

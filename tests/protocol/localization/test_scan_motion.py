@@ -57,6 +57,7 @@ def test_too_few_points_are_no_motion() -> None:
     assert scan_motion(scattered, points, Pose2D(0.0, 0.0, 0.0)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turns", [1.0, -1.75, 2.5])
 def test_a_turn_is_followed_past_half_a_turn_and_more(turns: float) -> None:
     yaws_rad = np.linspace(0.0, turns * math.tau, 100)

@@ -31,6 +31,7 @@ def end_of_square(true: Differential, said: Differential, corner: float, *, has_
     return SquareEnd(pose.x_m - odometry.x_m, pose.y_m - odometry.y_m, yaw_rad if has_yaw else None)
 
 
+@pytest.mark.slow
 @given(
     track=st.floats(min_value=0.96, max_value=1.04), ratio=st.floats(min_value=0.98, max_value=1.02), yaw=st.booleans()
 )

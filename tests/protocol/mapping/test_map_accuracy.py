@@ -100,6 +100,7 @@ def test_arrays_that_do_not_fit_their_geometry_are_refused():
         measure(mapped(30), floor()[:-1])
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.04, 0.1, 0.23]), st.sampled_from([0.0, 0.013, -0.371]))
 def test_counts_are_those_of_the_definition(seed, plan_cell_m, shift_m):
     rng = np.random.default_rng(seed)

@@ -47,6 +47,7 @@ def test_every_reading_is_sent_on_until_it_is_at_the_sink(seed: int) -> None:
         assert sum(routes.sent) == pytest.approx(sum(routes.hops))
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=25, deadline=None)
 def test_no_routes_outlive_the_bound_and_those_in_turn_come_near_it(seed: int) -> None:

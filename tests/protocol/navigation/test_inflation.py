@@ -8,6 +8,7 @@ from scipy import ndimage
 from robrain.protocol.model.navigation.clearance_kernels import clearance_m
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, max_side=15)), st.floats(0.05, 3.0))
 def test_clearance_is_the_euclidean_distance_to_the_nearest_obstacle(occupied: np.ndarray, limit_m: float) -> None:

@@ -64,6 +64,7 @@ def _plain_release(own: np.ndarray, speed_m_s: float, tracks: list[Track], margi
     return Release(end, is_whole=end == len(own), must_leave=must_leave, by=by)
 
 
+@pytest.mark.slow
 def test_release_is_what_its_rules_say_for_any_ways() -> None:
     draw = np.random.default_rng(12)
     seen = []

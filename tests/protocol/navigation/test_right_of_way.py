@@ -74,6 +74,7 @@ def test_one_that_is_too_near_may_be_left():
     assert release(OWN, SPEED_M_S, [behind], MARGINS).is_whole
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=2, max_size=5),

@@ -59,6 +59,7 @@ def test_a_scan_that_lies_elsewhere_contradicts_a_submap_that_knows_the_place():
     assert contradiction.agrees < 0.75
 
 
+@pytest.mark.slow
 def test_a_submap_that_does_not_know_the_place_tells_nothing():
     submap = ROOM.submap(Pose2D(7.0, 5.0, 0.0))
     assert lay_on(submap, GEOMETRY, Pose2D(60.0, 40.0, 0.0), ROOM.points(TRUE), *SURE) is None

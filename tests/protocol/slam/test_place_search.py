@@ -157,6 +157,7 @@ def best_of_blocks(scores):
     return padded.reshape(yaws, up, STEP, right, STEP).max(axis=(2, 4))
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 100_000), st.integers(3, 27), st.integers(3, 27), st.sampled_from([0.03, 0.1, 0.3]))
 def test_branch_and_bound_finds_what_trying_all_places_finds(seed, height, width, share):

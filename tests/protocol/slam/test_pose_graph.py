@@ -134,6 +134,7 @@ def test_places_away_from_the_nodes_are_put_together_from_either_side(held, at_o
         assert off(solution.poses[0], expected) == pytest.approx((0.0, 0.0, 0.0), abs=1e-5)
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(deadline=None, max_examples=40)
 def test_no_place_near_the_solution_is_likelier_and_the_covariance_is_its_curvature(data):

@@ -48,6 +48,7 @@ def test_the_example_that_tep_113_prints_is_framed_as_it_is_printed_there():
     assert Deframer().feed(written) == [body]
 
 
+@pytest.mark.slow
 @given(st.lists(BODIES, max_size=6), st.data())
 def test_bodies_come_whole_in_whatever_pieces_the_line_brings_them(bodies, data):
     line = b"".join(map(frame, bodies))

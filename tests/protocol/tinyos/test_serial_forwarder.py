@@ -18,6 +18,7 @@ def test_greeting_and_packet_have_the_bytes_that_are_written_here():
     assert decoder.has_greeted
 
 
+@pytest.mark.slow
 @given(PACKETS, st.data())
 def test_packets_come_whole_in_whatever_pieces_tcp_brings_them(packets, data):
     stream = GREETING + b"".join(map(encode, packets))

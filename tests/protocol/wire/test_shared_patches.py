@@ -76,6 +76,7 @@ def same(one, other, *, versions=True):
         assert np.array_equal(submap.stamp_ms, its.stamp_ms)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=150)
 @given(messages())
 def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(told: list[MapPatch]) -> None:

@@ -53,6 +53,7 @@ def test_a_bare_schema_has_what_validates_and_nothing_else():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", [path for path in GOLDEN if path.stem in STRUCTS], ids=lambda path: path.stem)
 def test_a_message_as_it_is_sent_is_valid_and_a_broken_one_is_not(path):
     validator = jsonschema.Draft202012Validator(bare(schema_of(STRUCTS[path.stem])))

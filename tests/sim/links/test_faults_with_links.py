@@ -9,6 +9,8 @@ from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_P
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from tests.sim.links.radio_team import RadioTeam, counted, robots_in
 
+pytestmark = pytest.mark.slow
+
 RANGE = "range_m = 10.0"
 CHAIN = [2.0, 10.0, 15.0]
 """r3 is heard by way of r2."""

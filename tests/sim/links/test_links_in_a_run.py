@@ -329,6 +329,7 @@ def test_robots_that_were_apart_have_one_map_again_and_refuse_nothing_of_each_ot
     run.close()
 
 
+@pytest.mark.slow
 def test_exploration_within_ten_metres_ends_in_less_than_twice_the_time():
     scenario = Scenario.builtin("depot").replace(robots=4, seed=13)
     free, limited = (scenario.replace(links=links).run() for links in (None, LinkSpec(range_m=10.0)))

@@ -64,6 +64,7 @@ def test_what_is_put_reaches_the_run_itself_and_the_network_only_if_somebody_may
     assert len(network.put_there) == (0 if is_alone else 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("listen", "is_alone"), [(None, True), ("tcp/127.0.0.1:0", False)])
 def test_a_run_is_alone_unless_it_listens(listen: str | None, *, is_alone: bool) -> None:
     run = LockstepRun(Scenario.builtin("arena_small").world(), listen=listen)
@@ -73,6 +74,7 @@ def test_a_run_is_alone_unless_it_listens(listen: str | None, *, is_alone: bool)
         run.close()
 
 
+@pytest.mark.slow
 def test_a_run_on_a_session_of_somebody_else_is_not_alone() -> None:
     run = LockstepRun(Scenario.builtin("arena_small").world(), session=open_lockstep_session())
     try:
@@ -81,6 +83,7 @@ def test_a_run_on_a_session_of_somebody_else_is_not_alone() -> None:
         run.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_alone", [True, False])
 def test_only_a_run_that_others_may_join_uses_zenoh(used: Counter[str], *, is_alone: bool) -> None:
     world = Scenario.builtin("arena_small").replace(robots=2).world()
@@ -100,6 +103,7 @@ def test_only_a_run_that_others_may_join_uses_zenoh(used: Counter[str], *, is_al
         assert min(used[name] for name in ("declare_subscriber", "declare_queryable", "get", "liveliness")) > 0
 
 
+@pytest.mark.slow
 def test_a_team_that_is_not_there_is_told_which_is() -> None:
     run = LockstepRun(Scenario.builtin("arena_small").world())
     wire = Endpoint(run.session, "blue", run.clock, Drive.LOCKSTEP)
@@ -111,6 +115,7 @@ def test_a_team_that_is_not_there_is_told_which_is() -> None:
         run.close()
 
 
+@pytest.mark.slow
 def test_runs_with_and_without_zenoh_are_the_same() -> None:
     def digest(session: zenoh.Session | None) -> str:
         scenario = Scenario.builtin("arena_small").replace(robots=3, motes=2, seed=5)

@@ -1,11 +1,15 @@
 """Messages of the project's own components stay within the ranges of their types: none is rejected in a run."""
 
+import pytest
+
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import PUBLISHED
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
+
+pytestmark = pytest.mark.slow
 
 RUN_S = 20.0
 

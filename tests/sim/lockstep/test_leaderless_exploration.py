@@ -34,6 +34,7 @@ def pass_time(run: LockstepRun, seconds: float) -> None:
         run.tick()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("consensus", [False, True])
 def test_the_floor_is_explored_to_the_end_without_collisions(consensus: bool) -> None:
     run = run_case(msgspec.structs.replace(SMALL, consensus=consensus))
@@ -48,6 +49,7 @@ def test_robots_that_hear_each_other_take_different_frontiers() -> None:
         assert one.distance_m(other) > 2.0
 
 
+@pytest.mark.slow
 def test_a_coordinator_that_returns_hands_out_frontiers_again() -> None:
     with killed(msgspec.structs.replace(SMALL, consensus=False)) as run:
         run.begin_coordinator()

@@ -20,6 +20,8 @@ from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ROBOT_CALL, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun
 
+pytestmark = pytest.mark.slow
+
 SMALL = Scenario.builtin("arena_small")
 LIMIT_S = 300.0
 

@@ -7,6 +7,8 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.errors import NobodyThere
 from tests.agent.consensus.leaderless import pass_time, team_of
 
+pytestmark = pytest.mark.slow
+
 PLACES = ((2.0, 2.6), (1.5, 1.0), (1.0, 1.6), (2.2, 2.0), (1.0, 2.5), (1.8, 2.2))
 
 

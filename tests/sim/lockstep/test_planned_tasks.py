@@ -25,6 +25,7 @@ def planned(recording: Path) -> Outcome:
     return run_tasks(SEED, PlanningPolicy(), FLOOR, recording)
 
 
+@pytest.mark.slow
 def test_planned_tasks_take_less_energy_than_nearest_first(planned: Outcome) -> None:
     nearest = [run_tasks(seed, PlanningPolicy(method="nearest"), FLOOR) for seed in SEEDS]
     plans = [planned if seed == SEED else run_tasks(seed, PlanningPolicy(), FLOOR) for seed in SEEDS]
@@ -41,6 +42,7 @@ def test_the_recorded_run_decides_the_same_again(planned: Outcome, recording: Pa
     assert all(plan.is_same for plan in plans)
 
 
+@pytest.mark.slow
 def test_simulated_robots_do_a_task_together() -> None:
     with Scenario.builtin(FLOOR).replace(robots=2, motes=0).team(seed=5) as team:
         team.run_for(12.0)

@@ -78,6 +78,7 @@ def test_the_run_has_charges_plans_and_reasons(as_it_went) -> None:
     assert any(key.endswith("charges") and message["charges"] for key, message in as_it_went)
 
 
+@pytest.mark.slow
 def test_the_run_is_the_same_whatever_the_reasons_are_called(as_it_went, monkeypatch, tmp_path) -> None:
     said = speak_at_random(monkeypatch, SEED, MISLEADING + MEANINGLESS)
     told = what_is_said(tmp_path / "run.mcap")

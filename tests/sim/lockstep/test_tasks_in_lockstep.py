@@ -41,5 +41,6 @@ def test_simulated_robots_do_what_is_asked_for_in_order(first: Outcome) -> None:
     assert all(record.result["off_m"] < 0.5 for record in first.records)
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_runs_with_tasks_too(first: Outcome) -> None:
     assert outcome(3) == first

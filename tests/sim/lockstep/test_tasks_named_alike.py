@@ -1,6 +1,10 @@
 """A task that somebody has named as the coordinator names its own does not get in its way."""
 
+import pytest
+
 from robrain import Scenario, TaskFilter
+
+pytestmark = pytest.mark.slow
 
 
 def test_coordinator_passes_over_ids_that_are_taken() -> None:

@@ -58,6 +58,7 @@ def fault(kind: FaultKind, robot: str = "r2", at_s: float = 2.0, **options: obje
     return FaultSpec(robot=robot, kind=kind, at_s=at_s, **options)
 
 
+@pytest.mark.slow
 def test_faults_that_are_not_yet_due_change_nothing() -> None:
     digests = set()
     for faults in ((), (fault(FaultKind.KILL, at_s=900.0), fault(FaultKind.LOSE, at_s=900.0, share=0.5))):
@@ -67,6 +68,7 @@ def test_faults_that_are_not_yet_due_change_nothing() -> None:
     assert len(digests) == 1
 
 
+@pytest.mark.slow
 def test_a_killed_agent_is_silent_stands_and_finds_its_place_when_it_is_started_again() -> None:
     told = Told(fault(FaultKind.KILL, until_s=5.0))
     told.until(2.0)
@@ -89,6 +91,7 @@ def test_a_killed_agent_is_silent_stands_and_finds_its_place_when_it_is_started_
     told.run.close()
 
 
+@pytest.mark.slow
 def test_a_killed_coordinator_goes_on_with_its_tasks() -> None:
     told = Told(fault(FaultKind.KILL, COORDINATOR, until_s=4.0))
     told.until(1.0)
@@ -103,6 +106,7 @@ def test_a_killed_coordinator_goes_on_with_its_tasks() -> None:
     told.run.close()
 
 
+@pytest.mark.slow
 def test_a_hanging_agent_says_nothing_and_goes_on_as_it_was() -> None:
     told = Told(fault(FaultKind.HANG, until_s=3.5))
     told.until(6.0)
@@ -111,6 +115,7 @@ def test_a_hanging_agent_says_nothing_and_goes_on_as_it_was() -> None:
     told.run.close()
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_cut_off_is_lost_to_the_coordinator_and_heard_by_the_recorder() -> None:
     told = Told(fault(FaultKind.PARTITION, at_s=2.0, until_s=8.0))
     told.until(7.0)
@@ -141,6 +146,7 @@ def test_a_drained_battery_has_the_charge_that_is_left_and_one_with_less_keeps_i
     told.run.close()
 
 
+@pytest.mark.slow
 def test_a_fault_may_wait_for_an_event() -> None:
     told = Told(fault(FaultKind.KILL, at_s=0.5, until_s=2.0, on=FaultMoment.TASK_ASSIGNED))
     told.until(10.0)
@@ -151,6 +157,7 @@ def test_a_fault_may_wait_for_an_event() -> None:
     told.run.close()
 
 
+@pytest.mark.slow
 def test_a_hardware_fault_may_be_drawn_from_the_seed() -> None:
     told = Told(fault(FaultKind.LIDAR_FREEZES, "r1", 1.0, until_s=2.0, within_s=3.0))
     frozen = []
@@ -207,6 +214,7 @@ def test_a_scenario_file_has_faults_of_all_sorts_and_is_the_same_after_it_was_wr
     assert msgspec.structs.replace(again, toml="") == msgspec.structs.replace(scenario, toml="")
 
 
+@pytest.mark.slow
 def test_with_links_a_killed_agent_leaves_and_comes_back() -> None:
     scenario = SMALL.replace(links=LinkSpec(range_m=20.0), chargers=(ChargerSpec(place_m=(1.0, 1.0)),))
     told = Told(fault(FaultKind.KILL, until_s=4.0), scenario=scenario)

@@ -14,6 +14,8 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.links.exchange import Exchange
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 5.0
 LONG_S, SHORT_S = 0.7, 0.002
 PAUSED = {

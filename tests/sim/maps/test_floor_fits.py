@@ -85,6 +85,7 @@ def gaps(angle_deg: int) -> Iterator[tuple[float, Gap]]:
                 yield width_cm / 100, Gap(width_cm / 100, math.radians(angle_deg), offset_m, thick_m)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle_deg", [0, 30, 45])
 def test_floor_is_counted_only_behind_gaps_that_robots_try_and_what_is_tried_is_nearly_wide_enough(
     angle_deg: int,

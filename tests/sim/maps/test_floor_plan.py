@@ -28,6 +28,7 @@ def _gap_to_walls_m(plan: FloorPlan, row: int, col: int) -> float:
     return gap * plan.resolution_m
 
 
+@pytest.mark.slow
 @given(grids)
 def test_clearance_is_the_exact_distance_to_the_nearest_wall_square(occupied: np.ndarray) -> None:
     plan = FloorPlan(occupied, 0.25, 0.0, 0.0, "random")

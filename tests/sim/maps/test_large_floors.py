@@ -44,6 +44,7 @@ def test_image_is_what_the_script_draws(name, drawing):
     assert np.array_equal(plan.occupied, drawing.occupied_cells(name))
 
 
+@pytest.mark.slow
 def test_script_writes_these_very_files(drawing, tmp_path, monkeypatch):
     monkeypatch.setattr(drawing, "FOLDER", tmp_path)
     drawing.main()
@@ -53,6 +54,7 @@ def test_script_writes_these_very_files(drawing, tmp_path, monkeypatch):
         assert np.array_equal(load_map(tmp_path / f"{name}.yaml").occupied, load_map(FOLDER / f"{name}.yaml").occupied)
 
 
+@pytest.mark.slow
 def test_all_free_floor_is_reached_by_a_robot_from_anywhere_on_it(plan):
     _, regions = ndimage.label(~plan.occupied)
     assert regions == 1
@@ -89,6 +91,7 @@ def test_office_ring_is_a_loop_of_128_m_with_doors_a_robot_goes_through():
     assert closed_m == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_eight_robots_start_on_it_and_explore_without_touching(name):
     scenario = Scenario.from_map(FOLDER / f"{name}.yaml", robots=ROBOTS)

@@ -213,6 +213,7 @@ def test_bad_setting_is_named_with_what_was_expected(
     assert len(str(caught.value)) < 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "expected"),
     [

@@ -13,6 +13,8 @@ from robrain.sim.maps.drawing import Block, FloorDrawing
 from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.world.floor_left import GapTooNarrow, NotSeen
 
+pytestmark = pytest.mark.slow
+
 ROOM_M = 4.0
 HEIGHT_M = 4.4
 

@@ -245,6 +245,7 @@ def test_team_starts_inside_the_walls_of_a_real_map(
     assert np.count_nonzero(roamed) * plan.resolution_m**2 == pytest.approx(roamed_m2, rel=0.02)
 
 
+@pytest.mark.slow
 @needs_real_maps
 def test_near_takes_the_team_into_a_rock_of_the_cave() -> None:
     plan = load_map(REAL_MAPS / "stage_cave.yaml")

@@ -37,6 +37,7 @@ def drawn(seed=1, **spec):
     return Surfaces.draw(SurfaceSpec(**spec), PLAN, seed).cells
 
 
+@pytest.mark.slow
 def test_walls_stay_where_they_are_whatever_they_are_made_of():
     cells = drawn(glass_share=0.4, mirror_share=0.4)
     assert np.array_equal(cells != 0, PLAN.occupied)
@@ -120,6 +121,7 @@ def test_surfaces_without_sense_are_refused_with_file_and_key(line, sentence):
     assert f"s.toml: {sentence}" in str(error.value)
 
 
+@pytest.mark.slow
 def test_run_among_glass_and_mirrors_repeats_and_differs_from_one_without():
     plain = Scenario.builtin("arena_small").replace(robots=2)
     scenario = plain.replace(surfaces=SurfaceSpec(glass_share=0.4, mirror_share=0.4, stretch_m=1.0))

@@ -36,6 +36,7 @@ PLANS = st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000), plan=PLANS, memory=st.sampled_from([50, 30_000]))
 @settings(max_examples=15, deadline=None)
 def test_all_energy_and_every_reading_is_accounted_for(seed: int, plan: dict[str, object], memory: int) -> None:
@@ -104,6 +105,7 @@ def test_robot_on_tour_takes_what_standing_and_driving_take() -> None:
     assert life.robot_j / (life.driven_m / 100.0) == pytest.approx(100.0 * 7.0 + 101.0 * 5.0)
 
 
+@pytest.mark.slow
 def test_goal_is_reached_and_what_the_goal_allows_travels_at_once() -> None:
     where = site(3)
     alone, relieved = live(where), live(where, tours_per_day=1.0, goal_days=400.0)
@@ -114,6 +116,7 @@ def test_goal_is_reached_and_what_the_goal_allows_travels_at_once() -> None:
     assert relieved.robot_j < collected.robot_j
 
 
+@pytest.mark.slow
 def test_motes_in_turn_live_longer_and_cover_as_much() -> None:
     where = site(5, motes=60)
     all_on = live(where, tours_per_day=1.0, goal_days=500.0)

@@ -72,6 +72,7 @@ def own_numbers(run, name: str) -> set[int]:
     return set(range(mote.newest))
 
 
+@pytest.mark.slow
 def test_readings_of_a_cut_off_gateway_arrive_after_the_cut_none_twice_and_none_lost() -> None:
     with islands().team(seed=3) as team:
         heard = Heard(team)
@@ -97,6 +98,7 @@ def test_readings_of_a_cut_off_gateway_arrive_after_the_cut_none_twice_and_none_
         assert gateway.store.dropped == 0
 
 
+@pytest.mark.slow
 def test_a_gateway_with_too_little_room_drops_the_oldest_and_says_how_many() -> None:
     with islands(store=24).team(seed=3) as team:
         heard = Heard(team)
@@ -115,6 +117,7 @@ def test_a_gateway_with_too_little_room_drops_the_oldest_and_says_how_many() -> 
         assert f"gateway m9 stores 0, has dropped {told.dropped}" in heard.run.coordinator.mote_field.state.words
 
 
+@pytest.mark.slow
 def test_the_field_tells_by_which_motes_readings_come() -> None:
     with islands(cut=False, links=False).team(seed=3) as team:
         team.run_for(60.0)
@@ -134,6 +137,7 @@ def test_the_field_tells_by_which_motes_readings_come() -> None:
         assert not {reading.mote for reading in team.readings(8.0)} & NORTH
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_a_gateway_stores_what_it_collects_out_of_reach_of_the_coordinator() -> None:
     scenario = islands(cut=False)
     kind = msgspec.structs.replace(scenario.network.motes, gateways=("r1",), mesh=MeshSpec())
@@ -152,6 +156,7 @@ def test_a_robot_that_is_a_gateway_stores_what_it_collects_out_of_reach_of_the_c
         assert {one.name for one in heard.run.coordinator.mote_field.state.gateways} == {"r1"}
 
 
+@pytest.mark.slow
 def test_a_coordinator_that_begins_anew_is_told_what_was_sensed_while_there_was_none() -> None:
     with islands(links=False).team(seed=3) as team:
         run = team.transport.run
@@ -168,6 +173,7 @@ def test_a_coordinator_that_begins_anew_is_told_what_was_sensed_while_there_was_
         assert run.coordinator.mote_field.state.delivery_ratio > 0.95
 
 
+@pytest.mark.slow
 def test_equal_seeds_have_equal_digests_with_gateways_mesh_and_cuts() -> None:
     scenario = islands().replace(time_limit_s=30.0)
     one, other = (scenario.run(until_explored=1.0) for _ in range(2))
@@ -175,6 +181,7 @@ def test_equal_seeds_have_equal_digests_with_gateways_mesh_and_cuts() -> None:
     assert one.digest != scenario.replace(links=LinkSpec()).run(until_explored=1.0).digest
 
 
+@pytest.mark.slow
 def test_gateways_that_are_no_robots_or_motes_are_refused_with_those_that_there_are() -> None:
     scenario = islands()
 

@@ -1,11 +1,14 @@
 """A field of simulated motes with a coordinator that keeps it alive by itself, and without: the whole stack."""
 
 import msgspec
+import pytest
 
 from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.scenarios.scenario import Scenario
+
+pytestmark = pytest.mark.slow
 
 ONLY_WATCH = MoteFieldPolicy(turns_s=1e6, rest_factor=1.0)
 """Tells how the field is doing, and does nothing for it."""

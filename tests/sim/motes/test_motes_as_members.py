@@ -6,6 +6,8 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.motes.mote_power import MoteState
 from robrain.sim.scenarios.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def team():

@@ -209,6 +209,7 @@ def test_equal_seeds_give_equal_packets_over_hops():
     assert first != said(2)
 
 
+@pytest.mark.slow
 def test_the_coordinator_puts_motes_on_and_off_duty_that_no_base_station_hears():
     scenario = standing_robot()
     radio = msgspec.structs.replace(scenario.network.radio, sensitivity_dbm=-86.0)
@@ -227,6 +228,7 @@ def test_the_coordinator_puts_motes_on_and_off_duty_that_no_base_station_hears()
         assert motes.mesh.down.counters.delivered > 0
 
 
+@pytest.mark.slow
 def test_fewer_robots_are_sent_to_collect_where_motes_reach_a_gateway_over_hops():
     def collected(hops):
         policy = MoteFieldPolicy(collect_age_s=40.0)

@@ -41,6 +41,7 @@ def test_without_the_tables_everything_is_as_usual(tmp_path):
     assert scenario(tmp_path, "").network == SensorNetwork()
 
 
+@pytest.mark.slow
 def test_the_digest_follows_the_seed_and_the_tables_and_nothing_else(tmp_path):
     def digest(tables, seed):
         return scenario(tmp_path, tables).replace(seed=seed).run(time_limit_s=6.0, until_explored=1.0).digest

@@ -130,6 +130,7 @@ def test_more_clients_than_a_base_station_serves_are_refused(desk):
     assert desk.forwarder.clients == MAX_CLIENTS
 
 
+@pytest.mark.slow
 def test_a_client_that_does_not_read_misses_packets_and_holds_up_nobody(desk):
     desk.client()
     desk.until(lambda: desk.forwarder.clients == 1)

@@ -69,6 +69,7 @@ def test_shares_are_from_0_to_1_and_the_file_and_key_are_named(name, value):
         parse_scenario(text, "s.toml")
 
 
+@pytest.mark.slow
 def test_run_with_an_imperfect_lidar_repeats_and_differs_from_one_without():
     plain = Scenario.builtin("arena_small").replace(robots=2)
     scenario = plain.replace(hardware=RobotHardware(lidar=LidarSpec(dropout=0.1, outlier=0.02)))

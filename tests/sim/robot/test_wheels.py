@@ -126,6 +126,7 @@ def driven(seed):
         run.close()
 
 
+@pytest.mark.slow
 def test_a_scenario_s_wheels_are_drawn_for_each_robot_from_its_seed():
     drawn, pose, base = driven(1)
     assert drawn[0] != drawn[1]

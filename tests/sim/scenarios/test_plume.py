@@ -9,6 +9,8 @@ from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.reasons.tasks import RuleReading
 from robrain.sim.scenarios.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 NEAR_M = 0.5
 """How near to the true source the found one is over ten seeds: docs/how-to/rules.md."""
 

@@ -14,6 +14,8 @@ from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.stand_in_run import StandInRun
 from robrain.sim.stand_in.trial import quiet
 
+pytestmark = pytest.mark.slow
+
 OTHER = "stand_by"
 KILL = FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0, until_s=1.0)
 JUDGED = {Invariant.LOST, Invariant.DONE_TWICE, Invariant.TWO_AT_ONCE}

@@ -268,6 +268,7 @@ def test_the_judge_notes_a_task_that_was_done_though_another_followed_it_in_the_
     assert (verdict.broken, verdict.done) == ((), 5)
 
 
+@pytest.mark.slow
 def test_a_robot_that_charges_later_gets_the_task_for_which_it_has_too_little_now():
     # Alone and at a tenth of its charge, it refuses six times before its own guard sends it to the charger.
     robot = PointRobot(name="r1", place=Point2D(9.0, 9.0), soc=0.11)

@@ -126,6 +126,7 @@ def test_a_mover_goes_back_and_forth_at_its_speed_and_pauses():
     assert max(math.dist(one, other) for one, other in pairwise(seen)) < 0.0101
 
 
+@pytest.mark.slow
 def test_a_box_is_seen_where_it_is_and_no_longer_where_it_was():
     run = opened("[[movers]]\nvia_m = [[2.0, 2.0], [2.0, 0.8]]\nsize_m = [0.6, 0.4]\nspeed_m_s = 1.0\npause_s = 99.0\n")
     try:
@@ -163,6 +164,7 @@ def test_people_walk_through_doorways_clear_of_walls_and_draw_their_way_from_the
     assert any(x_m > 4.5 for x_m, _ in places)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stop_m", "collisions"), [(0.6, 0), (0.0, 1)])
 def test_a_mover_stops_for_a_robot_if_it_is_to_and_else_hits_it(stop_m, collisions):
     run = opened(f"[[movers]]\nvia_m = [[3.0, 0.5], [0.5, 0.5]]\nstop_m = {stop_m}\n")

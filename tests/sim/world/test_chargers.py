@@ -54,6 +54,7 @@ def test_one_robot_is_not_fed_by_two_docks():
     assert chargers.supplies_w([body(1.05, 1.0), body(1.1, 1.05)]) == [30.0, 50.0]
 
 
+@pytest.mark.slow
 def test_a_robot_of_the_arena_is_charged_at_a_dock():
     session = open_lockstep_session()
     clock = VirtualClock()

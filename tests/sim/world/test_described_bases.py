@@ -11,6 +11,7 @@ from robrain.sim.world.robot_specs import WHEELS, RobotSpec, RobotType
 TWO = Scenario.builtin("arena_small").replace(robots=1, motes=0, roster=(RobotSpec(type=RobotType.TWO_WHEELS),))
 
 
+@pytest.mark.slow
 def test_odometry_of_two_wheels_is_exact_and_the_hull_never_slides_sideways() -> None:
     run = LockstepRun(TWO.replace(seed=3).world())
     (robot,), start, sideways_m = run.arena._robots, run.arena._robots[0].body.pose, 0.0
@@ -29,6 +30,7 @@ def test_odometry_of_two_wheels_is_exact_and_the_hull_never_slides_sideways() ->
     run.close()
 
 
+@pytest.mark.slow
 def test_odometry_by_lines_of_text_is_as_true_as_that_by_frames() -> None:
     run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=RobotType.SERIAL),)).world())
     (robot,), start = run.arena._robots, run.arena._robots[0].body.pose
@@ -45,6 +47,7 @@ def test_odometry_by_lines_of_text_is_as_true_as_that_by_frames() -> None:
     run.close()
 
 
+@pytest.mark.slow
 def test_a_team_with_a_base_on_a_serial_line_explores_without_collisions_in_equal_runs_alike() -> None:
     mixed = TWO.replace(robots=2, roster=(RobotSpec(type=RobotType.SERIAL),), seed=5)
     first, again = mixed.run(), mixed.run()
@@ -57,6 +60,7 @@ def test_a_serial_controller_of_other_than_two_wheels_is_refused() -> None:
         RobotSpec(type=RobotType.MECANUM, hardware={"controller": "lines"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [RobotType.FOUR_OMNI, RobotType.MECANUM])
 def test_odometry_of_four_wheels_is_exact_and_the_hull_slides_sideways_too(kind: RobotType) -> None:
     run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=kind),)).world())
@@ -75,6 +79,7 @@ def test_odometry_of_four_wheels_is_exact_and_the_hull_slides_sideways_too(kind:
     run.close()
 
 
+@pytest.mark.slow
 def test_a_car_explores_without_collisions_and_its_hull_never_slides_sideways() -> None:
     run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=RobotType.CAR),)).world())
     (robot,), start = run.arena._robots, run.arena._robots[0].body.pose
@@ -100,6 +105,7 @@ def test_wheels_that_no_simulated_controller_turns_are_refused_with_their_key() 
         RobotSpec(hardware=wide)
 
 
+@pytest.mark.slow
 def test_a_mixed_team_explores_without_collisions_in_equal_runs_alike() -> None:
     specs = tuple(RobotSpec(type=kind) for kind in (RobotType.TWO_WHEELS, RobotType.OMNI, RobotType.MECANUM))
     mixed = Scenario.builtin("depot").replace(robots=3, motes=0, roster=specs, seed=5)

@@ -62,11 +62,13 @@ def fence(pitch_m: float) -> FloorDrawing:
     return FloorDrawing(size_m=(8.0, 4.4), resolution_m=0.05, pillars=posts)
 
 
+@pytest.mark.slow
 def test_of_a_floor_that_is_all_explored_nothing_is_left() -> None:
     with running(scenario(two_rooms(1.0))) as run:
         assert explored(run) == ExplorationLeft()
 
 
+@pytest.mark.slow
 def test_a_room_behind_a_gap_in_which_robots_failed_is_too_narrow_with_the_width_that_they_measured() -> None:
     with running(scenario(two_rooms(0.4))) as run:
         (region,) = explored(run).regions
@@ -78,6 +80,7 @@ def test_a_room_behind_a_gap_in_which_robots_failed_is_too_narrow_with_the_width
     assert region.high.x_m > 9.0
 
 
+@pytest.mark.slow
 def test_floor_behind_a_fence_that_can_be_seen_through_is_too_narrow_and_is_not_tried() -> None:
     with running(scenario(fence(0.3))) as run:
         (region,) = explored(run).regions
@@ -87,6 +90,7 @@ def test_floor_behind_a_fence_that_can_be_seen_through_is_too_narrow_and_is_not_
     assert region.area_m2 > 8.0
 
 
+@pytest.mark.slow
 def test_floor_seen_through_a_fence_whose_gaps_the_map_does_not_show_is_unreachable() -> None:
     with running(scenario(fence(0.15))) as run:
         regions = explored(run).regions
@@ -99,6 +103,7 @@ ROOMS_AND_DOORWAY = FloorDrawing(
 )
 
 
+@pytest.mark.slow
 def test_a_room_whose_door_has_closed_behind_the_robot_is_cut_off() -> None:
     """The robot explores the room on the right with shelves in it, is called back, and the door closes behind it."""
     shelves = (Block(5.2, 0.8, 0.6, 2.6), Block(6.6, 1.4, 0.3, 2.6))
@@ -158,6 +163,7 @@ def test_at_the_time_limit_open_frontiers_are_unseen_and_the_last_word_is_in_the
     assert recorded.regions == left.regions
 
 
+@pytest.mark.slow
 def test_what_is_left_is_published_once_when_exploration_ends_and_not_before() -> None:
     with running(scenario(two_rooms(0.4))) as run:
         inbox = Inbox()
@@ -190,6 +196,7 @@ def test_while_robots_explore_it_is_told_on_request() -> None:
     assert LeftKind.UNSEEN in {region.kind for region in left.regions}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 6, 8])
 def test_the_floor_behind_the_bends_of_a_barely_passable_corridor_is_explored(seed: int) -> None:
     """The frontier behind the bend is 3 cells long; seeds with which it was once left and not named."""

@@ -91,6 +91,7 @@ def test_a_robot_that_has_lost_its_motors_says_so_and_stands_while_the_other_goe
     assert run.told["r2"] == set()
 
 
+@pytest.mark.slow
 def test_a_robot_whose_can_bus_comes_back_drives_again(broken):
     run = broken(FaultKind.CAN_CUT, until_s=BREAKS_S + 4.0)
     run.go(BREAKS_S + 20.0)
@@ -99,6 +100,7 @@ def test_a_robot_whose_can_bus_comes_back_drives_again(broken):
     assert run.moved_m("r1", BREAKS_S + 4.0, BREAKS_S + 20.0) > 0.5
 
 
+@pytest.mark.slow
 def test_a_robot_whose_lidar_freezes_stands_and_names_it(broken):
     run = broken(FaultKind.LIDAR_FREEZES)
     run.go(BREAKS_S + 14.0)
@@ -107,6 +109,7 @@ def test_a_robot_whose_lidar_freezes_stands_and_names_it(broken):
     assert run.run.arena.collisions == 0
 
 
+@pytest.mark.slow
 def test_a_robot_whose_battery_lies_does_not_believe_it(broken):
     run = broken(FaultKind.BATTERY_LIES)
     run.go(BREAKS_S + 5.0)
@@ -118,6 +121,7 @@ def test_a_robot_whose_battery_lies_does_not_believe_it(broken):
     assert run.state.battery.remaining_low_j < before.remaining_low_j - 20.0 * 10.0
 
 
+@pytest.mark.slow
 def test_a_base_station_that_floods_is_named_and_the_robot_goes_on(broken):
     run = broken(FaultKind.MOTE_BASE_FLOODS)
     run.go(BREAKS_S + 10.0)
@@ -126,6 +130,7 @@ def test_a_base_station_that_floods_is_named_and_the_robot_goes_on(broken):
     assert [fault.plugin for fault in run.state.faulted] in ([], ["mote_base"], ["mote_base", "snw_exploration"])
 
 
+@pytest.mark.slow
 def test_equal_seeds_break_equally(broken):
     runs = [broken(FaultKind.CAN_CUT) for _ in range(2)]
     for run in runs:
@@ -147,6 +152,7 @@ def carried_off(place_m):
     return FaultSpec(robot="r1", kind=FaultKind.CARRIED_OFF, at_s=1.0, place_m=place_m, yaw_rad=2.0)
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_carried_off_is_elsewhere_at_once_and_its_wheels_have_not_turned():
     start = DEPOT.world().robots[1].start
     place = Pose2D(start.x_m, start.y_m, 2.0)  # where r2 starts is room for a robot; r2 itself drives away
@@ -184,6 +190,7 @@ def test_times_that_are_not_in_order_are_refused(at_s, until_s):
 RAISES = ["localisation", "mapper", "planner", "driver", "teammates", "battery", "energy", "explore"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", RAISES)
 def test_a_stock_plugin_that_raises_once_is_restarted_and_its_robot_goes_on(plugin):
     scenario = Scenario.builtin("depot").replace(robots=1, seed=4)

@@ -11,6 +11,8 @@ from robrain.protocol.model.localization.gyro_yaw import COMPARED_RAD, REFUSED_A
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 
+pytestmark = pytest.mark.slow
+
 STILL_S, DRIVEN_S, TICK_S = 1.5, 60.0, 0.02
 BIAS_RAD_S = 0.03
 IMU = {"bias_rad_s": BIAS_RAD_S, "noise_rad_s": 0.005}

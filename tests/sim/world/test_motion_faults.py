@@ -9,6 +9,8 @@ from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def team():

@@ -37,6 +37,7 @@ def test_a_submap_counts_where_it_lies_in_the_arena() -> None:
     assert overlap({("r1", 1): submap(0, 10, 10, 10), ("r2", 1): moved}, GEOMETRY) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_two_robots_that_start_together_overlap() -> None:
     result = Scenario.builtin("arena_small").replace(seed=3, robots=2).run(time_limit_s=3.0)
     assert result.overlap > 0.2

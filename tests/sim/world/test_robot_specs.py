@@ -46,6 +46,7 @@ def test_each_robot_has_its_type_place_hardware_and_parameters():
     assert [file.robot.load is None for file in files] == [True, True, False]
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_camera_lacks_what_needs_one_and_says_so():
     with Scenario.from_toml(HALL + TEAM).team() as team:
         team.run_for(0.5)
@@ -61,6 +62,7 @@ def test_without_leaves_out_all_that_require_it_at_whatever_distance():
     assert {"scan", "battery"} & set(left)
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_lidar_sends_no_scans():
     scenario = Scenario.from_toml(HALL + '[[robots]]\nwithout = ["scan"]\n[[robots]]\n')
     run = scenario.open(scenario.world())
@@ -75,6 +77,7 @@ def test_a_robot_without_a_lidar_sends_no_scans():
     assert set(seen) == {"r2"}
 
 
+@pytest.mark.slow
 def test_a_slow_robot_drives_slower_than_a_stock_one():
     toml = (
         HALL
@@ -88,6 +91,7 @@ def test_a_slow_robot_drives_slower_than_a_stock_one():
     assert run.collisions == 0
 
 
+@pytest.mark.slow
 def test_a_mixed_team_repeats_and_is_written_as_it_was_read():
     scenario = Scenario.from_toml(HALL + TEAM)
     one, other = (scenario.run(time_limit_s=4.0, until_explored=1.0) for _ in range(2))

@@ -41,6 +41,7 @@ def task(*lines: str) -> str:
     return "\n".join(("[[tasks]]", *lines)) + "\n"
 
 
+@pytest.mark.slow
 def test_tasks_of_a_scenario_are_done_before_its_run_ends():
     result = Scenario.from_toml(HALL + VISITS).run()
     assert result.ended == "explored"
@@ -53,6 +54,7 @@ def test_tasks_of_a_scenario_are_done_before_its_run_ends():
     assert Scenario.from_toml(HALL).run().sim_time_s < 3.0 < result.sim_time_s
 
 
+@pytest.mark.slow
 def test_a_task_is_submitted_at_its_time_by_the_scenario_and_recorded():
     with Scenario.from_toml(HALL + VISITS).team() as team:
         team.run_for(2.9)
@@ -67,6 +69,7 @@ def test_a_task_is_submitted_at_its_time_by_the_scenario_and_recorded():
     assert records["inspect-1"].task.parameters == {"look_at": {"x_m": 2.0, "y_m": 2.0}}
 
 
+@pytest.mark.slow
 def test_a_run_with_tasks_is_recorded_and_repeats(tmp_path: Path):
     scenario = Scenario.from_toml(HALL + VISITS)
     one, other = (scenario.run(record=tmp_path / f"{name}.mcap") for name in ("one", "other"))
@@ -75,6 +78,7 @@ def test_a_run_with_tasks_is_recorded_and_repeats(tmp_path: Path):
     assert one.digest != scenario.replace(tasks=()).run().digest
 
 
+@pytest.mark.slow
 def test_what_becomes_of_a_task_is_told_in_words():
     toml = HALL.replace("until_explored = 0.5", "until_explored = 0.5\nseed = 2")
     wrong = task('kind = "visit"', "place_m = [50.0, 1.0]") + task(

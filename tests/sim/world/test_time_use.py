@@ -38,6 +38,7 @@ def test_the_times_add_up_to_the_whole(steps: list[tuple[float, float, bool]]) -
     assert total_s == pytest.approx(0.2 * len(steps), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_run_tells_where_the_time_of_each_robot_went() -> None:
     result = Scenario.builtin("arena_small").replace(seed=3, robots=2).run(time_limit_s=10.0, until_explored=1.0)
     for robot in result.per_robot:

@@ -69,6 +69,7 @@ def get_page(port: int) -> int:
         connection.close()
 
 
+@pytest.mark.slow
 def test_page_is_served_beside_500_sockets_that_want_nothing_and_they_are_let_go(page: LocalServer) -> None:
     port = page.get_port()
     host = f"Host: 127.0.0.1:{port}\r\n".encode()

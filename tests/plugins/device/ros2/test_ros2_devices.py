@@ -400,6 +400,7 @@ def test_at_the_end_everything_is_released(robot):
     assert robot.link.ticks == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plugin", "wrong", "what"),
     [
