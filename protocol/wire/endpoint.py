@@ -428,7 +428,7 @@ class Endpoint:
     ) -> None:
         """Ask one concrete key without waiting: the reply arrives in `inbox` as a message of another topic.
 
-        An error, an empty reply (`null`) and silence leave the inbox as it is.
+        An empty reply (`null`) leaves the inbox as it is; live, silence and errors are asked again a few times.
 
         Args:
             inbox: where the reply goes.
@@ -446,7 +446,7 @@ class Endpoint:
         if self.drive is Drive.LIVE:  # a callback would start a thread for each query
             options: dict[str, Any] = {} if body is None else {"payload": body, "encoding": JSON}
             options |= query_options(topic.urgency)
-            inbox.expect(self._get(key, timeout=timeout_s, **options), reply_topic, reply_key)
+            inbox.expect(lambda: self._get(key, timeout=timeout_s, **options), reply_topic, reply_key)
             return
 
         def take(answer: Answer) -> None:

@@ -14,6 +14,8 @@ INBOX_BYTES_MAX = 134_217_728
 """Of large samples in one inbox (chosen: twice the largest message that a topic allows)."""
 NOTHING = b"null"
 """An empty reply: JSON null."""
+ASKED_MAX = 5
+"""How often a query is sent that nobody answers."""
 
 Sample = tuple[Heard, str, bytes, list[Received] | None]
 """Topic, key, payload, and a list for the decoded message, which the first reader fills; None without other inboxes."""
@@ -67,7 +69,7 @@ class Inbox:
         self.on_arrival: Callable[[], None] | None = None
         """Called after each sample that was taken, on the thread that brings it."""
         self._every: deque[Sample] = deque(maxlen=capacity)
-        self._expected: deque[tuple[Any, Heard, str]] = deque(maxlen=capacity)
+        self._expected: deque[tuple[Any, Callable[[], Any], int, Heard, str]] = deque(maxlen=capacity)
         self._latest: dict[str, Sample] = {}
 
     def adopt(self, border: Border) -> None:
@@ -134,16 +136,21 @@ class Inbox:
     def __len__(self) -> int:
         return len(self._every) + len(self._latest)
 
-    def expect(self, replies: Any, topic: Heard, key: str) -> None:
-        """Take in what comes as the reply to a query, for the owner's own thread; the last so many are waited for.
+    def expect(self, ask: Callable[[], Any], topic: Heard, key: str, asked: int = 1) -> None:
+        """Send a query and take in its reply, on the owner's own thread; the last so many queries are waited for.
+
+        A query that ends without an answer (silence, or an error) is sent up to `ASKED_MAX` times: when a process or
+        the router has just started, or a robot is busy, one query is easily lost.
 
         Args:
-            replies: the query's channel; it says None as long as there is nothing, and raises ZError at its end.
+            ask: sends the query and returns its channel, which says None as long as there is nothing, and raises
+                ZError at its end.
             topic: what a reply is taken for.
             key: likewise.
+            asked: how often it will have been sent.
 
         """
-        self._expected.append((replies, topic, key))
+        self._expected.append((ask(), ask, asked, topic, key))
         self.has_some = True
 
     def drain(self) -> list[Received]:
@@ -183,12 +190,19 @@ class Inbox:
 
     def _take_replies(self) -> None:
         for _ in range(len(self._expected)):
-            replies, topic, key = self._expected.popleft()
+            waiting = self._expected.popleft()
+            replies, ask, asked, topic, key = waiting
             try:
-                while (reply := replies.try_recv()) is not None:
-                    payload = reply.ok.payload.to_bytes() if reply.ok is not None else NOTHING
-                    if payload != NOTHING:
-                        self.append(topic, key, payload)
-            except zenoh.ZError:  # it is answered, or was not in time
-                continue
-            self.expect(replies, topic, key)
+                reply = replies.try_recv()
+            except zenoh.ZError:
+                is_answered = False
+            else:
+                if reply is None:
+                    self._expected.append(waiting)
+                    self.has_some = True
+                    continue
+                is_answered = reply.ok is not None
+                if is_answered and (payload := reply.ok.payload.to_bytes()) != NOTHING:
+                    self.append(topic, key, payload)
+            if not is_answered and asked < ASKED_MAX:
+                self.expect(ask, topic, key, asked + 1)

@@ -9,14 +9,14 @@ import pytest
 from robrain.deploy.sweep.crew import ONE_THREAD, LocalCrew
 
 pytestmark = pytest.mark.system
-NOT_IMPORTED_HERE = "robrain.deploy.sweep.forked_from"
+PRELOADED = "robrain.deploy.sweep.forked_from"
 
 
 def family(_: None) -> tuple[int, int, int, bool, list[str | None]]:
     """Process, parent, the parent's threads, whether the kernels were loaded before, and the variables."""
     parent = os.getppid()
     threads = len(list(Path(f"/proc/{parent}/task").iterdir()))
-    return os.getpid(), parent, threads, NOT_IMPORTED_HERE in sys.modules, [os.environ.get(name) for name in ONE_THREAD]
+    return os.getpid(), parent, threads, PRELOADED in sys.modules, [os.environ.get(name) for name in ONE_THREAD]
 
 
 def test_workers_have_a_parent_of_one_thread_that_has_loaded_the_kernels() -> None:
@@ -34,4 +34,3 @@ def test_workers_have_a_parent_of_one_thread_that_has_loaded_the_kernels() -> No
     assert one != other
     assert parent == same != os.getpid()
     assert (threads, is_loaded, variables) == (1, True, ["1"] * len(ONE_THREAD))
-    assert NOT_IMPORTED_HERE not in sys.modules

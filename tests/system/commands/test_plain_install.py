@@ -33,7 +33,6 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("replay", ["run.mcap"], "team"),
     ("status", [], WORKS),
     ("top", [], WORKS),
-    ("doctor", [], WORKS),
     ("bringup", ["r1.toml", "--yes"], "bringup"),
     ("wire", [], WORKS),
     ("call", ["r1", "counter", "seconds"], WORKS),
@@ -166,6 +165,12 @@ def test_a_command_works_or_says_which_extra_it_needs(
     assert (done.returncode, done.stdout) == (2, "")
     said = rf"robrain: \w+ is not installed: pip install 'robrain\[{extra}\]'\n"
     assert re.fullmatch(said, done.stderr), done.stderr
+
+
+def test_doctor_names_the_extra_that_plugins_of_a_plain_install_lack(plain: Plain) -> None:
+    done = plain.run("doctor")
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "needs robrain[navigation]" in done.stdout
 
 
 def test_the_robots_bus_is_there_for_the_tools_of_python_can(plain: Plain) -> None:

@@ -102,7 +102,7 @@ def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes, 
     ("words", "why"),
     [
         (["--seeds", "x"], "--seeds x: expected numbers and ranges"),
-        (["--vary", "robtos=1"], "--vary robtos: expected one of robots, .*did you mean robots"),
+        (["--vary", "robtos=1"], "--vary robtos: expected one of robots, .*did you mean .robots"),
         (["--limit", "5"], r"--limit 5: these are 10 runs \(1 settings × 10 seeds\)"),
         (["--limit", "0"], "--limit 0: expected at least 1"),
         (["--until", "explored=2"], "--until 'explored=2': expected"),
