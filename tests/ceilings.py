@@ -11,7 +11,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 
-from tests.bench.exploration import call_figures
+from tests.bench.exploration import calls
 from tests.bench.task_path import path_of_a_visit
 
 ROOT = Path(__file__).parents[1]
@@ -43,7 +43,7 @@ def measure() -> dict[str, int]:
         packages[path.relative_to(ROOT).parts[0]] += lines_of_code(source)
     imported = imports(trees)
     visit = path_of_a_visit()
-    exploring, crowded, waiting = (round(figure.value) for figure in call_figures())
+    exploring, crowded, waiting = calls()
     return {
         "product_lines": packages.total(),
         **{f"{package}_lines": packages[package] for package in PRODUCT},

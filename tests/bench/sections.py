@@ -20,7 +20,7 @@ class Section(NamedTuple):
 SECTIONS = {
     "exploration": Section(
         "Exploration",
-        "Lockstep runs on the map of `examples/maps`; the cost of a robot in calls, over 8 simulated seconds.",
+        "Lockstep runs on the map of `examples/maps`.",
         "tests.bench.exploration:measure",
     ),
     "real_maps": Section(
