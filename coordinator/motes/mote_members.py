@@ -6,17 +6,33 @@ goes from queued to running at `mote:M`, and from there to done, or back to queu
 mote is then left out for a while, and the next in line, a robot maybe, is asked.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any
 
 import msgspec
 
-from robrain.coordinator.motes.mote_energy import mote_share, reading_j, robot_j, robot_share
 from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX, Mote, MoteTable
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.motes.mote_energy import (
+    BITS_PER_S,
+    CAPACITY_J,
+    CELL_V,
+    FLAT_V,
+    FRESH_V,
+    LISTEN_A,
+    LOG_A,
+    LOG_S,
+    PACKET_BITS,
+    SEND_A,
+    SENSE_A,
+    SENSE_S,
+)
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
 from robrain.protocol.wire.border.border import Received
@@ -26,6 +42,7 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.reasons.robots import (
@@ -40,6 +57,50 @@ from robrain.protocol.wire.reasons.robots import (
 )
 from robrain.protocol.wire.reasons.tasks import DeadlinePassed, MoteUnknown, RobotOut
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
+
+LISTEN_S = 0.2
+"""After a reading, for whatever a robot has to say."""
+LEAST_LEFT_J = 1e-3
+HOP_RECEIVE_J = LISTEN_A * CELL_V * PACKET_BITS / BITS_PER_S
+"""What it takes another mote to take a packet in that it sends on. What robots hear themselves has one hop."""
+
+
+def reading_j(hops: int = 1) -> float:
+    """What one reading takes of the motes: to sense it, keep it, send it over so many hops, and listen for an answer.
+
+    >>> round(1e3 * reading_j(), 2)
+    8.77
+    """
+    send_j = SEND_A * CELL_V * PACKET_BITS / BITS_PER_S
+    own_j = CELL_V * (SENSE_A * SENSE_S + LOG_A * LOG_S + LISTEN_A * LISTEN_S)
+    return own_j + hops * send_j + (hops - 1) * HOP_RECEIVE_J
+
+
+def mote_left_j(voltage_v: float) -> float:
+    """What a mote's cells still hold, as far as their voltage tells."""
+    share = (voltage_v - FLAT_V) / (FRESH_V - FLAT_V)
+    return max(LEAST_LEFT_J, min(1.0, share) * CAPACITY_J)
+
+
+def mote_share(readings: int, voltage_v: float) -> float:
+    """Share of a mote's energy that so many readings take; above 1 if it does not hold as much."""
+    return readings * reading_j() / mote_left_j(voltage_v)
+
+
+def robot_share(state: RobotState, place: Point2D, stay_s: float) -> float:
+    """Share of a robot's energy that going to a place and staying there takes, at the least: there as the crow flies.
+
+    Of a robot that tells nothing of its energy or its place it is infinite: a mote that can is asked first.
+    """
+    if state.pose is None or state.energy is None:
+        return math.inf
+    return robot_j(state.energy, state.pose.distance_m(place), stay_s) / max(state.energy.usable_j, LEAST_LEFT_J)
+
+
+def robot_j(model: EnergyModel, way_m: float, stay_s: float) -> float:
+    """What that takes, in joules."""
+    return estimate(model, Work(path_m=way_m, wait_s=stay_s)).mean_j
+
 
 LOOK_NS = to_ns(0.25)
 """How often it is looked whether a mote is late, when nothing has happened."""

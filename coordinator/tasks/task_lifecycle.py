@@ -14,7 +14,6 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
 from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
 from robrain.coordinator.tasks.backoff import Backoff
-from robrain.coordinator.tasks.held_elsewhere import HeldElsewhere
 from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
 from robrain.coordinator.tasks.reconcile import LEASE_S, reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
@@ -30,6 +29,7 @@ from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, TaskStatus
+from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskWithdrawal
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.offers import OfferRefusal
@@ -45,6 +45,40 @@ from robrain.protocol.wire.reasons.tasks import (
     TaskReason,
 )
 from robrain.protocol.wire.topics import ROBOT_OFFER
+
+
+class HeldElsewhere:
+    """Who may be at which queued task, and until when.
+
+    Args:
+        book: of the tasks.
+        roster: the robots of the team.
+
+    """
+
+    def __init__(self, book: TaskBook, roster: Roster) -> None:
+        self._book, self._roster = book, roster
+        self._until: dict[str, tuple[str, int]] = {}
+
+    def hear(self, said: TeamBallot, now_ns: int) -> None:
+        """Take in what a robot says of itself and of others."""
+        self._until = {task: one for task, one in self._until.items() if one[0] != said.robot and one[1] > now_ns}
+        for other in said.absent:
+            record, known = self._book.find(other.id), self._until.get(other.id)
+            until_ns = now_ns + to_ns(other.left_s)
+            is_queued = record is not None and record.state is TaskState.QUEUED
+            if is_queued and other.robot != said.robot and (known is None or known[1] < until_ns):
+                self._until[other.id] = (other.robot, until_ns)
+
+    def by(self, task_id: str, now_ns: int) -> str:
+        """The robot that may be at a task; empty if there is none. One that is heard says itself what it is at."""
+        robot, until_ns = self._until.get(task_id, ("", now_ns))
+        known = self._roster.robots.get(robot)
+        if until_ns <= now_ns or known is None or known.state is None or not known.is_up(now_ns):
+            return robot if until_ns > now_ns else ""
+        statuses = (known.state.task, known.state.next_task)
+        return robot if any(one is not None and one.id == task_id for one in statuses) else ""
+
 
 logger = logging.getLogger(__name__)
 

@@ -1,21 +1,221 @@
 """The steps of bring-up in their order; what is found is put into the robot's file before the next step."""
 
-from collections.abc import Callable
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, MutableMapping, MutableSequence
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from robrain.agent.host.robot_file import RobotFile, read_robot_file
-from robrain.deploy.bringup.bench import Bench, DeviceAbsent, MotionFailed, has_imu
-from robrain.deploy.bringup.findings import Finding, Found, Report, Step
-from robrain.deploy.bringup.floor_checks import View, check_distance, check_orientation, check_scan, check_turn, look
-from robrain.deploy.bringup.imu_check import check_imu
+from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, has_imu
+from robrain.deploy.bringup.findings import Finding, Found, Patch, Report, Step
+from robrain.deploy.bringup.floor_checks import (
+    MORE_WALLS,
+    NO_SIGHT,
+    STILL_S,
+    View,
+    check_distance,
+    check_orientation,
+    check_scan,
+    check_turn,
+    look,
+    points_of,
+)
+from robrain.deploy.bringup.motions import TurnOnSpot
 from robrain.deploy.bringup.operator import Operator
-from robrain.deploy.bringup.robot_edit import patched, write_patch
 from robrain.deploy.bringup.square import check_square
 from robrain.deploy.bringup.wheel_checks import check_battery, check_bus, check_halt, check_watchdog, check_wheels
+from robrain.deploy.errors import UsageError
+from robrain.plugins.device.imu.interface import ImuSample
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
+from robrain.protocol.model.localization.scan_motion import followed
 from robrain.protocol.model.navigation.wheel_bases import Ackermann
+
+PARAMETERS = "parameters"
+BACKUPS_MAX = 1000
+
+
+def patched(parameters: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str, Any]:
+    """One table over another, within nested tables too; lists are replaced.
+
+    >>> patched({"scan": {"silent_s": 3.0}}, {"scan": {"mount": {"yaw_rad": 1.5}}})
+    {'scan': {'silent_s': 3.0, 'mount': {'yaw_rad': 1.5}}}
+    """
+    found = dict(parameters)
+    for key, value in patch.items():
+        below = found.get(key)
+        found[key] = (
+            patched(below if isinstance(below, Mapping) else {}, value) if isinstance(value, Mapping) else value
+        )
+    return found
+
+
+def write_patch(path: Path, patch: Patch, backup: Path | None) -> Path:
+    """Write new values into a robot's file, which is replaced as a whole or not at all.
+
+    Args:
+        path: the file.
+        patch: what to change.
+        backup: a copy that was made before; None makes one.
+
+    Returns:
+        The copy of the file as it was.
+
+    Raises:
+        UsageError: the file is not as it was read, or cannot be written.
+        RobotFileError: it would not be a robot's file any more.
+
+    """
+    try:
+        document = tomlkit.parse(path.read_text(encoding="utf-8-sig"))
+        if PARAMETERS not in document:
+            document[PARAMETERS] = tomlkit.table(is_super_table=True)
+        _put(document[PARAMETERS], patch)
+        kept = backup or _backup(path)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".toml")
+        new = Path(name)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                stream.write(tomlkit.dumps(document))
+                stream.flush()
+                os.fsync(stream.fileno())
+            read_robot_file(new)
+            shutil.copymode(path, new)
+            new.replace(path)
+        finally:
+            new.unlink(missing_ok=True)
+    except (OSError, TOMLKitError) as error:
+        raise UsageError(f"{path}: cannot write what was found: {error}") from error
+    return kept
+
+
+def _backup(path: Path) -> Path:
+    for number in range(1, BACKUPS_MAX):
+        copy = path.with_name(f"{path.name}.before-bringup{'' if number == 1 else f'-{number}'}")
+        try:
+            with path.open("rb") as source, copy.open("xb") as target:
+                shutil.copyfileobj(source, target)
+        except FileExistsError:
+            continue
+        shutil.copystat(path, copy)
+        return copy
+    raise UsageError(f"{path}: too many copies {path.name}.before-bringup-… beside it")
+
+
+def _put(table: MutableMapping[str, Any], patch: Mapping[str, Any]) -> None:
+    for key, value in patch.items():
+        there = table.get(key)
+        if isinstance(value, Mapping):
+            if not isinstance(there, MutableMapping):
+                table[key] = tomlkit.table()
+            _put(table[key], value)
+        elif not _changed_in_place(there, value) and there != value:
+            table[key] = value
+
+
+def _changed_in_place(there: Any, value: Any) -> bool:
+    """Change a list of tables one by one, so that their comments stay; whether that was possible."""
+    if not (isinstance(there, MutableSequence) and isinstance(value, list) and len(there) == len(value) > 0):
+        return False
+    if not all(isinstance(one, Mapping) for one in (*there, *value)):
+        return False
+    for old, new in zip(there, value, strict=True):
+        for key in [key for key in old if key not in new]:
+            del old[key]
+        _put(old, new)
+    return True
+
+
+TURN_RAD = math.radians(90.0)
+SAMPLES_MIN = 10
+"""While the robot stands, for its bias."""
+SCALE_TOLERANCE = 0.05
+DEGREES = math.degrees(1.0)
+
+
+def check_imu(bench: Bench) -> list[Finding]:
+    """Turn to the left and back; compare the unit's turning with the lidar's. The bench runs the unit as well."""
+    if why := bench.wait_for_imu():
+        return [_absent(f"no measurement from the unit: {why}")]
+    view, rest = look(bench)
+    if len(rest.imu) < SAMPLES_MIN:
+        return [_absent(f"the unit has sent {len(rest.imu)} measurements in {STILL_S:g} s")]
+    record = bench.perform(TurnOnSpot(TURN_RAD))
+    after, _ = look(bench)
+    bench.perform(TurnOnSpot(-TURN_RAD))
+    seen = followed(view.points, [points_of(scan) for scan in record.scans], after.points)
+    if seen is None:
+        return [Finding(step=Step.IMU, found=Found.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)]
+    bias_rad_s = sum(sample.yaw_rate_rad_s for sample in rest.imu) / len(rest.imu)
+    return _findings(bench, turned_rad(record.imu, bias_rad_s), seen[1], bias_rad_s)
+
+
+def turned_rad(samples: tuple[ImuSample, ...], bias_rad_s: float) -> float:
+    """The angle by which a unit has turned, by the trapezoidal rule.
+
+    >>> turned_rad((ImuSample(0, 0.1), ImuSample(500_000_000, 0.5), ImuSample(1_000_000_000, 0.1)), 0.1)
+    0.2
+    """
+    return math.fsum(
+        (0.5 * (before.yaw_rate_rad_s + after.yaw_rate_rad_s) - bias_rad_s) * 1e-9 * (after.stamp_ns - before.stamp_ns)
+        for before, after in pairwise(samples)
+    )
+
+
+def _absent(sentence: str) -> Finding:
+    remedy = "check its power, port, baud and protocol in [parameters.imu]; [robot.roles] imu says what reads it"
+    return Finding(step=Step.IMU, found=Found.NO_IMU, ok=False, sentence=sentence, remedy=remedy)
+
+
+def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: float) -> list[Finding]:
+    ratio = by_imu_rad / by_scan_rad
+    values = {"by_imu_rad": by_imu_rad, "by_scan_rad": by_scan_rad, "bias_rad_s": bias_rad_s}
+    sentence = f"{math.degrees(by_imu_rad):.1f}° by the unit are {math.degrees(by_scan_rad):.1f}° by the lidar"
+    parameters = bench.parameters(IMU)
+    found = []
+
+    def say(kind: Found, sentence: str, patch: Patch, remedy: str) -> None:
+        found.append(
+            Finding(step=Step.IMU, found=kind, ok=False, sentence=sentence, values=values, patch=patch, remedy=remedy)
+        )
+
+    if ratio < 0 and abs(ratio) > SCALE_TOLERANCE:
+        upside_down = getattr(parameters, "upside_down", None)
+        patch: Patch = {} if upside_down is None else {IMU: {"upside_down": not upside_down}}
+        remedy = "" if patch else "turn it over, or say so to what publishes its measurements"
+        say(Found.IMU_INVERTED, f"{sentence}: it is upside down, or counts to the right", patch, remedy)
+    if abs(abs(ratio) - 1.0) > SCALE_TOLERANCE:
+        patch = _unit_patch(parameters, abs(ratio))
+        remedy = "" if patch else "see in its data sheet, and in what prints its lines, in which unit it measures"
+        say(
+            Found.WRONG_IMU_SCALE,
+            f"{sentence}: its turn rate is {abs(ratio):.3g} times what it should be",
+            patch,
+            remedy,
+        )
+    if not found:
+        found.append(Finding(step=Step.IMU, found=Found.RIGHT, ok=True, sentence=sentence, values=values))
+    return found
+
+
+def _unit_patch(parameters: object, ratio: float) -> Patch:
+    """The other unit for lines that say degrees where the file says radians, or the reverse; nothing otherwise."""
+    lines = getattr(parameters, "lines", None)
+    if getattr(parameters, "protocol", None) != "lines" or lines is None:
+        return {}
+    for unit, other, factor in (("rad/s", "deg/s", DEGREES), ("deg/s", "rad/s", 1.0 / DEGREES)):
+        if lines.yaw_rate_unit == unit and abs(ratio / factor - 1.0) <= SCALE_TOLERANCE:
+            whole = {key: value for key, value in msgspec.to_builtins(lines).items() if value is not None}
+            return {IMU: {"lines": {**whole, "yaw_rate_unit": other}}}  # whole: it replaces the manifest's table
+    return {}
+
 
 IN_THE_AIR = "Put the robot on a stand, so that all its wheels turn freely"
 ON_THE_FLOOR = "Put the robot on the floor, with 1.5 m free all around it and walls within sight of its lidar"

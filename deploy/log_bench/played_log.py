@@ -13,15 +13,19 @@ from typing import Any
 import msgspec
 
 from robrain.agent.board import Board
+from robrain.agent.event import Event
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.plugin import Device, Unit
 from robrain.deploy.errors import LogError
 from robrain.deploy.log_bench.carmen_log import CarmenLog, LogEntry, LoggedScan
-from robrain.deploy.log_bench.log_driver import LogDriver
-from robrain.deploy.log_bench.log_scan import LogScan
-from robrain.plugins.device.scan.interface import LaserScan
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.plugins.device.scan.scan import ScanDevice
 from robrain.plugins.skill.mapper.interface import MapperCounters
-from robrain.protocol.model.geometry import Pose2D
+from robrain.plugins.unit.driver.driver import Driver
+from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.localization.pose_track import PoseTrack
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -29,6 +33,72 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_MAP_WHOLE
+
+
+class LogScan(Device):
+    """Stands in for the stock lidar; beams of which nothing is known have the range 0."""
+
+    Parameters = ScanDevice.Parameters
+    interface = ScanInterface
+    period_s = 0.02
+    scanned = Event[LaserScan]()
+
+    def init(self) -> None:
+        self._waiting: deque[LaserScan] = deque()
+        self._latest: LaserScan | None = None
+
+    def feed(self, scan: LaserScan) -> None:
+        """Hand this on in the next step."""
+        self._waiting.append(scan)
+
+    def step(self) -> None:
+        while self._waiting:
+            self._latest = self._waiting.popleft()
+            self.scanned.notify(self._latest)
+
+    def latest(self) -> LaserScan | None:
+        return self._latest
+
+    def doubt(self, why: str) -> None:
+        """What is in the log is what the lidar said."""
+
+
+HISTORY_ENTRIES = 1024
+RADIUS_M = 0.2
+
+
+class LogDriver(Unit):
+    """Stands in for the stock driver, as far as localisation and mapper use it."""
+
+    Parameters = Driver.Parameters
+    interface = DriverInterface
+    parameters: Driver.Parameters
+
+    def init(self) -> None:
+        self._track = PoseTrack(Pose2D(0.0, 0.0, 0.0), HISTORY_ENTRIES)
+
+    def feed(self, stamp_ns: int, T_odom_robot: Pose2D) -> None:
+        """Where the odometry had the robot; stamps do not descend."""
+        self._track.add(stamp_ns, T_odom_robot)
+
+    def pose(self) -> Pose2D:
+        return self._track.pose
+
+    def pose_at(self, stamp_ns: int) -> Pose2D:
+        return self._track.pose_at(stamp_ns)
+
+    def odometry_until_ns(self) -> int:
+        return self._track.until_ns or 0
+
+    def velocity(self) -> Twist2D:
+        return Twist2D()
+
+    def odometry_noise(self) -> OdometryNoise:
+        return self.parameters.odometry
+
+    def radius_m(self) -> float:
+        return RADIUS_M
+
 
 ROBOT = "r1"
 LOAD = ["driver", "scan", "localisation", "mapper"]

@@ -2,17 +2,42 @@
 
 import hashlib
 import shlex
+import subprocess
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import msgspec
 
-from robrain.coordinator.recording.writer.provenance import host_description
+from robrain.coordinator.recording.writer.provenance import host_description, software_versions
 from robrain.deploy.errors import SweepError
 from robrain.deploy.sweep.folder import MANIFEST, RECORDINGS, SETTINGS, Identity, SweepFolder
 from robrain.deploy.sweep.plan import SweepPlan
 from robrain.deploy.sweep.run_outcome import RunState
 from robrain.deploy.sweep.variables import Value
-from robrain.deploy.sweep.versions import all_versions
+
+SOURCES = Path(__file__).resolve().parents[2]
+MORE_PACKAGES = ("scipy", "numba")
+
+
+def all_versions() -> dict[str, str]:
+    """Versions of Python, robrain and the packages behind a digest, and the revision of the sources if git knows it."""
+    return {**software_versions(MORE_PACKAGES), **revision()}
+
+
+def revision() -> dict[str, str]:
+    """The commit that the sources are at, with `+` if files differ; nothing for an installed package."""
+    if not (SOURCES / ".git").exists():
+        return {}
+    try:
+        commit = _git("rev-parse", "HEAD")
+        is_changed = bool(_git("status", "--porcelain", "--untracked-files=no"))
+    except (OSError, subprocess.CalledProcessError):
+        return {}
+    return {"revision": commit + ("+" if is_changed else "")}
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=SOURCES, capture_output=True, text=True, check=True).stdout.strip()
 
 
 class Session(msgspec.Struct, frozen=True, kw_only=True):

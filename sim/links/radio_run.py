@@ -1,6 +1,7 @@
 """What a lockstep run has to do for its robots' radios: `[links]` of a scenario."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import zenoh
@@ -12,12 +13,68 @@ from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.protocol.wire.messages.team.arena_messages import ArenaLinks, LinkCounters, RadioTruth
 from robrain.protocol.wire.topics import ARENA_LINKS
+from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.faults.wire_faults import WireFaults
-from robrain.sim.links.radio_faults import RadioFaults
 from robrain.sim.links.team_radio import TeamRadio
 from robrain.sim.motes.gateway import gateway_motes
 from robrain.sim.robot.robot_body import RobotBody
 from robrain.sim.world.world import World
+
+
+class RadioFaults:
+    """A `FaultyWire` of parties with radios.
+
+    Args:
+        exchange: of the run.
+        network: its radios.
+        faults: of the wire, which the network asks.
+
+    """
+
+    def __init__(self, exchange: RadioExchange, network: TeamRadio, faults: WireFaults) -> None:
+        self._exchange = exchange
+        self._network = network
+        self._faults = faults
+
+    @property
+    def lost(self) -> int:
+        """See FaultyWire: what was lost on a hop, and may have been sent again."""
+        return self._faults.lost
+
+    @contextmanager
+    def acting(self, component: str) -> Iterator[None]:
+        """See FaultyWire: whose an endpoint is, it says itself."""
+        yield
+
+    def begin(self, number: int, fault: FaultSpec) -> None:
+        """See FaultyWire."""
+        self._faults.begin(number, fault)
+
+    def end(self, number: int) -> None:
+        """See FaultyWire."""
+        self._faults.end(number)
+
+    def step(self) -> None:
+        """See FaultyWire: the exchange is stepped by the run."""
+
+    def begin_life(self, component: str) -> None:
+        """See FaultyWire."""
+        self._exchange.begin_life(component)
+
+    def drop(self, component: str) -> None:
+        """See FaultyWire."""
+        self._exchange.drop(component)
+
+    def sleep(self, component: str, *, is_hung: bool) -> None:
+        """See FaultyWire."""
+        self._network.set_hung(component, is_hung=is_hung)
+        self._exchange.sleep(component)
+
+    def wake(self, component: str) -> None:
+        """See FaultyWire."""
+        self._network.set_hung(component, is_hung=False)
+        self._exchange.wake(component)
+
 
 TELL_PERIOD_NS = to_ns(0.5)
 

@@ -5,6 +5,7 @@ tree of shortest ways, so that each hop of the tree is sent once. Waiting times 
 message is sent, on all hops.
 """
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import Enum
 from itertools import pairwise
@@ -17,8 +18,25 @@ from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.links.link_spec import LinkSpec
-from robrain.sim.links.walls_between import walls_between
 from robrain.sim.maps.floor_plan import FloorPlan
+
+STEPS_PER_CELL = 2.0
+"""Samples of a line for each cell that it is long; a wall that is thinner than a cell at its corner may be missed."""
+
+
+def walls_between(plan: FloorPlan, from_m: tuple[float, float], to_m: tuple[float, float]) -> int:
+    """How often the straight line between two places, metres, arena frame, enters a wall; outside the plan is none."""
+    length_m = math.sqrt((to_m[0] - from_m[0]) ** 2 + (to_m[1] - from_m[1]) ** 2)
+    steps = max(1, math.ceil(STEPS_PER_CELL * length_m / plan.resolution_m))
+    along = np.arange(steps + 1) / steps
+    columns = np.floor((from_m[0] + along * (to_m[0] - from_m[0]) - plan.origin_x_m) / plan.resolution_m).astype(int)
+    rows = np.floor((from_m[1] + along * (to_m[1] - from_m[1]) - plan.origin_y_m) / plan.resolution_m).astype(int)
+    height, width = plan.occupied.shape
+    within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    is_wall = np.zeros(steps + 1, dtype=bool)
+    is_wall[within] = plan.occupied[rows[within], columns[within]]
+    return int(np.count_nonzero(is_wall[1:] & ~is_wall[:-1]))
+
 
 LOOK_PERIOD_NS = to_ns(0.1)
 """Period in which distances and walls are measured."""

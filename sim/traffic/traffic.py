@@ -1,7 +1,8 @@
 """Doors, movers and people of an arena: bodies in its space, walls and circles for its sensors."""
 
+import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,11 +15,185 @@ from robrain.protocol.wire.messages.team.arena_messages import BodyKind, BodyTru
 from robrain.sim.maps.errors import MapError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.robot_body import FRICTION, MOVER_COLLISION, WALL_COLLISION
-from robrain.sim.traffic.door import Door
-from robrain.sim.traffic.specs import MoverSpec, PeopleSpec, TrafficSpec
+from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
 from robrain.sim.traffic.walker import Disc, Errands, Rounds, Walker
-from robrain.sim.traffic.walkways import Walkways
 from robrain.sim.traffic.wall_stamps import Box, WallStamps, box_cells
+
+PITCH_M = 0.15
+"""Distance between neighbouring points of the lattice that ways are found on."""
+STRAIGHT, DIAGONAL = 5, 7
+"""Lengths of its edges: whole numbers, so that the order of equal ways does not depend on rounding."""
+_STEPS = (
+    (-1, 0, STRAIGHT), (0, -1, STRAIGHT), (0, 1, STRAIGHT), (1, 0, STRAIGHT),
+    (-1, -1, DIAGONAL), (-1, 1, DIAGONAL), (1, -1, DIAGONAL), (1, 1, DIAGONAL),
+)  # fmt: skip
+Node = tuple[int, int]
+"""Row and column of the lattice."""
+SAMPLE_M = 0.05
+"""Distance between the points of a straight line at which its clearance is checked."""
+
+
+class Walkways:
+    """Shortest ways for a round body on a floor.
+
+    Args:
+        plan: the floor; doors count as open.
+        radius_m: of the body; ways keep it clear of walls.
+
+    """
+
+    def __init__(self, plan: FloorPlan, radius_m: float) -> None:
+        self._plan = plan
+        self._radius_m = radius_m
+        self._step = max(1, round(PITCH_M / plan.resolution_m))
+        free = plan.clearance_m[:: self._step, :: self._step] >= radius_m
+        self._free = {(row, column) for row, column in np.argwhere(free).tolist()}
+
+    def way(self, start: Point2D, end: Point2D) -> list[Point2D] | None:
+        """Corners of the shortest way, from start to end; None if there is none."""
+        begin, goal = self._node(start), self._node(end)
+        if begin is None or goal is None:
+            return None
+        nodes = self._search(begin, goal)
+        if not nodes:
+            return None
+        points = [start, *(self._place(node) for node in nodes), end]
+        return self._pulled(points)
+
+    def has_room(self, place: Point2D) -> bool:
+        """Whether the body fits there."""
+        return self._clear(place, place)
+
+    def is_clear(self, start: Point2D, end: Point2D) -> bool:
+        """Whether the body can move there in a straight line."""
+        return self._clear(start, end)
+
+    def _search(self, begin: Node, goal: Node) -> list[Node]:
+        """Nodes of a shortest way, by A* (Hart, Nilsson and Raphael 1968); empty if there is none.
+
+        A diagonal step needs both nodes beside it to be free.
+        """
+        best, before = {begin: 0}, {begin: begin}
+        queue = [(_least(begin, goal), begin)]
+        done: set[Node] = set()
+        while queue:
+            _, node = heapq.heappop(queue)
+            if node == goal:
+                nodes = [goal]
+                while nodes[-1] != begin:
+                    nodes.append(before[nodes[-1]])
+                return nodes[::-1]
+            if node in done:
+                continue
+            done.add(node)
+            row, column = node
+            for row_step, column_step, length in _STEPS:
+                there = (row + row_step, column + column_step)
+                sides = {(row + row_step, column), (row, column + column_step), there}
+                if not sides <= self._free:
+                    continue
+                way = best[node] + length
+                if way < best.get(there, way + 1):
+                    best[there], before[there] = way, node
+                    heapq.heappush(queue, (way + _least(there, goal), there))
+        return []
+
+    def _node(self, place: Point2D) -> Node | None:
+        """The nearest node that is reached in a straight line."""
+        if not self.has_room(place):
+            return None
+        row, column = self._plan.cell_of(place.x_m, place.y_m)
+        middle_row, middle_column = row // self._step, column // self._step
+        around = [(middle_row + up, middle_column + right) for up in range(-2, 4) for right in range(-2, 4)]
+        near = sorted((place.distance_m(self._place(node)), node) for node in around if node in self._free)
+        return next((node for _, node in near if self._clear(place, self._place(node))), None)
+
+    def _place(self, node: Node) -> Point2D:
+        row, column = node
+        return self._plan.centre_of(row * self._step, column * self._step)
+
+    def _pulled(self, points: list[Point2D]) -> list[Point2D]:
+        """The way without the corners that a straight line can leave out."""
+        pulled, at = [points[0]], 0
+        while at < len(points) - 1:
+            ahead = len(points) - 1
+            while ahead > at + 1 and not self._clear(points[at], points[ahead]):
+                ahead -= 1
+            pulled.append(points[ahead])
+            at = ahead
+        return pulled
+
+    def _clear(self, start: Point2D, end: Point2D) -> bool:
+        plan = self._plan
+        samples = max(2, math.ceil(start.distance_m(end) / SAMPLE_M) + 1)
+        share = np.linspace(0.0, 1.0, samples)
+        columns = np.floor((start.x_m + share * (end.x_m - start.x_m) - plan.origin_x_m) / plan.resolution_m)
+        rows = np.floor((start.y_m + share * (end.y_m - start.y_m) - plan.origin_y_m) / plan.resolution_m)
+        height, width = plan.occupied.shape
+        if min(rows.min(), columns.min()) < 0 or rows.max() >= height or columns.max() >= width:
+            return False
+        return bool(plan.clearance_m[rows.astype(np.int64), columns.astype(np.int64)].min() >= self._radius_m)
+
+
+def _least(one: Node, other: Node) -> int:
+    """Length of a way between two nodes where there is nothing between them."""
+    rows, columns = abs(one[0] - other[0]), abs(one[1] - other[1])
+    return STRAIGHT * max(rows, columns) + (DIAGONAL - STRAIGHT) * min(rows, columns)
+
+
+CLEAR_M = 0.5
+"""A door closes if nobody is nearer than this, so that nobody who is about to pass meets it."""
+
+
+class Door:
+    """Open or closed, by its timetable and by who stands in it.
+
+    Args:
+        name: in the arena's truth.
+        spec: its place and timetable.
+        rng: draws its phase.
+
+    """
+
+    def __init__(self, name: str, spec: DoorSpec, rng: np.random.Generator) -> None:
+        self.name = name
+        self._spec = spec
+        drawn = float(rng.random())  # always, so that other doors keep theirs
+        period_s = spec.period_s or 0.0
+        self._phase_s = spec.phase_s if spec.phase_s is not None else drawn * period_s
+        (from_x_m, from_y_m), (to_x_m, to_y_m) = spec.from_m, spec.to_m
+        off_x_m, off_y_m = to_x_m - from_x_m, to_y_m - from_y_m
+        length_m = math.sqrt(off_x_m * off_x_m + off_y_m * off_y_m)
+        along = (off_x_m / length_m, off_y_m / length_m)
+        self.box = Box((from_x_m + to_x_m) / 2, (from_y_m + to_y_m) / 2, along, length_m, spec.thickness_m)
+        """What it closes."""
+        self.is_open = True
+        """Before the first step it is."""
+
+    def is_due_open(self, now_s: float) -> bool:
+        """Whether the timetable says open."""
+        spec = self._spec
+        if spec.period_s is None:
+            return any(opens_s <= now_s < closes_s for opens_s, closes_s in spec.open_s or ())
+        return (now_s - self._phase_s) % spec.period_s < spec.open_share * spec.period_s
+
+    def step(self, now_s: float, discs: Iterable[Disc]) -> bool:
+        """Open or close; whether it has changed.
+
+        Args:
+            now_s: simulated time.
+            discs: everybody who may stand in it.
+
+        """
+        due = self.is_due_open(now_s)
+        if due == self.is_open or (not due and not self._is_clear(discs)):
+            return False
+        self.is_open = due
+        return True
+
+    def _is_clear(self, discs: Iterable[Disc]) -> bool:
+        return all(self.box.distance_m(x_m, y_m) > radius_m + CLEAR_M for x_m, y_m, radius_m in discs)
+
 
 STAMP_TICKS = 5
 """Ticks from one update of moving boxes in the sensors' walls to the next."""

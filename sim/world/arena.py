@@ -4,22 +4,40 @@ Robots are driven by frames on their CAN buses and by nothing else. The arena co
 once a tick and moves the clock that stamps what is sent.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import msgspec
 import numpy as np
 import pymunk
+from numpy.typing import NDArray
 
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
+from robrain.protocol.model.localization.pose_accuracy import PoseAccuracyMeter
+from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
 from robrain.protocol.model.mapping.ray_cast import SOLID
 from robrain.protocol.model.navigation.clearance import least_clearance_m
-from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.tinyos.packet import ActiveMessage
+from robrain.protocol.tinyos.payloads import Quantity
+from robrain.protocol.wire.clock import NS_PER_S
+from robrain.protocol.wire.endpoint import Endpoint, Request
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
-from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_TRUTH
+from robrain.protocol.wire.topics import (
+    ARENA_CAMERA,
+    ARENA_CLOCK,
+    ARENA_RADIO_RX,
+    ARENA_SENSE,
+    ARENA_TRUTH,
+    ROBOT_STATE,
+)
 from robrain.sim.disturbance import Disturbance
-from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S
 from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -29,7 +47,7 @@ from robrain.sim.motes.field import Field
 from robrain.sim.motes.gateway import MoteGateway, gateway_motes
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
-from robrain.sim.robot.camera import SeenMote
+from robrain.sim.robot.camera import Camera, CameraSpec, SeenMote, SeenRobot
 from robrain.sim.robot.robot_body import (
     COLLISION_SLOP_M,
     OVERLAP_LEFT_PER_TICK,
@@ -41,12 +59,297 @@ from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
 from robrain.sim.traffic.traffic import SeenWalls, Traffic, TrafficPlan
-from robrain.sim.world.accuracy_watch import TRUE_POSE_PERIOD_S, AccuracyWatch
 from robrain.sim.world.chargers import Chargers, ChargerSpec
-from robrain.sim.world.fault_injection import FaultSchedule
 from robrain.sim.world.referee import Referee, team_geometry
 from robrain.sim.world.scenario_tasks import TaskSchedule, TaskSpec
-from robrain.sim.world.sensor_desk import CameraDesk, SensorDesk
+
+
+class SensorDesk:
+    """Answers with what a robot's board measures at the moment, with the noise of a mote's.
+
+    As with pictures, the noise comes from the time and the robot alone: who asks, and how often, changes nothing.
+
+    Args:
+        names: of the robots.
+        bodies: where they are, in the same order.
+        field: what is sensed.
+        endpoint: where it is asked.
+        rng: source of the noise.
+        moment: counts the ticks.
+        tick_s: how long one is.
+
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        bodies: Sequence[RobotBody],
+        field: Field,
+        endpoint: Endpoint,
+        rng: np.random.Generator,
+        moment: Callable[[], int],
+        tick_s: float,
+    ) -> None:
+        self._index = {name: index for index, name in enumerate(names)}
+        self._seeds = rng.integers(1 << 32, size=len(names)).tolist()
+        self._bodies = bodies
+        self._field = field
+        self._moment = moment
+        self._tick_s = tick_s
+        for name in names:
+            endpoint.answer(ARENA_SENSE, self._answer, robot=name)
+
+    def values(self, robot: str) -> dict[str, float]:
+        """What a robot measures now, by the wire's names (KeyError: no such robot)."""
+        own, moment = self._index[robot], self._moment()
+        body = self._bodies[own]
+        place = Point2D(body.x_m, body.y_m)
+        noise = np.random.default_rng([self._seeds[own], moment]).standard_normal(len(Quantity)).tolist()
+        measured = {}
+        for quantity, one in zip(Quantity, noise, strict=True):
+            true = self._field.value(quantity, place, moment * self._tick_s)
+            measured[quantity.wire_name] = round(true + self._field.spec.levels(quantity).noise * one, 3)
+        return measured
+
+    def _answer(self, request: Request[Any]) -> dict[str, float]:
+        return self.values(request.names["robot"])
+
+
+class CameraDesk:
+    """Answers with a PNG of what a robot sees at the moment. Nothing is drawn unless somebody asks.
+
+    Args:
+        names: of the robots.
+        specs: their cameras.
+        bodies: where they are; all three in the same order.
+        motes: what else may be in view.
+        walls: (H, W) what is solid.
+        geometry: where `walls` lies in the arena frame.
+        endpoint: where it is asked.
+        rng: source of the pictures' noise.
+        moment: counts the ticks.
+        chargers: where mats lie, arena frame.
+
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        specs: Sequence[CameraSpec],
+        bodies: Sequence[RobotBody],
+        motes: Sequence[SeenMote],
+        walls: NDArray[np.bool_],
+        geometry: GridGeometry,
+        endpoint: Endpoint,
+        rng: np.random.Generator,
+        moment: Callable[[], int],
+        chargers: Sequence[Point2D] = (),
+    ) -> None:
+        self._index = {name: index for index, name in enumerate(names)}
+        seeds = rng.integers(1 << 32, size=len(names)).tolist()
+        self._cameras = [Camera(spec, walls, geometry, seed, chargers) for spec, seed in zip(specs, seeds, strict=True)]
+        self._bodies = bodies
+        self._motes = motes
+        self._moment = moment
+        for name in names:
+            endpoint.answer(ARENA_CAMERA, self._answer, robot=name)
+
+    def png(self, robot: str) -> bytes:
+        """What a robot sees now (KeyError: no such robot)."""
+        own = self._index[robot]
+        others = [SeenRobot(index, body.pose, body.radius_m) for index, body in enumerate(self._bodies) if index != own]
+        return self._cameras[own].png(self._bodies[own].pose, others, self._motes, self._moment())
+
+    def _answer(self, request: Request[Any]) -> bytes:
+        return self.png(request.names["robot"])
+
+
+FLOOD_PACKETS_A_TICK = 40
+"""2,000 a second at 50 ticks; a Mica2's radio brings some 40."""
+FLOOD_TYPE = 0xEE
+LIE_V, LIE_A, LIE_C = 16.7, 0.0, 22.0
+"""A battery that says to be full and to give nothing, whatever the robot does."""
+
+
+class FaultSchedule:
+    """Breaks and mends, tick by tick.
+
+    Args:
+        faults: of hardware, at set times.
+        robots: that they are of.
+        endpoint: what floods is put there.
+
+    Raises:
+        ValueError: a fault names a robot that there is not.
+
+    """
+
+    def __init__(self, faults: Sequence[FaultSpec], robots: Mapping[str, SimulatedRobot], endpoint: Endpoint) -> None:
+        self._robots = robots
+        self._endpoint = endpoint
+        self._waiting: list[tuple[float, int, FaultSpec, bool]] = []
+        for number, fault in enumerate(faults):
+            self._waiting.append((fault.at_s, number, fault, True))
+            if fault.until_s is not None:
+                self._waiting.append((fault.until_s, number, fault, False))
+        self._waiting.sort(key=lambda due: due[:2])
+        self._floods = {
+            fault.robot: endpoint.publisher(ARENA_RADIO_RX, robot=fault.robot)
+            for fault in faults
+            if fault.kind is FaultKind.MOTE_BASE_FLOODS
+        }
+        self._flooding: list[str] = []
+        self.is_on = bool(faults)
+        """Whether `step` must be called."""
+        self._noise = ActiveMessage(type=FLOOD_TYPE, payload=bytes(16), source=0).pack()
+
+    def step(self, sim_time_s: float) -> None:
+        """Break and mend what is due, and flood."""
+        while self._waiting and self._waiting[0][0] <= sim_time_s + 1e-9:
+            _, _, fault, breaks = self._waiting.pop(0)
+            self.set(fault, breaks=breaks)
+        for robot in self._flooding:
+            for _ in range(FLOOD_PACKETS_A_TICK):
+                self._floods[robot].put_bytes(self._noise)
+
+    def set(self, fault: FaultSpec, *, breaks: bool) -> None:
+        """Break something now, or mend it."""
+        name = fault.robot
+        robot = self._robots[name]
+        match fault.kind:
+            case FaultKind.CAN_CUT:
+                robot.bus.break_down(LineFault.CUT if breaks else LineFault.NONE)
+            case FaultKind.CAN_SHORTED:
+                robot.bus.break_down(LineFault.SHORTED if breaks else LineFault.NONE)
+            case FaultKind.MOTORS_FAIL:
+                robot.controller.has_failed = breaks
+            case FaultKind.LIDAR_FREEZES:
+                robot.lidar.is_frozen = breaks
+            case FaultKind.BATTERY_LIES:
+                robot.manager.lie = (lambda _: (LIE_V, LIE_A, LIE_C)) if breaks else None
+            case FaultKind.CARRIED_OFF:
+                assert fault.place_m is not None  # FaultSpec has checked it
+                robot.body.carry_to(Pose2D(*fault.place_m, fault.yaw_rad))
+            case FaultKind.DRAIN:
+                assert fault.soc is not None
+                robot.battery.drain(fault.soc)
+            case FaultKind.MOTE_BASE_FLOODS if breaks:
+                if name not in self._floods:
+                    self._floods[name] = self._endpoint.publisher(ARENA_RADIO_RX, robot=name)
+                self.is_on = True
+                self._flooding.append(name)
+            case FaultKind.MOTE_BASE_FLOODS:
+                self._flooding.remove(name)
+
+
+TRUE_POSE_PERIOD_S = 0.1
+"""Seconds between two stored true poses; between them, poses are interpolated."""
+KEPT_TRUE_POSES = 30
+"""Number of true poses kept, three seconds: a state that arrives later is not compared."""
+STATES = 1024
+"""Room in the inbox for states of robots that are not the arena's."""
+MAP_PERIOD_STEPS = 5
+"""Calls of `step` from one measurement of the map to the next."""
+
+
+class AccuracyWatch:
+    """Measures the accuracy of the team's poses and map.
+
+    Call `keep()` every `TRUE_POSE_PERIOD_S`, and `step()` five times a second.
+
+    Args:
+        robots: names, in the order of `bodies`.
+        bodies: the simulated bodies, with the true poses.
+        referee: keeps the team's map.
+        walls: bool (H, W), the true walls.
+        geometry: grid of the walls, arena frame.
+        endpoint: receives the robots' states; its clock must be that of their stamps.
+
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[str],
+        bodies: Sequence[RobotBody],
+        referee: Referee,
+        walls: NDArray[np.bool_],
+        geometry: GridGeometry,
+        endpoint: Endpoint,
+    ) -> None:
+        self._bodies = bodies
+        self._referee = referee
+        self._walls, self._geometry = walls, geometry
+        self._clock = endpoint.clock
+        self._meters = {name: PoseAccuracyMeter() for name in robots}
+        self._index = {name: index for index, name in enumerate(robots)}
+        self._true: deque[tuple[int, list[tuple[float, float, float]]]] = deque(maxlen=KEPT_TRUE_POSES)
+        """Stamp, and x, y, yaw of each robot; the yaw is not wrapped."""
+        self._inbox = Inbox(STATES + len(robots))
+        self.at_task = [False] * len(bodies)
+        """Whether each robot had a task in the last state that was heard, in the order of `bodies`."""
+        self._steps = 0
+        self._map_version = -1
+        self._map_accuracy: MapAccuracy | None = None
+        endpoint.subscribe(self._inbox, ROBOT_STATE)
+
+    @property
+    def map_accuracy(self) -> MapAccuracy | None:
+        """Accuracy of the team's map at the last measurement; None before the first."""
+        return self._map_accuracy
+
+    def pose_accuracy(self, robot: str) -> PoseAccuracy:
+        """Accuracy of a robot's poses at the last `step()` (KeyError: no such robot)."""
+        return self._meters[robot].accuracy
+
+    def keep(self) -> None:
+        """Store the current true poses."""
+        poses = [(body.x_m, body.y_m, body.yaw_rad) for body in self._bodies]
+        self._true.append((self._clock.now_ns(), poses))
+
+    def step(self) -> None:
+        """Compare the states received since the last call; measure the map if it is due."""
+        for received in self._inbox.drain():
+            self._compare(received.message)
+        if self._steps % MAP_PERIOD_STEPS == 0:
+            self.measure_map()
+        self._steps += 1
+
+    def measure_map(self) -> None:
+        """Compare the map with the true walls, if it has changed."""
+        grid = self._referee.grid
+        if grid.version != self._map_version:
+            self._map_version = grid.version
+            self._map_accuracy = measure_map_accuracy(grid.classes(), grid.geometry, self._walls, self._geometry)
+
+    def _compare(self, state: RobotState) -> None:
+        index = self._index.get(state.robot)
+        if index is None:
+            return
+        self.at_task[index] = state.task is not None and not state.task.state.ended
+        if state.pose is None:
+            return
+        true = self._true_pose(index, state.stamp_ns)
+        if true is not None:
+            time_s = state.stamp_ns / NS_PER_S
+            self._meters[state.robot].note(time_s, state.pose, state.pose_covariance, state.lost, true)
+
+    def _true_pose(self, index: int, stamp_ns: int) -> Pose2D | None:
+        """T_arena_robot at a time; None before the first pose kept, or more than a period after the last."""
+        later_ns, later = 0, None
+        for kept_ns, poses in reversed(self._true):
+            if kept_ns <= stamp_ns:
+                if later is None and stamp_ns - kept_ns > TRUE_POSE_PERIOD_S * NS_PER_S:
+                    return None
+                share = (stamp_ns - kept_ns) / (later_ns - kept_ns) if later is not None else 0.0
+                x_m, y_m, yaw_rad = poses[index]
+                if later is not None and share > 0:
+                    x_m += share * (later[0] - x_m)
+                    y_m += share * (later[1] - y_m)
+                    yaw_rad += share * (later[2] - yaw_rad)
+                return Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad))
+            later_ns, later = kept_ns, poses[index]
+        return None
+
 
 __all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
 

@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 
 from robrain.deploy.errors import LogError, UsageError
-from robrain.deploy.log_bench.bench import LogReport, run_bench
+from robrain.deploy.log_bench.bench import (
+    LOOP_S,
+    LogReport,
+    read_relations,
+    relations_between,
+    relative_errors,
+    run_bench,
+)
 from robrain.deploy.log_bench.carmen_log import read_carmen_log
 from robrain.deploy.log_bench.played_log import play
-from robrain.deploy.log_bench.relations import LOOP_S, read_relations, relations_between, relative_errors
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.localization.odometry import chord, moved_along
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry

@@ -6,8 +6,19 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from robrain.deploy.bench.motes.mote_runs import MULES, RELIEF, ROUTES, TREE, MoteCase, MoteRun, site_of
-from robrain.deploy.bench.motes.motes import WIDTH, choose, figures, table
+from robrain.deploy.bench.motes.motes import (
+    MULES,
+    RELIEF,
+    ROUTES,
+    TREE,
+    WIDTH,
+    MoteCase,
+    MoteRun,
+    choose,
+    figures,
+    site_of,
+    table,
+)
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.motes.radio_graph import RadioGraph
 

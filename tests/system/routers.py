@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from robrain.deploy.pki.folder import MEMBERS_FILE, folder_of, read_members
-from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, Endpoints, zenohd_text
+from robrain.deploy.pki.issuing import ZENOHD_FILE, Endpoints, zenohd_text
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.access.member import Member
 from tests.system.conftest import Commands

@@ -3,7 +3,7 @@
 The same runs can be made with glass and mirrors, and with late messages; these are compared with the runs without.
 
 Each run measures the occupied cells off the walls, the position errors and silent divergence
-(`sim/world/accuracy_watch.py`).
+(`sim/world/arena.py`).
 All figures but the wall time depend on the code alone.
 """
 

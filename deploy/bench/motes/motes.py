@@ -4,15 +4,155 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
+import numpy as np
 from rich.table import Table
+from scipy.optimize import linprog
+from scipy.sparse import coo_array
 
 from robrain.coordinator.recording.report.mean_interval import mean_interval
 from robrain.deploy.bench.figure import Figure, are_kept, at_least, deterministic, show_figures, write_json
 from robrain.deploy.bench.mapping.mapping_plan import all_runs, names_of, numbers_of
-from robrain.deploy.bench.motes.mote_runs import MULES, RELIEF, ROUTES, TREE, WAYS, MoteCase, MoteRun, run_case
 from robrain.deploy.commands.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.motes.mote_energy import DAY_S, MoteEnergy
+from robrain.protocol.model.motes.radio_graph import RadioGraph
+from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, Routing
+from robrain.sim.mote_days.mote_days import FieldLife, FieldRun
 from robrain.sim.scenarios.scenario import MAX_SEED
+
+
+def lifetime_bound_days(graph: RadioGraph, left_j: list[float], energy: MoteEnergy, rate_hz: float) -> float:
+    """No routes let all motes live longer than this, if each sends `rate_hz` readings a second to the sink.
+
+    Maximum lifetime routing (Chang and Tassiulas, IEEE/ACM Transactions on Networking 12(4), 2004): maximise T such
+    that each mote sends on what it senses and receives in T, and has the energy for it. The unknowns are the packets of
+    each link in T, in thousands, and T in days.
+
+    Raises:
+        ValueError: a mote does not reach the sink.
+
+    """
+    if len(graph.reachable()) < graph.sink:
+        raise ValueError("expected motes that all reach the sink")
+    links = [(mote, other) for mote in range(graph.sink) for other in graph.neighbours[mote]]
+    last = len(links)
+    packets = 1000.0
+    flow: list[tuple[int, int, float]] = [(mote, last, -rate_hz * DAY_S / packets) for mote in range(graph.sink)]
+    spent: list[tuple[int, int, float]] = [
+        (mote, last, DAY_S * (energy.awake_w + rate_hz * energy.reading_j)) for mote in range(graph.sink)
+    ]
+    for column, (mote, other) in enumerate(links):
+        flow.append((mote, column, 1.0))
+        spent.append((mote, column, packets * energy.send_j))
+        if other != graph.sink:
+            flow.append((other, column, -1.0))
+            spent.append((other, column, packets * energy.receive_j))
+    size = (graph.sink, last + 1)
+    gain = np.zeros(last + 1)
+    gain[last] = -1.0
+    zeros = np.zeros(graph.sink)
+    limits, balances = _matrix(spent, size), _matrix(flow, size)
+    solved = linprog(gain, limits, left_j, balances, zeros, method="highs")  # type: ignore[call-overload]
+    if solved.x is None:
+        raise ValueError(f"the linear program has no solution: {solved.message}")
+    return float(solved.x[last])
+
+
+def _matrix(entries: list[tuple[int, int, float]], size: tuple[int, int]) -> coo_array:
+    rows, columns, values = zip(*entries, strict=True)
+    return coo_array((np.array(values), (np.array(rows), np.array(columns))), shape=size)
+
+
+SIZE_M = 100.0
+SINK = Point2D(0.0, 0.0)
+DRAWS_MAX = 10_000
+TREE, ROUTES, MULES, RELIEF, TURNS = "tree", "routes", "mules", "relief", "turns"
+WAYS = {
+    TREE: "a collection tree with the fewest hops, no robots",
+    ROUTES: "routes in turn that spare the weak motes, no robots",
+    MULES: "robots collect everything once a day",
+    RELIEF: "robots collect what would wear motes down before the goal; the rest travels at once",
+    TURNS: "the same, with only as many motes on duty as the coverage needs",
+}
+
+
+class MoteCase(msgspec.Struct, frozen=True, kw_only=True):
+    """One run."""
+
+    way: str
+    seed: int
+    motes: int
+    tours_per_day: float
+    goal_days: float
+
+    @property
+    def plan(self) -> FieldPlan:
+        """How its field is run."""
+        tours, goal = self.tours_per_day, self.goal_days
+        return {
+            TREE: FieldPlan(routing=Routing.TREE),
+            ROUTES: FieldPlan(routing=Routing.LIFETIME),
+            MULES: FieldPlan(routing=Routing.NONE, tours_per_day=tours),
+            RELIEF: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal),
+            TURNS: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal, takes_turns=True),
+        }[self.way]
+
+
+class MoteRun(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a field."""
+
+    case: MoteCase
+    bound_days: float
+    """First death at the latest, by the linear program for motes that all take readings and have no robots."""
+    first_days: float
+    half_days: float
+    last_days: float
+    delivery_ratio: float
+    coverage: float
+    age_h: float
+    news_age_h: float
+    robot_j_per_day: float
+    driven_m_per_day: float
+
+
+def run_case(case: MoteCase) -> MoteRun:
+    """Run one field to the last mote's death."""
+    site = site_of(case.seed, case.motes)
+    graph = RadioGraph(site.places, site.sink, site.range_m)
+    full_j = [site.energy.capacity_j] * case.motes
+    run = FieldRun(site, case.plan)
+    life: FieldLife = run.run()
+    return MoteRun(
+        case=case,
+        bound_days=lifetime_bound_days(graph, full_j, site.energy, 1.0 / site.period_s),
+        first_days=life.first_days,
+        half_days=life.half_days,
+        last_days=life.last_days,
+        delivery_ratio=life.delivery_ratio,
+        coverage=life.coverage,
+        age_h=life.age_h,
+        news_age_h=life.news_age_h,
+        robot_j_per_day=life.robot_j / run.horizon_days,
+        driven_m_per_day=life.driven_m / run.horizon_days,
+    )
+
+
+def site_of(seed: int, motes: int) -> MoteSite:
+    """Motes at random places of a square of 100 m, the sink in a corner; drawn again until all reach the sink.
+
+    Raises:
+        UsageError: so few motes do not connect.
+
+    """
+    rng = np.random.default_rng(seed)
+    for _ in range(DRAWS_MAX):
+        drawn = rng.uniform(0.0, SIZE_M, (motes, 2)).tolist()
+        site = MoteSite(places=tuple(Point2D(x_m, y_m) for x_m, y_m in drawn), sink=SINK, size_m=SIZE_M)
+        if len(RadioGraph(site.places, site.sink, site.range_m).reachable()) == motes:
+            return site
+    raise UsageError(f"--motes {motes}: {DRAWS_MAX} draws had no field in which all motes reach the sink; take more")
+
 
 OF_BOUND = 0.9
 """Least lifetime over the linear program's, on every field."""

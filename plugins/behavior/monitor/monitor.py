@@ -1,14 +1,17 @@
 """Monitor: watches a room, the paper's example. Looks around at intervals and tells what is not as it was."""
 
+import io
 import math
+from typing import Any
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
 from robrain.plugins.behavior.errand import Errand, Script
 from robrain.plugins.behavior.image_out import ImageOut
-from robrain.plugins.behavior.monitor.picture_change import VIEW_RAD, changed_share, colors_of
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera.interface import CameraInterface
 from robrain.plugins.skill.energy.interface import Work
@@ -17,6 +20,119 @@ from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, Monitor
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns, to_seconds
+
+HALF = 2
+TURN_MAX_RAD = 0.14
+"""How far the robot may face from where it did."""
+TURN_STEPS = 17
+"""Turns that are tried first, some a pixel apart; then half of that, a quarter and an eighth."""
+VIEW_RAD = 1.2
+"""Horizontal angle of view that is assumed where nobody knows better."""
+CHANGED_LEVELS = 14.0
+"""A pixel has changed when a colour of it differs by more than this, of 255. Chosen; the noise makes some 3."""
+OUTLIER_LEVELS = 40.0
+"""More than this counts as this in the agreement of two pictures: what has come must not pull at them."""
+SQUARE = 4
+"""In pixels of the picture at half its size; lines that are left are up to three wide."""
+
+Colors = Floats
+Mask = NDArray[np.bool_]
+
+
+def colors_of(png: bytes) -> Colors:
+    """Colours (H / 2, W / 2, 3), 0 to 255; a picture's pixels averaged two by two.
+
+    Raises:
+        ModuleNotFoundError: pillow is not installed.
+        OSError: it is no picture.
+
+    """
+    from PIL import Image  # a robot without a camera does without it
+
+    with Image.open(io.BytesIO(png)) as picture:
+        pixels: NDArray[Any] = np.asarray(picture.convert("RGB"), np.float64)
+    rows, columns = pixels.shape[0] // HALF, pixels.shape[1] // HALF
+    halves = pixels[: rows * HALF, : columns * HALF].reshape(rows, HALF, columns, HALF, 3)
+    return np.asarray(halves.mean(axis=(1, 3)))
+
+
+def changed_share(before: Colors, now: Colors, view_rad: float = VIEW_RAD) -> float:
+    """Share of the picture that has changed, 0 to 1; 1 if the pictures are not of one size.
+
+    Args:
+        before: as of `colors_of`.
+        now: the same.
+        view_rad: the camera's horizontal angle of view.
+
+    """
+    if before.shape != now.shape:
+        return 1.0
+    turned, in_view = _turned(before, _turn_rad(before, now, view_rad), view_rad)
+    changed = (_difference(turned, now) > CHANGED_LEVELS) & in_view
+    changed[[0, -1]] = False
+    return float(np.count_nonzero(_squares(changed))) / max(1, int(np.count_nonzero(in_view)))
+
+
+def _turn_rad(before: Colors, now: Colors, view_rad: float) -> float:
+    """By how much the earlier picture has to be turned to agree best with the new one."""
+    gray, gray_now = (colors.mean(axis=2, keepdims=True) for colors in (before, now))
+
+    def disagreement(turn_rad: float) -> float:
+        turned, in_view = _turned(gray, turn_rad, view_rad)
+        return float(np.minimum(np.abs(turned - gray_now), OUTLIER_LEVELS)[in_view].mean())
+
+    turns_rad: list[float] = np.linspace(-TURN_MAX_RAD, TURN_MAX_RAD, TURN_STEPS).tolist()
+    found = {turn_rad: disagreement(turn_rad) for turn_rad in turns_rad}
+    step_rad = turns_rad[1] - turns_rad[0]
+    for _ in range(3):
+        step_rad /= 2
+        best_rad = min(found, key=found.__getitem__)
+        for turn_rad in (best_rad - step_rad, best_rad + step_rad):
+            found[turn_rad] = disagreement(turn_rad)
+    return min(found, key=found.__getitem__)
+
+
+def _turned(colors: Colors, turn_rad: float, view_rad: float) -> tuple[Colors, Mask]:
+    """What a camera would see that is turned by so much (positive to the right), and which pixels it can tell."""
+    rows, columns, _ = colors.shape
+    focal = 0.5 * columns / math.tan(0.5 * view_rad)
+    right = np.arange(columns) + 0.5 - 0.5 * columns
+    down = (np.arange(rows) + 0.5 - 0.5 * rows)[:, None]
+    ahead = focal - right * math.tan(turn_rad)
+    across = np.broadcast_to(
+        focal * (right + focal * math.tan(turn_rad)) / ahead + 0.5 * columns - 0.5, (rows, columns)
+    )
+    along = down * (focal / math.cos(turn_rad)) / ahead + 0.5 * rows - 0.5
+    in_view = (across >= 0) & (across <= columns - 1) & (along >= 0) & (along <= rows - 1)
+    left = np.clip(np.floor(across).astype(np.int64), 0, columns - 2)
+    top = np.clip(np.floor(along).astype(np.int64), 0, rows - 2)
+    part_x, part_y = (across - left)[..., None], (along - top)[..., None]
+    upper = colors[top, left] * (1 - part_x) + colors[top, left + 1] * part_x
+    lower = colors[top + 1, left] * (1 - part_x) + colors[top + 1, left + 1] * part_x
+    return upper * (1 - part_y) + lower * part_y, in_view
+
+
+def _difference(before: Colors, now: Colors) -> Colors:
+    """(H, W) how far each pixel is from the most alike of the nine where it was."""
+    rows, columns, _ = now.shape
+    wide = np.pad(before, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    around = [wide[down : down + rows, across : across + columns] for down in range(3) for across in range(3)]
+    least: Colors = np.min([np.abs(now - part).max(axis=2) for part in around], axis=0)
+    return least
+
+
+def _squares(mask: Mask) -> Mask:
+    """What is set and lies in a square of `SQUARE` pixels that are all set (a morphological opening)."""
+    rows, columns = mask.shape[0] - SQUARE + 1, mask.shape[1] - SQUARE + 1
+    steps = [(down, across) for down in range(SQUARE) for across in range(SQUARE)]
+    whole = np.ones((rows, columns), np.bool_)
+    for down, across in steps:
+        whole &= mask[down : down + rows, across : across + columns]
+    squares = np.zeros_like(mask)
+    for down, across in steps:
+        squares[down : down + rows, across : across + columns] |= whole
+    return squares
+
 
 TOLD_IMAGES = 6
 """A result names so many pictures; all have been told as events."""

@@ -4,21 +4,278 @@ It must when another behavior has asked for the way home, or when what the batte
 way home takes: the running task is given back then, and no other is taken on before there is enough again.
 """
 
-from typing import ClassVar
+import math
+from collections.abc import Callable, Generator
+from typing import Any, ClassVar
 
 from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
-from robrain.plugins.behavior.errand import STEP_S, Errand, Failed, Run, Script
-from robrain.plugins.behavior.recharge.docking import Docking
-from robrain.plugins.behavior.recharge.queue import Queue
-from robrain.plugins.behavior.travel import TravelParameters
+from robrain.plugins.behavior.errand import SETTLE_S, STEP_S, TROUBLE, Errand, Failed, Part, Run, Script
+from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
-from robrain.protocol.model.geometry import Point2D
+from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, VISIT, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
+
+ASIDE_M = (1.3, 2.0)
+"""Who waits, or makes room, stands so far from a charger."""
+CLEAR_M = 1.0
+"""… and no nearer to any."""
+NEAR_M = 3.0
+"""Who is so near to a charger already waits where it is."""
+APART_M = 0.3
+"""Between the hulls of those who wait."""
+DIRECTIONS = 8
+LEFT_OUT_S = 60.0
+"""A charger that was of no use is tried again after this."""
+GIVEN_S = 20.0
+"""For so long a charger that was given to a mate counts as the mate's, wherever that is."""
+URGENT_S, SPARE_S, RICH_S = 150.0, 120.0, 600.0
+"""A charger is given to who lasts no longer than the first, by who lasts longer by the second; or by the third in any
+case. All chosen: changing places takes some 20 s."""
+
+
+class Queue:
+    """One robot's way to a charger.
+
+    Args:
+        errand: the behavior.
+        task: its place is the charger that is wanted most.
+        yaw_rad: heading of a robot docked there, arena frame; None if it is not known.
+
+    """
+
+    def __init__(self, errand: Errand[Recharge], task: Task, yaw_rad: float | None) -> None:
+        self._errand = errand
+        self._wanted = ChargerPlace(task.place.x_m, task.place.y_m, yaw_rad)
+        self._priority = round(min(task.priority, PRIORITY_MAX))
+        self._left_out: dict[Point2D, int] = {}
+        """Until when."""
+        self._given: dict[Point2D, int] = {}
+        self._trouble = ""
+
+    def choose(self) -> ChargerPlace | None:
+        """The one that is wanted if nobody has it, else the nearest that nobody has; None if others have them all.
+
+        Raises:
+            Failed: none is of any use.
+
+        """
+        usable = self._usable()
+        if not usable:
+            raise Failed(self._trouble)
+        free = self._free(usable)
+        if self._wanted in free or not free:
+            return self._wanted if free else None
+        pose = self._errand.travel.pose()
+        return min(self._errand.budget.ways(Point2D(pose.x_m, pose.y_m), free), key=lambda way: way[1])[0]
+
+    def leave_out(self, charger: ChargerPlace, why: str) -> None:
+        """It was of no use."""
+        self._trouble = why
+        self._left_out[charger.place] = self._now_ns() + to_ns(LEFT_OUT_S)
+
+    def reach(self, charger: ChargerPlace) -> "Script":
+        """Go there. Whether the robot is there; not if somebody else has it now, or there is no way."""
+        errand = self._errand
+        if not errand.travel.set_out(charger.place, priority=self._priority):
+            self.leave_out(charger, TROUBLE[Progress.NO_WAY])
+            return {}
+        while (progress := errand.travel.step()) is not Progress.ARRIVED:
+            if progress in TROUBLE:
+                self.leave_out(charger, TROUBLE[progress])
+            if progress in TROUBLE or errand.budget.docks.holder(charger.place):
+                errand.travel.stand()
+                return {}
+            yield
+        until_ns = self._now_ns() + to_ns(SETTLE_S)
+        while errand.travel.driver.motion() is Motion.DRIVING and self._now_ns() < until_ns:
+            yield
+        errand.travel.stand()
+        return {"reached": True}
+
+    def wait(self) -> Part:
+        """Stand near a charger, in nobody's way, until there is one that nobody has."""
+        yield from self.stand_aside()
+        while (usable := self._usable()) and not self._free(usable):
+            self._errand.travel.make_room()
+            yield
+        self._errand.travel.stand()
+
+    def must_give(self, charger: ChargerPlace) -> bool:
+        """Whether a mate that waits needs a charger more, and of those who charge this robot can best do without."""
+        errand = self._errand
+        energy = errand.env.board.energy
+        chargers = self._known()
+        waiting = errand.budget.docks.waiting(chargers)
+        if not waiting or energy is None:
+            return False
+        mine = (energy.usable_j / max(energy.usual_power_w, 0.1), errand.env.robot)
+        if any((mate.endurance_s, mate.name) > mine for mate in errand.budget.docks.charging(chargers)):
+            return False
+        neediest_s = min(mate.endurance_s for mate in waiting)
+        return mine[0] >= neediest_s + (SPARE_S if neediest_s < URGENT_S else RICH_S)
+
+    def give_up_place(self, charger: ChargerPlace) -> Part:
+        """Leave it to whoever waits."""
+        self._given[charger.place] = self._now_ns() + to_ns(GIVEN_S)
+        yield from self.stand_aside()
+
+    def stand_aside(self) -> Script:
+        """Go where others can get to every charger, if the robot is not at such a place."""
+        place = self._aside()
+        if place is not None:
+            try:
+                yield from self._errand.go(place)
+            except Failed:
+                self._errand.travel.stand()  # here, then
+        return {}
+
+    def _aside(self) -> Point2D | None:
+        """The nearest place beside a charger with room to wait; None if the robot need not, or cannot, go to one."""
+        travel, chargers = self._errand.travel, self._known()
+        pose = travel.pose()
+        nearest = min(chargers, key=lambda charger: pose.distance_m(charger.place))
+        if CLEAR_M <= pose.distance_m(nearest.place) <= NEAR_M:
+            return None
+        here = Point2D(pose.x_m, pose.y_m)
+        radius_m = travel.driver.radius_m()
+        taken = [(charger.place, CLEAR_M) for charger in chargers]
+        for mate in travel.teammates.mates(here, travel.mate_near_m):
+            taken.append((Point2D(mate.pose.x_m, mate.pose.y_m), radius_m + mate.radius_m + APART_M))
+            taken.append((mate.bound, radius_m + mate.radius_m + APART_M))
+        places = [
+            Point2D(nearest.x_m + away_m * math.cos(angle_rad), nearest.y_m + away_m * math.sin(angle_rad))
+            for away_m in ASIDE_M
+            for angle_rad in (direction * math.tau / DIRECTIONS for direction in range(DIRECTIONS))
+        ]
+        clear = [place for place in places if all(place.distance_m(other) >= apart_m for other, apart_m in taken)]
+        for place in sorted(clear, key=pose.distance_m):
+            path = travel.plan(place)
+            if path and path[-1].distance_m(place) < APART_M:
+                return place
+        return None
+
+    def _known(self) -> list[ChargerPlace]:
+        others = self._errand.budget.home.chargers()
+        return [self._wanted, *(each for each in others if each.place.distance_m(self._wanted.place) > AT_DOCK_M)]
+
+    def _usable(self) -> list[ChargerPlace]:
+        now_ns = self._now_ns()
+        return [charger for charger in self._known() if self._left_out.get(charger.place, 0) <= now_ns]
+
+    def _free(self, chargers: list[ChargerPlace]) -> list[ChargerPlace]:
+        now_ns = self._now_ns()
+        ours = [charger for charger in chargers if self._given.get(charger.place, 0) <= now_ns]
+        return self._errand.budget.docks.free(ours)
+
+    def _now_ns(self) -> int:
+        return self._errand.env.clock.now_ns()
+
+
+DOCKED_M = 0.05
+DOCK_TRIES = 3
+TOUCH_S = 2.0
+"""Having docked, the robot waits so long for the first current before it looks for the contacts around."""
+SEEK_RINGS = ((0.2, 6), (0.4, 8), (0.6, 12))
+"""Where a dock is looked for that is not quite in its place: metres around it, and how many places. As dense as is
+needed for contacts that reach 0.25 m."""
+SEEK_WAIT_S = 1.2
+SEEK_BLOCKED_S = 0.6
+GIVE_S = 2.0
+"""How often it is looked whether a mate needs the charger more."""
+
+
+class Docking:
+    """At one charger.
+
+    Args:
+        errand: the behavior.
+        charger: where.
+        no_power_s: a charger that has given nothing for so long gives nothing.
+
+    """
+
+    def __init__(self, errand: Errand[Any], charger: ChargerPlace, no_power_s: float) -> None:
+        self._errand = errand
+        self._charger = charger
+        self._no_power_ns = to_ns(no_power_s)
+        self.has_charged = False
+        """A current has come."""
+
+    def dock(self) -> Part:
+        """Stand at the charger's place, as well as localisation can tell; the last word has the current."""
+        for _ in range(DOCK_TRIES):
+            yield from self._approach(self._charger.place)
+            if self._errand.away_m(self._charger.place) <= DOCKED_M:
+                break
+        yield from self._feel(TOUCH_S)
+
+    def charge(self, until_soc: float, must_give: Callable[[ChargerPlace], bool]) -> Generator[None, None, bool]:
+        """Stay until there is enough, or nothing has come for a while; True if the place is to be given to a mate."""
+        clock = self._errand.env.clock
+        has_sought, last_ns = False, clock.now_ns()
+        look_ns = last_ns
+        while (battery := self._errand.battery()).soc < until_soc:
+            now_ns = clock.now_ns()
+            if battery.charging:
+                self.has_charged, last_ns = True, now_ns
+                if now_ns >= look_ns:
+                    look_ns = now_ns + to_ns(GIVE_S)
+                    if must_give(self._charger):
+                        return True
+            elif not self.has_charged and not has_sought:
+                has_sought = True
+                yield from self._seek()
+                last_ns = clock.now_ns()
+            elif now_ns - last_ns > self._no_power_ns:
+                return False
+            yield
+        return False
+
+    def _seek(self) -> Part:
+        """Try places around the dock, from the inside out."""
+        place, driver = self._charger.place, self._errand.travel.driver
+        for radius_m, places in SEEK_RINGS:
+            for index in range(places):
+                angle_rad = index * math.tau / places
+                self._set_out(
+                    Point2D(place.x_m + radius_m * math.cos(angle_rad), place.y_m + radius_m * math.sin(angle_rad))
+                )
+                yield
+                while driver.motion() is not Motion.STANDING and driver.blocked_s() < SEEK_BLOCKED_S:
+                    yield
+                if driver.motion() is not Motion.STANDING:  # there is something there
+                    driver.stop()
+                    continue
+                yield from self._feel(SEEK_WAIT_S)
+                if self._errand.battery().charging:
+                    return
+
+    def _feel(self, seconds: float) -> Part:
+        """Stand until a current comes, for so long at the most."""
+        until_ns = self._errand.env.clock.now_ns() + to_ns(seconds)
+        while self._errand.env.clock.now_ns() < until_ns and not self._errand.battery().charging:
+            yield
+
+    def _approach(self, place: Point2D) -> Part:
+        self._set_out(place)
+        yield from self._errand.stand("the robot does not get into the dock")
+
+    def _set_out(self, place: Point2D) -> None:
+        travel = self._errand.travel
+        T_arena_odom = self._errand.env.board.T_arena_odom
+        if T_arena_odom is None:
+            raise Failed("the robot does not know where it is")
+        yaw_rad = self._charger.yaw_rad
+        facing_rad = yaw_rad if yaw_rad is not None else travel.pose().yaw_rad
+        at = T_arena_odom.inverse().compose(Pose2D(place.x_m, place.y_m, facing_rad))
+        travel.driver.go_to(at.x_m, at.y_m, at.yaw_rad)
+
 
 GUARD_S = 2.0
 """How often it is looked whether the robot still can get home."""

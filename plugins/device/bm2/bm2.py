@@ -1,16 +1,199 @@
 """Battery manager node: voltage, current, temperature and perhaps the state of charge over CAN."""
 
-from typing import Any
+import math
+from enum import StrEnum
+from typing import Annotated, Any, NamedTuple
 
 import can
 import msgspec
+from msgspec import Meta
 
 from robrain.agent.plugin import Device, external, unlocked
-from robrain.plugins.device.bm2.battery_frames import BatteryFrames, BatteryMap
-from robrain.plugins.device.bm2.counting import counted
+from robrain.plugins.device.bm2.counting import BadReading, Reading, counted, plausible
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
-from robrain.protocol.can.frame_port import FramePort, frame_port
-from robrain.protocol.can.frames import BadFrame
+from robrain.plugins.device.mocdevice.frame_map import Checksum, Sign, SignalName
+from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc, signal_frames
+from robrain.protocol.can.frame_port import Frame, FramePort, frame_port
+from robrain.protocol.can.frames import BadFrame, FrameCodec
+from robrain.protocol.can.payload import EXTENDED, ID_MASK
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.wire.clock import to_ns
+
+SIGNALS_MAX = 8
+RECENT_NS = to_ns(5.0)
+"""What another frame reported longer ago than this is not taken with a measurement."""
+
+
+class Quantity(StrEnum):
+    """What a signal carries, and in which unit."""
+
+    VOLTAGE_V = "voltage V"
+    VOLTAGE_MV = "voltage mV"
+    CURRENT_A = "current A"
+    """Positive while discharging; see `current_sign`."""
+    CURRENT_MA = "current mA"
+    TEMPERATURE_C = "temperature °C"
+    TEMPERATURE_K = "temperature K"
+    SOC = "soc"
+    """0 to 1."""
+    SOC_PERCENT = "soc %"
+
+    @property
+    def field(self) -> str:
+        """Name of the quantity, without the unit."""
+        return self.partition(" ")[0]
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Factor and offset from the signal to V, A, °C, or a share from 0 to 1."""
+        return _SCALES.get(self, (1.0, 0.0))
+
+
+_SCALES = {
+    Quantity.VOLTAGE_MV: (1e-3, 0.0),
+    Quantity.CURRENT_MA: (1e-3, 0.0),
+    Quantity.SOC_PERCENT: (1e-2, 0.0),
+    Quantity.TEMPERATURE_K: (1.0, -273.15),
+}
+
+
+class BatteryFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One frame, with the signals in it that are of use, by name."""
+
+    frame: SignalName
+    signals: Annotated[dict[SignalName, Quantity], Meta(min_length=1, max_length=SIGNALS_MAX)]
+
+
+class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of it, with what the frames have in common.
+
+    Raises ValueError where a quantity is reported twice, or no voltage.
+    """
+
+    dbc: Annotated[str, Meta(min_length=1, max_length=4096)] = "robertino"
+    """Path of the DBC file; or `robertino` or `two_wheels`, which come with robrain."""
+    frames: Annotated[tuple[BatteryFrame, ...], Meta(min_length=1, max_length=SIGNALS_MAX)] = (
+        BatteryFrame(
+            frame="BatteryStatus",
+            signals={
+                "voltage_v": Quantity.VOLTAGE_V,
+                "current_a": Quantity.CURRENT_A,
+                "temperature_c": Quantity.TEMPERATURE_C,
+            },
+        ),
+    )
+    """Each frame with the voltage is a measurement; the others have what is taken with the next one."""
+    current_sign: Sign = 1
+    """-1 if the battery reports a current that is positive while charging."""
+    current_a: float = 1.0
+    """Taken as drawn if no signal reports the current."""
+    soc_sd: float = 0.03
+    """Standard deviation of the state of charge that the battery reports."""
+    counter: str = "counter"
+    """Name of the signal that counts a sender's frames, 8 bits; empty if there is none."""
+    checksum: Checksum = Checksum.CRC8_J1850_ID
+
+    def __post_init__(self) -> None:
+        check_positive(self, "soc_sd", below=1.0)
+        if not math.isfinite(self.current_a):
+            raise ValueError(f"expected a finite current_a, got {self.current_a}")
+        fields = [quantity.field for one in self.frames for quantity in one.signals.values()]
+        if len(fields) != len(set(fields)) or "voltage" not in fields:
+            raise ValueError(f"frames: expected a voltage and each quantity once, got {', '.join(fields)}")
+
+
+class _Read(NamedTuple):
+    """How one frame is read."""
+
+    codec: FrameCodec | SignalFrame
+    signals: tuple[tuple[str, float, float], ...]
+    """Of each signal the quantity, and factor and offset to its unit."""
+    has_voltage: bool
+
+
+class BatteryFrames:
+    """The codecs of a map, and the values that its frames reported last.
+
+    Args:
+        wanted: the map.
+
+    Raises:
+        ValueError: naming the frame or signal that the DBC file does not have.
+
+    """
+
+    def __init__(self, wanted: BatteryMap) -> None:
+        dbc = read_dbc(wanted.dbc)
+        self._codecs: dict[int, list[_Read]] = {}
+        """The parts of each frame: several if it is multiplexed."""
+        for one in wanted.frames:
+            try:
+                parts = signal_frames(dbc, one.frame, tuple(one.signals), wanted.counter, wanted.checksum)
+            except ValueError as error:
+                raise ValueError(f"battery.frames: {error}") from error
+            if parts[0].arbitration_id in self._codecs:
+                raise ValueError(f"battery.frames: expected each frame once, got {one.frame} again")
+            for codec in parts:
+                quantities = [one.signals[name] for name in codec.signals]
+                read = _Read(
+                    codec,
+                    tuple((quantity.field, *quantity.scale) for quantity in quantities),
+                    any(quantity.field == "voltage" for quantity in quantities),
+                )
+                self._codecs.setdefault(codec.arbitration_id, []).append(read)
+        self._wanted = wanted
+        fields = {quantity.field for one in wanted.frames for quantity in one.signals.values()}
+        self._has_current, self._has_soc = "current" in fields, "soc" in fields
+        self._told: dict[str, tuple[float, int]] = {}
+        """Value and stamp of each quantity."""
+
+    @property
+    def filters(self) -> "can.typechecking.CanFilters":
+        """python-can's filters for these frames alone."""
+        return [
+            {"can_id": identifier & ID_MASK, "can_mask": ID_MASK, "extended": True}
+            if identifier & EXTENDED
+            else {"can_id": identifier, "can_mask": 0x7FF, "extended": False}
+            for identifier in self._codecs
+        ]
+
+    def read(self, frame: Frame) -> Reading | None:
+        """The measurement that a frame completes, if it does (BadFrame: wrong length or checksum, or no number)."""
+        for known in self._codecs.get(frame.identifier, ()):
+            try:
+                return self._read(known, known.codec.decode(frame.data), frame.stamp_ns)
+            except OtherPart:
+                continue
+        return None
+
+    def _read(self, known: _Read, values: tuple[float, ...], stamp_ns: int) -> Reading | None:
+        codec, signals, has_voltage = known
+        if not all(map(math.isfinite, values)):
+            raise BadFrame(f"{codec.name}: expected finite values, got {values}")
+        for (field, factor, offset), value in zip(signals, values, strict=False):
+            self._told[field] = factor * value + offset, stamp_ns
+        if not has_voltage:
+            return None
+        current_a = self._recent("current", stamp_ns)
+        if self._has_current and current_a is None:
+            return None  # the frame with the current has not come, or comes no more
+        wanted = self._wanted
+        try:
+            return plausible(
+                self._told["voltage"][0],
+                None if current_a is None else wanted.current_sign * current_a,
+                self._recent("temperature", stamp_ns),
+                self._recent("soc", stamp_ns),
+                assumed_a=None if self._has_current else wanted.current_a,
+                soc_sd=wanted.soc_sd if self._has_soc or not self._has_current else None,
+            )
+        except BadReading as error:
+            raise BadFrame(f"{codec.name}: {error}") from error
+
+    def _recent(self, field: str, stamp_ns: int) -> float | None:
+        value, told_ns = self._told.get(field, (None, 0))
+        return value if abs(stamp_ns - told_ns) <= RECENT_NS else None
+
 
 GAP_S = 2.0
 """A longer time between two frames is not counted."""

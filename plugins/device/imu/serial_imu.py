@@ -4,6 +4,7 @@ Its turn rate goes to the odometry by the board, because devices do not call eac
 """
 
 import math
+import struct
 from enum import StrEnum
 from typing import Annotated, Literal
 
@@ -17,13 +18,161 @@ from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.errors import ImuAbsent
 from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
-from robrain.plugins.device.imu.lines import LineCodec, LineFormat
 from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
-from robrain.plugins.device.imu.witmotion import WitMotionCodec
 from robrain.protocol.model.localization.gyro_yaw import YawRate
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
+
+HEADER = 0x55
+FRAME_BYTES = 11
+ACCELERATION, ANGULAR_VELOCITY, LAST_KIND = 0x51, 0x52, 0x5F
+FIRST_KIND = 0x50
+ACCELERATION_M_S2 = 16 * 9.8 / 32768
+"""Of one bit; the full scale is 16 g."""
+ANGULAR_VELOCITY_RAD_S = math.radians(2000) / 32768
+_VALUES = struct.Struct("<4h")
+
+
+class WitMotionCodec:
+    """See ImuCodec. An angular velocity is a measurement, with the acceleration that came last before it."""
+
+    def __init__(self) -> None:
+        self.rejected = self.stray_bytes = 0
+        self._left = b""
+        self._acceleration: tuple[float, float] | None = None
+
+    def feed(self, data: bytes) -> list[Motion]:
+        """As ImuCodec."""
+        data, at, found = self._left + data, 0, []
+        while len(data) - at >= FRAME_BYTES:
+            frame = data[at : at + FRAME_BYTES]
+            if frame[0] != HEADER or not FIRST_KIND <= frame[1] <= LAST_KIND:
+                self.stray_bytes += 1
+                at += 1
+            elif sum(frame[:-1]) & 0xFF != frame[-1]:
+                # It may be noise, or a byte is missing: the next frame may begin within this one.
+                self.rejected += 1
+                at += 1
+            else:
+                at += FRAME_BYTES
+                if (motion := self._read(frame)) is not None:
+                    found.append(motion)
+        self._left = data[at:]
+        return found
+
+    def _read(self, frame: bytes) -> Motion | None:
+        x, y, z, _ = _VALUES.unpack_from(frame, 2)
+        if frame[1] == ACCELERATION:
+            self._acceleration = x * ACCELERATION_M_S2, y * ACCELERATION_M_S2
+        if frame[1] != ANGULAR_VELOCITY:
+            return None
+        acceleration, self._acceleration = self._acceleration, None
+        return Motion(z * ANGULAR_VELOCITY_RAD_S, *(acceleration or ()))
+
+
+LINE_BYTES_MAX = 256
+Column = Annotated[int, Meta(ge=0, le=63)]
+
+
+class RateUnit(StrEnum):
+    """Of a turn rate."""
+
+    RAD_S = "rad/s"
+    DEG_S = "deg/s"
+
+
+class LineChecksum(StrEnum):
+    """At a line's end."""
+
+    NONE = "none"
+    NMEA = "nmea"
+    """`*` and two hexadecimal digits: the bytes between `$` and `*` by XOR."""
+
+
+class LineFormat(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the lines look."""
+
+    prefix: Annotated[str, Meta(max_length=32)] = ""
+    """Lines that begin otherwise are ignored; columns are counted from behind it."""
+    separator: Annotated[str, Meta(min_length=1, max_length=4)] = ","
+    columns: Annotated[int, Meta(ge=0, le=64)] = 0
+    """Number of columns of a line; any other is rejected. 0: any that has those named here."""
+    yaw_rate_column: Column = 0
+    """The first column is 0."""
+    yaw_rate_unit: RateUnit = RateUnit.RAD_S
+    acceleration_columns: tuple[Column, Column] | None = None
+    """Of x and y in m/s²; none if absent."""
+    checksum: LineChecksum = LineChecksum.NONE
+
+
+class LineCodec:
+    """See ImuCodec.
+
+    Args:
+        wanted: how the lines look.
+
+    """
+
+    def __init__(self, wanted: LineFormat) -> None:
+        self.rejected = self.stray_bytes = 0
+        self._wanted = wanted
+        self._prefix, self._separator = wanted.prefix.encode(), wanted.separator.encode()
+        self._left = b""
+        self._skips = True
+        """Until the next line begins: the first one may have begun before it was heard."""
+
+    def feed(self, data: bytes) -> list[Motion]:
+        """As ImuCodec."""
+        *lines, left = (self._left + data).split(b"\n")
+        found = []
+        for line in lines:
+            if self._skips:
+                self.stray_bytes += len(line)
+                self._skips = False
+            elif len(line) > LINE_BYTES_MAX:
+                self.rejected += 1
+            elif (motion := self._read(line.strip())) is not None:
+                found.append(motion)
+        if len(left) > LINE_BYTES_MAX:
+            self.stray_bytes += len(left)
+            left, self._skips = b"", True
+        self._left = left
+        return found
+
+    def _read(self, line: bytes) -> Motion | None:
+        wanted = self._wanted
+        if not line.startswith(self._prefix) or not line:
+            return None
+        try:
+            words = self._checked(line)[len(self._prefix) :].split(self._separator)
+            if wanted.columns and len(words) != wanted.columns:
+                raise ValueError
+            rate = _number(words[wanted.yaw_rate_column])
+            accelerations = [_number(words[column]) for column in wanted.acceleration_columns or ()]
+        except (ValueError, IndexError):
+            self.rejected += 1
+            return None
+        return Motion(math.radians(rate) if wanted.yaw_rate_unit is RateUnit.DEG_S else rate, *accelerations)
+
+    def _checked(self, line: bytes) -> bytes:
+        """The line without its checksum (ValueError if that is wrong)."""
+        if self._wanted.checksum is LineChecksum.NONE:
+            return line
+        body, star, digits = line.rpartition(b"*")
+        total = 0
+        for byte in body.removeprefix(b"$"):
+            total ^= byte
+        if not star or len(digits) != 2 or int(digits, 16) != total:
+            raise ValueError
+        return body
+
+
+def _number(word: bytes) -> float:
+    value = float(word)
+    if not math.isfinite(value):
+        raise ValueError
+    return value
 
 
 class ImuProtocol(StrEnum):

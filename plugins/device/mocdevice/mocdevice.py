@@ -4,18 +4,242 @@ Another base is a matter of parameters: its kinematics (`base`), and the frames 
 """
 
 import logging
+from collections import deque
+from collections.abc import Callable, Sequence, Sized
 from typing import Any
 
+import can
 import msgspec
 
-from robrain.plugins.device.mocdevice.can_link import CanLink
+from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.frame_map import FrameMap
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
 from robrain.plugins.device.mocdevice.odometry import Counting
+from robrain.plugins.device.mocdevice.signal_frame import OtherPart
 from robrain.plugins.device.mocdevice.wheel_device import OpenLink, WheelDevice
-from robrain.plugins.device.mocdevice.wheel_frames import SPEED_TICKS_PER_RAD, WheelFrames
+from robrain.plugins.device.mocdevice.wheel_frames import SPEED_MODULUS, SPEED_TICKS_PER_RAD, Codec, WheelFrames
+from robrain.plugins.device.mocdevice.wheel_link import WheelReport
+from robrain.protocol.can.bus_state import BusState, state_in
+from robrain.protocol.can.frame_port import Frame, frame_port
+from robrain.protocol.can.frames import BadFrame
+from robrain.protocol.can.payload import ERROR, ID_MASK
+from robrain.protocol.can.sequence import MODULUS, SequenceWatch
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.navigation.wheel_bases import Ackermann
+from robrain.protocol.wire.clock import to_ns
+
+ROUND_SHARE = 0.75
+"""Frames of one round come within this share of their period."""
+ECHOES = 64
+"""Own frames that are remembered: some interfaces give them back."""
+
+
+class CanLink:
+    """See WheelLink.
+
+    Args:
+        bus: closed with the link.
+        frames: what is on it.
+        plugin: the device, named in faults.
+        warn: told of a bus that is error passive.
+
+    """
+
+    def __init__(self, bus: can.BusABC, frames: WheelFrames, plugin: str, warn: Callable[[str], None]) -> None:
+        self.status: ControllerStatus | None = None
+        self.statuses, self.has_failed = 0, False
+        self.broken: MotionFault | None = None
+        self._bus, self._frames, self._plugin, self._warn = bus, frames, plugin, warn
+        self._port = frame_port(bus)
+        self.pending: Sized = self._port.pending
+        self._counter = 0
+        self._sent: deque[bytes] = deque(maxlen=ECHOES)
+        stop = [frames.stop] if frames.stop is not None else []
+        self._own = {codec.arbitration_id for codec in (*(one.codec for one in frames.commands), *stop)}
+        self._by_id: dict[int, list[int]] = {}
+        for number, one in enumerate(frames.encoders):  # a multiplexed frame has several parts
+            self._by_id.setdefault(one.codec.arbitration_id, []).append(number)
+        first = frames.encoders[0]
+        is_plain = frames.has_counter and not frames.is_speed and set(first.factors) == {1.0}
+        self._plain_id = first.codec.arbitration_id if is_plain and len(frames.encoders) == 1 else -1
+        """Of counts that need no conversion."""
+        self._status_id = frames.status.arbitration_id if frames.status is not None else -1
+        self._sequences = {identifier: SequenceWatch() for identifier in self._by_id}
+        self._parts: list[tuple[float, ...] | None] = [None] * len(frames.encoders)
+        """Values of each encoder frame since the last complete report."""
+        self._added_up = [0.0] * sum(len(one.factors) for one in frames.encoders)
+        """Ticks of each wheel, where speeds are measured."""
+        self._round_ns = 0
+        """When the first frame of the present round was measured."""
+        self._round_most_ns = to_ns(ROUND_SHARE * frames.period_s)
+        self._missing = 0
+        """Rounds of several encoder frames that were not complete since the last report."""
+        self._last_ns: int | None = None
+        self._rejected = self._foreign = self._errors = 0
+        self._refused = self._others = 0
+        """Frames since the last report: refused ones, and all that are not this robot's own."""
+        self._why_refused = ""
+
+    def command(self, values: Sequence[float]) -> None:
+        """As WheelLink."""
+        begin = 0
+        for wheels in self._frames.commands:
+            end = begin + len(wheels.factors)
+            part = [factor * value for factor, value in zip(wheels.factors, values[begin:end], strict=True)]
+            self._send(wheels.codec, part)
+            begin = end
+
+    def stop(self) -> None:
+        """As WheelLink."""
+        if self._frames.stop is not None:
+            self._send(self._frames.stop, self._frames.stop_values)
+        else:
+            self.command([0.0] * sum(len(one.factors) for one in self._frames.commands))
+
+    def take(self) -> list[WheelReport]:
+        """As WheelLink."""
+        reports: list[WheelReport] = []
+        if self.broken is not None:
+            return reports
+        try:
+            frames = self._port.take_frames()
+        except (can.CanError, OSError) as error:
+            self.broken = BusFault(self._plugin, f"the CAN bus cannot be read: {error}")
+            return reports
+        plain = self._frames.encoders[0].codec
+        sequence = self._sequences[plain.arbitration_id]
+        for frame in frames:
+            identifier = frame.identifier
+            if identifier == self._plain_id:  # the Robertino's: nothing to convert
+                try:
+                    *counts, counter = map(int, plain.decode(frame.data))
+                except BadFrame as error:
+                    self._refuse(error)
+                    continue
+                if counter == sequence.expected:
+                    sequence.expected = (counter + 1) % MODULUS
+                    missing = 0
+                else:
+                    missing = sequence.note(counter)
+                reports.append(WheelReport(tuple(counts), frame.stamp_ns, counter, missing))
+            elif identifier in self._by_id:
+                if (report := self._read_encoders(frame)) is not None:
+                    reports.append(report)
+            elif identifier & ERROR:
+                self._read_error(frame)
+            elif identifier == self._status_id:
+                self._read_status(frame.data)
+            elif identifier in self._own:
+                self._foreign += frame.data not in self._sent
+            elif identifier not in self._frames.known:
+                self._foreign += 1
+        if reports:
+            self._refused = self._others = 0
+        elif frames:
+            self._others += sum(not frame.identifier & ERROR and frame.identifier not in self._own for frame in frames)
+        return reports
+
+    @property
+    def refusal(self) -> str:
+        """As WheelLink."""
+        if self._refused:
+            return f"{self._refused} frames were refused: {self._why_refused}"
+        names = ", ".join(dict.fromkeys(one.codec.name for one in self._frames.encoders))
+        return f"{self._others} frames came, but not all counts of {names}" if self._others else ""
+
+    def counters(self, believed: int, rejected: int) -> Counters:
+        """As WheelLink."""
+        lost = sum(sequence.lost for sequence in self._sequences.values())
+        return Counters(believed, rejected + self._rejected, self._foreign, lost, self._errors)
+
+    def close(self) -> None:
+        """As WheelLink."""
+        self._bus.shutdown()
+
+    def _send(self, codec: Codec, values: Sequence[float]) -> None:
+        self._counter = (self._counter + 1) & 0xFF
+        data = codec.encode(self._counter, *values)
+        self._sent.append(data)
+        try:
+            self._port.send_data(codec.arbitration_id, data)
+        except (can.CanError, OSError) as error:
+            # The caller is not to blame, and may be a halt: the device's own step tells of it.
+            self.broken = BusFault(self._plugin, f"the CAN bus takes no frames: {error}")
+
+    def _refuse(self, error: BadFrame) -> None:
+        self._rejected += 1
+        self._refused += 1
+        self._why_refused = str(error)
+
+    def _read_encoders(self, frame: Frame) -> WheelReport | None:
+        """The counts of all wheels, if this frame completes them."""
+        for number in self._by_id[frame.identifier]:
+            try:
+                values = self._frames.encoders[number].codec.decode(frame.data)
+            except OtherPart:
+                continue
+            except BadFrame as error:
+                self._refuse(error)
+                return None
+            return self._note_part(number, values, frame)
+        return None  # of no wheel
+
+    def _note_part(self, number: int, values: tuple[float, ...], frame: Frame) -> WheelReport | None:
+        counter, wheels = None, self._frames.encoders[number]
+        if self._frames.has_counter:
+            counter = int(values[-1])
+            lost = self._sequences[frame.identifier].note(counter)
+            self._missing += lost if 0 in self._by_id[frame.identifier] else 0
+        if frame.stamp_ns - self._round_ns > self._round_most_ns:  # what is left is of a round that was not complete
+            self._missing += self._parts[0] is not None
+            self._parts = [None] * len(self._parts)
+        if not any(self._parts):
+            self._round_ns = frame.stamp_ns
+        self._parts[number] = tuple([factor * value for factor, value in zip(wheels.factors, values, strict=False)])
+        if None in self._parts:
+            return None
+        parts, self._parts = self._parts, [None] * len(self._parts)
+        missing, self._missing = self._missing, 0
+        whole = [value for part in parts if part is not None for value in part]
+        if self._frames.is_speed:
+            return WheelReport(self._add_up(whole, frame.stamp_ns), frame.stamp_ns, counter, missing)
+        return WheelReport(tuple(map(int, whole)), frame.stamp_ns, counter, missing)
+
+    def _add_up(self, speeds: Sequence[float], stamp_ns: int) -> tuple[int, ...]:
+        """Ticks after the time since the frame before, at these speeds."""
+        period_s = self._frames.period_s
+        since_s = (stamp_ns - self._last_ns) / 1e9 if self._last_ns is not None else period_s
+        self._last_ns = stamp_ns
+        elapsed_s = since_s if 0.0 < since_s < 10 * period_s else period_s
+        for wheel, speed in enumerate(speeds):
+            self._added_up[wheel] += speed * elapsed_s * SPEED_TICKS_PER_RAD
+        return tuple([round(ticks) % SPEED_MODULUS for ticks in self._added_up])
+
+    def _read_error(self, frame: Frame) -> None:
+        self._errors += 1
+        state = state_in(frame.identifier & ID_MASK, frame.data)
+        if state is BusState.OFF:
+            self.broken = BusFault(self._plugin, "the computer's CAN controller is bus off")
+        if state is BusState.PASSIVE:
+            self._warn("the CAN bus is error passive: does another node acknowledge frames?")
+
+    def _read_status(self, data: bytes) -> None:
+        codec = self._frames.status
+        if codec is None:
+            return
+        try:
+            values = codec.decode(data)
+        except OtherPart:
+            return
+        except BadFrame as error:
+            self._refuse(error)
+            return
+        told = dict(zip(self._frames.status_fields, map(int, values), strict=False))
+        self.status = ControllerStatus(**told)
+        self.statuses += 1
+        self.has_failed = self.status.state in self._frames.failed
+
 
 logger = logging.getLogger(__name__)
 

@@ -1,19 +1,67 @@
 """The battery of a ROS 2 robot, with the interface of the stock battery manager."""
 
 import math
+from typing import NamedTuple, Protocol
 
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState
 
 from robrain.agent.plugin import external, unlocked
-from robrain.plugins.device.bm2.counting import counted
+from robrain.plugins.device.bm2.counting import Reading, counted, plausible
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
 from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.topic_device import TopicDevice
-from robrain.plugins.device.ros2_battery.battery_message import BatteryMessage, ToldBattery, read_battery
+from robrain.plugins.device.ros2_base.odometry_message import Header
 from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.wire.clock import NS_PER_S
+
+CHARGING, DISCHARGING = 1, 2
+"""POWER_SUPPLY_STATUS of sensor_msgs/BatteryState; they decide the sign of the current."""
+
+
+class BatteryMessage(Protocol):
+    """sensor_msgs/BatteryState. What is not measured is NaN."""
+
+    header: Header
+    voltage: float
+    current: float
+    """Negative while discharging."""
+    temperature: float
+    power_supply_status: int
+
+
+class ToldBattery(NamedTuple):
+    """A measurement of the battery."""
+
+    stamp_ns: int
+    """By the clock of whoever stamped it; 0 if it has no stamp."""
+    reading: Reading
+
+
+def read_battery(message: BatteryMessage, current_a: float | None, temperature_c: float) -> ToldBattery:
+    """The measurement in a message.
+
+    Args:
+        message: of the robot.
+        current_a: used if the robot does not measure its current; None if it must.
+        temperature_c: used if it does not measure its temperature.
+
+    Raises:
+        BadReading: no plausible voltage, or no current.
+
+    """
+    reading = plausible(
+        message.voltage,
+        None if math.isnan(message.current) else -message.current,
+        message.temperature,
+        assumed_a=current_a,
+        assumed_c=temperature_c,
+        is_charging={CHARGING: True, DISCHARGING: False}.get(message.power_supply_status),
+    )
+    stamp = message.header.stamp
+    return ToldBattery(stamp.sec * NS_PER_S + stamp.nanosec, reading)
 
 
 class Ros2Battery(TopicDevice):

@@ -6,6 +6,7 @@ named in the answer. The robot's own motion since the measurement (some centimet
 
 import math
 from functools import reduce
+from typing import Protocol
 
 import msgspec
 
@@ -13,11 +14,35 @@ from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.range_sensors.interface import RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.lookout import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
-from robrain.plugins.unit.obstacle_distance.interface import ObstacleDistanceInterface, ObstacleView
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.navigation.obstacles import joined, sector_distances_m
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import CallError, ErrorCode
+
+
+class ObstacleView(msgspec.Struct, frozen=True, kw_only=True):
+    """The nearest obstacle in each direction, from the robot's hull.
+
+    Sector 0 is centred on straight ahead, the others follow counter-clockwise. A distance is in metres; null means that
+    nothing is seen there. Without any fresh sensor there is no distance at all, and `sees` is empty.
+    """
+
+    distances_m: list[float | None]
+    sees: list[str]
+    """The sensors that are fresh and in it: `scan`, `range_sensors`."""
+    nearest_m: float | None = None
+    nearest_rad: float | None = None
+    """Middle of the sector of the nearest, robot's frame."""
+    touched_rad: list[float] = []
+    """Where a bump contact is pressed, robot's frame."""
+
+
+class ObstacleDistanceInterface(Protocol):
+    """Distances when asked for."""
+
+    def view(self, sectors: int = 12) -> ObstacleView:
+        """The nearest obstacle in each of this many sectors, by sensors with recent data."""
+
 
 SECTORS_MAX = 360
 HERE = Pose2D(0.0, 0.0, 0.0)

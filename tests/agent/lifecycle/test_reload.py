@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from robrain.agent.errors import ManifestError, PluginError, PluginInactive, PluginMissing
-from robrain.agent.lifecycle.replacement import Replacement
+from robrain.agent.lifecycle.starter import Replacement
 from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
 
 LAMP = """

@@ -10,8 +10,7 @@ import viser
 import websockets.exceptions
 import websockets.sync.client
 
-from robrain.coordinator.dashboard.server.page_guard import PageGuard
-from robrain.coordinator.dashboard.server.server import LocalServer, close_server, open_server
+from robrain.coordinator.dashboard.server.server import LocalServer, PageGuard, close_server, open_server
 from robrain.protocol.wire.errors import WireError
 from tests.waiting import PATIENCE_S
 

@@ -15,7 +15,7 @@ from robrain.coordinator.dashboard.html.plugin_html import (
 )
 from robrain.coordinator.dashboard.html.task_html import queue_html, why_html
 from robrain.coordinator.dashboard.panels.halt_control import acknowledgements_html
-from robrain.coordinator.dashboard.panels.view_tab import scale_html
+from robrain.coordinator.dashboard.panels.page import scale_html
 from robrain.coordinator.dashboard.replay.replay_bar import marks_html
 from robrain.coordinator.dashboard.replay.replay_index import Mark
 from robrain.coordinator.dashboard.state.robot_view import MoteView

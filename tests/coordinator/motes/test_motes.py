@@ -5,7 +5,7 @@ from contextlib import nullcontext
 import pytest
 
 from robrain.coordinator.motes import mote_registry as motes
-from robrain.coordinator.motes.mote_energy import mote_left_j, mote_share, reading_j, robot_share
+from robrain.coordinator.motes.mote_members import mote_left_j, mote_share, reading_j, robot_share
 from robrain.coordinator.motes.mote_registry import MoteTable
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.energy.energy_model import EnergyModel

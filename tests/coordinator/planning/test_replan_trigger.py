@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.replan_trigger import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, ReplanTrigger
+from robrain.coordinator.planning.planning import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, ReplanTrigger
 from robrain.coordinator.planning.snapshot import Member
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D

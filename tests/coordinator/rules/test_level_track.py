@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.coordinator.rules.level_track import RATE_READINGS_MAX, RUNS_MAX, Class, LevelTrack
 from robrain.coordinator.rules.rule import ReadingCondition
+from robrain.coordinator.rules.rule_watch import RATE_READINGS_MAX, RUNS_MAX, Class, LevelTrack
 from robrain.protocol.wire.clock import to_ns
 
 GAP_NS = to_ns(10.0)

@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 from robrain.coordinator.rules.rule import Area, EventCondition, ReadingCondition, Rule, TaskOrder
-from robrain.coordinator.rules.rule_watch import RuleWatch
-from robrain.coordinator.rules.rule_words import waits_for
+from robrain.coordinator.rules.rule_watch import RuleWatch, waits_for
 
 ORDER = TaskOrder(kind="visit", place_m=(1.0, 2.0))
 

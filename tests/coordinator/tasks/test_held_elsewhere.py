@@ -2,8 +2,8 @@
 
 import pytest
 
-from robrain.coordinator.tasks.held_elsewhere import HeldElsewhere
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import HeldElsewhere
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.consensus.ballot import Ballot
 from robrain.protocol.model.geometry import Point2D

@@ -9,7 +9,7 @@ from PIL import Image
 
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.drawing.palette import FREE, FRONTIER, HALTED, OCCUPIED, UNKNOWN, look_of
-from robrain.deploy.assistant.map_picture import MARGIN_M, SIDE_PX, DrawnRobot, DrawnTask, map_png
+from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, DrawnTask, map_png
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping import grid_geometry
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry

@@ -6,10 +6,9 @@ from typing import Any
 import msgspec
 
 from robrain import Scenario
-from robrain.deploy.bringup.bring_up import BringUp, Wanted
+from robrain.deploy.bringup.bring_up import BringUp, Wanted, patched
 from robrain.deploy.bringup.findings import Finding, Found, Report
 from robrain.deploy.bringup.operator import Operator, YesOperator
-from robrain.deploy.bringup.robot_edit import patched
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from robrain.sim.world.world import World
 from tests.deploy.bringup.lockstep_bench import LockstepBench

@@ -8,11 +8,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.deploy.bringup.bring_up import Wanted
+from robrain.deploy.bringup.bring_up import SCALE_TOLERANCE, Wanted, _findings
 from robrain.deploy.bringup.findings import Found, Step
-from robrain.deploy.bringup.imu_check import SCALE_TOLERANCE, _findings
-from robrain.plugins.device.imu.lines import LineFormat, RateUnit
-from robrain.plugins.device.imu.serial_imu import ImuProtocol, SerialImu
+from robrain.plugins.device.imu.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
 from tests.deploy.bringup.brought_up import NO_SQUARES, BroughtUp, value, wrong
 
 IMU = {"bias_rad_s": 0.05, "noise_rad_s": 0.005}

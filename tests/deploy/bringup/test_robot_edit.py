@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain.agent.errors import RobotFileError
-from robrain.deploy.bringup.robot_edit import write_patch
+from robrain.deploy.bringup.bring_up import write_patch
 from robrain.deploy.errors import UsageError
 
 TEXT = """\

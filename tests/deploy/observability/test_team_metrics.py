@@ -9,7 +9,7 @@ from prometheus_client import CollectorRegistry
 from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
-from robrain.deploy.observability.team_metrics import METRICS, TeamMetrics, exposed_names
+from robrain.deploy.observability.metrics_process import METRICS, TeamMetrics, exposed_names
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.refusals import Refusal

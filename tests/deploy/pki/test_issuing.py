@@ -13,8 +13,7 @@ from robrain.cli import app
 from robrain.deploy.errors import UsageError
 from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import MEMBERS_FILE, changing, folder_of, read_members
-from robrain.deploy.pki.issuing import init, issue, renew, renew_due, revoke
-from robrain.deploy.pki.zenohd_file import ZENOHD_FILE, Endpoints, endpoints_of
+from robrain.deploy.pki.issuing import ZENOHD_FILE, Endpoints, endpoints_of, init, issue, renew, renew_due, revoke
 from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, Identity, read_identity
 from robrain.protocol.wire.access.member import Member, MemberRole, member
 from robrain.protocol.wire.errors import BadName, WireError

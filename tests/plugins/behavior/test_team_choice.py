@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robrain.agent.board import Board
-from robrain.plugins.behavior.explore.team_choice import ALONE, CONFIDENCE, IDLE, TeamChoice
+from robrain.plugins.behavior.explore.explore import ALONE, CONFIDENCE, IDLE, TeamChoice
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.exploration.joint import joint
 from robrain.protocol.exploration.reach import reach_m

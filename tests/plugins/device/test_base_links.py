@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robrain.plugins.unit.snw_exploration.base_links import MAX_ROBOTS, BaseLinks
+from robrain.plugins.unit.snw_exploration.snw_exploration import MAX_ROBOTS, BaseLinks
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import BEACON_TYPE, SEQUENCES, BeaconPayload

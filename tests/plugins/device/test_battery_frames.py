@@ -9,8 +9,7 @@ import cantools
 import msgspec
 import pytest
 
-from robrain.plugins.device.bm2.battery_frames import BatteryFrame, BatteryMap, Quantity
-from robrain.plugins.device.bm2.bm2 import Bm2
+from robrain.plugins.device.bm2.bm2 import BatteryFrame, BatteryMap, Bm2, Quantity
 from robrain.plugins.device.bm2.interface import ASSUMED_C
 from robrain.plugins.device.mocdevice.frame_map import Checksum
 from robrain.protocol.can.frames import codec

@@ -14,11 +14,20 @@ from hypothesis import strategies as st
 from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device.imu.errors import ImuAbsent, ImuContradicted
 from robrain.plugins.device.imu.imu_codec import Motion
-from robrain.plugins.device.imu.lines import LINE_BYTES_MAX, LineChecksum, LineCodec, LineFormat, RateUnit
-from robrain.plugins.device.imu.serial_imu import ImuProtocol, SerialImu
-from robrain.plugins.device.imu.witmotion import ANGULAR_VELOCITY_RAD_S, FRAME_BYTES, WitMotionCodec
+from robrain.plugins.device.imu.serial_imu import (
+    ANGULAR_VELOCITY_RAD_S,
+    FRAME_BYTES,
+    LINE_BYTES_MAX,
+    ImuProtocol,
+    LineChecksum,
+    LineCodec,
+    LineFormat,
+    RateUnit,
+    SerialImu,
+    WitMotionCodec,
+)
 from robrain.sim.firmware.wit_imu import ImuSpec, WitImu, wit_frame
-from robrain.sim.peripherals.serial_plug import SerialPlug
+from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.plugins.device.serial_device import SerialDevice
 from tests.waiting import PATIENCE_S
 

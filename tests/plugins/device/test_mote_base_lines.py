@@ -10,7 +10,7 @@ from contextlib import suppress
 import pytest
 
 from robrain.plugins.device.mote_base.link import Backoff
-from robrain.plugins.device.mote_base.sf_link import MAX_UNSENT_BYTES, SfLink
+from robrain.plugins.device.mote_base.mote_base import MAX_UNSENT_BYTES, SfLink
 from robrain.protocol.tinyos.serial_line import Deframer, frame
 from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until

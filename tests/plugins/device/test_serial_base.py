@@ -20,7 +20,7 @@ from robrain.plugins.device.serial_base.serial_base import SerialBase, SerialLin
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.navigation.wheel_bases import Differential, WheelBase
 from robrain.protocol.serial_lines.serial_line import PortLine
-from robrain.sim.peripherals.serial_plug import SerialPlug
+from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.plugins.device.bare_device import BareDevice
 
 BASE = Differential(wheel_radius_m=0.05, track_m=0.2, encoder_ticks_per_turn=600)

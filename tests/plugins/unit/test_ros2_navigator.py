@@ -10,7 +10,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.ros2_base import ros2_base
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.ros2_navigator import ros2_navigator
-from robrain.plugins.unit.ros2_navigator.goal_client import GoalEnd, GoalState
+from robrain.plugins.unit.ros2_navigator.ros2_navigator import GoalEnd, GoalState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.topics import ROBOT_EVENT
 from tests.plugins.device.ros2.fake_link import Link

@@ -2,8 +2,8 @@
 
 import pytest
 
-from robrain.protocol.model.consensus.action_rules import action_for
 from robrain.protocol.model.consensus.ballot import Bid
+from robrain.protocol.model.consensus.bidder import action_for
 
 HIGHER, LOWER = 9.0, 1.0
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.team.team_map import TeamMap
-from robrain.protocol.exploration.explorer import Explorer, Scout
+from robrain.protocol.exploration.explorer import Attempts, Explorer, Scout
 from robrain.protocol.exploration.situation import Busy
-from robrain.protocol.exploration.trials import Attempts
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells

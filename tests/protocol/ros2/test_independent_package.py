@@ -19,8 +19,7 @@ from robrain.protocol.ros2.message_classes import LaserScan
 from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, SET_BOOL, STRING
 from robrain.protocol.ros2.qos import LATCHED
 from robrain.protocol.ros2.ros_graph import RosGraph
-from robrain.protocol.ros2.ros_node import RosNode
-from robrain.protocol.ros2.ros_publisher import RosPublisher
+from robrain.protocol.ros2.ros_node import RosNode, RosPublisher
 from robrain.protocol.ros2.ros_service import RosServer
 from robrain.protocol.ros2.tokens import EntityKind
 from robrain.protocol.wire.session import listening_at, open_session

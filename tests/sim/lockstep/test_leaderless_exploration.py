@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import msgspec
 import pytest
 
-from robrain.deploy.bench.exploration.leaderless_exploration import LeaderlessCase, run_case
-from robrain.plugins.behavior.explore.team_choice import ALONE
+from robrain.deploy.bench.exploration.leaderless import LeaderlessCase, run_case
+from robrain.plugins.behavior.explore.explore import ALONE
 from robrain.sim.lockstep.lockstep import LockstepRun
 
 SMALL = LeaderlessCase(map="arena_small", robots=2, seed=4, time_limit_s=60.0)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.deploy.bench.motes.lifetime_bound import lifetime_bound_days
+from robrain.deploy.bench.motes.motes import lifetime_bound_days
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.motes.mote_energy import DAY_S, mica2
 from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, RobotFigures, Routing

@@ -6,8 +6,18 @@ from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.sim.robot.camera import Camera, CameraSpec, SeenMote, SeenRobot
-from robrain.sim.robot.picture_paint import CHARGER_YELLOW, MOTE_POST, PLATE, PLATE_INK, ROBOT_COLORS, number_cells
+from robrain.sim.robot.camera import (
+    CHARGER_YELLOW,
+    MOTE_POST,
+    PLATE,
+    PLATE_INK,
+    ROBOT_COLORS,
+    Camera,
+    CameraSpec,
+    SeenMote,
+    SeenRobot,
+    number_cells,
+)
 
 HERE = Pose2D(1.0, 2.0, 0.0)
 STILL = CameraSpec(noise_levels=0.0)

@@ -8,9 +8,8 @@ from robrain import Scenario
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages.team.arena_messages import BodyKind
 from robrain.sim.errors import ScenarioError
-from robrain.sim.traffic.door import Door
 from robrain.sim.traffic.specs import DoorSpec
-from robrain.sim.traffic.walkways import Walkways
+from robrain.sim.traffic.traffic import Door, Walkways
 
 ROOMS = """
 [scenario]

@@ -1,6 +1,6 @@
 """Stands for the ROS 2 node of an agent, so that a test speaks and hears on its topics."""
 
-from robrain.plugins.device.ros2.inbox import Ros2Inbox
+from robrain.plugins.device.ros2.link import Ros2Inbox
 
 
 class Spoken(Ros2Inbox):

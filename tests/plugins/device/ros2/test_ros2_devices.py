@@ -10,8 +10,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'r
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.ros2.command_gate import TICK_S
-from robrain.plugins.device.ros2.inbox import INBOX_MESSAGES
-from robrain.plugins.device.ros2.link import open_link
+from robrain.plugins.device.ros2.link import INBOX_MESSAGES, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters
 from robrain.plugins.device.ros2_base import ros2_base
 from robrain.plugins.device.ros2_battery import ros2_battery

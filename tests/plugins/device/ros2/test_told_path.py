@@ -3,7 +3,7 @@ import math
 import pytest
 
 from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry
-from robrain.plugins.device.ros2_base.told_path import ToldPath
+from robrain.plugins.device.ros2_base.ros2_base import ToldPath
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.wire.clock import to_ns
 
