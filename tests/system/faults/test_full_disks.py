@@ -62,9 +62,9 @@ def test_robots_loops_and_acknowledged_tasks_outlast_full_disks_and_a_page_that_
             refused = until(lambda: _refused(client), "tasks are still accepted")
             assert "database or disk is full" in refused
             assert period_s(client) < SLOWED * quiet_s
-            commands.run_until(lambda ended: "the coordinator takes no tasks" in ended.stdout, "status", *at)
+            commands.run_until(lambda ended: "accepts no tasks" in ended.stdout, "status", *at)
         after = until(lambda: _accepted(client), "no task is accepted although there is room", pause_s=0.1)
-        commands.run_until(lambda ended: "takes no tasks" not in ended.stdout, "status", *at)
+        commands.run_until(lambda ended: "accepts no tasks" not in ended.stdout, "status", *at)
         kept = shutil.copytree(coordinator.folder, commands.folder / "kept")
         with closing(Journal(kept / "team.journal")) as journal:
             known = {name for name in (*before, after) if journal.find(name) is not None}

@@ -1,5 +1,6 @@
 """`robrain halt` and `robrain resume` on a team of processes: the true robots stop, and go on."""
 
+import json
 import time
 
 import pytest
@@ -109,8 +110,10 @@ def test_one_robot_is_halted_alone_and_without_a_coordinator(commands, arena) ->
     watcher.wait_until_all_drive()
     halted = commands.run_until(succeeds, "halt", "r1", "--by", "operator:ann", ROBRAIN_CONNECT=endpoint)
     assert halted.stdout == "r1: halted\n"
-    shown = commands.run_until(succeeds, "status", ROBRAIN_CONNECT=endpoint)
-    assert [line.strip() for line in shown.stdout.splitlines()[1:3]] == ["r1 halted: by operator:ann", "r2 up"]
+    shown = commands.run_until(succeeds, "status", "--json", ROBRAIN_CONNECT=endpoint)
+    robots = json.loads(shown.stdout)["standing"]
+    assert [robot["condition"] for robot in robots] == ["halted", "up"]
+    assert "operator:ann" in robots[0]["why"]
     until(lambda: watcher.driven_m(0.5)["r1"] < STANDS_M, "r1 does not come to a stand")
 
     def r2_drives() -> bool:

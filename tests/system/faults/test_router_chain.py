@@ -91,7 +91,7 @@ def chain(commands: Commands) -> Iterator[Chain]:
 
 def test_members_of_two_routers_are_one_team(chain: Chain) -> None:
     for router in (chain.site, chain.hall):
-        assert chain.answer(VIC, router, "status", expected="r1 up")
+        assert chain.answer(VIC, router, "status", "--json", expected='"robots":["r1"]')
         assert "1 of 1 robots halted" in chain.say(ANN, router, "halt")
         assert "1 of 1 robots resumed" in chain.say(ANN, router, "resume")
 

@@ -39,7 +39,7 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["status"], "team default: coordinator up\n  r1 up\n"),
+        (["status"], "team default: coordinator up\nrobot"),
         (["status", "--json"], '"robots":["r1"]'),
         (["plugin", "list", "r1"], "driver"),
         (["task", "list", "--all"], "task"),
@@ -107,9 +107,9 @@ def test_up_tells_hub_page_and_forwarders_as_lines_of_json_while_it_runs(command
         assert process.stdout is not None
         assert process.stderr is not None
         lines = map(json.loads, iter(process.stdout.readline, ""))
-        told = list(itertools.islice((one for one in lines if one["event"] != "part"), 3))
+        told = list(itertools.islice((one for one in lines if one["event"] != "part"), 4))
         first = told[0]
-        assert sorted(one["event"] for one in told) == ["dashboard", "hub", "serial_forwarder"]
+        assert sorted(one["event"] for one in told) == ["dashboard", "hub", "journal", "serial_forwarder"]
         assert first["event"] == "hub"
         assert first["endpoint"] != commands.hub.endpoint
         assert f"{commands.hub.endpoint} is in use" in process.stderr.readline()
