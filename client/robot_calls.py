@@ -30,8 +30,8 @@ from robrain.protocol.wire.messages.robots.host_messages import (
     ReloadRequest,
     UnloadRequest,
 )
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_PLUGINS
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord, PluginInfo
+from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_LOG, ROBOT_LOG_KEPT, ROBOT_PLUGINS
 
 PluginInfos = list[PluginInfo]
 FINISHED = "finished"
@@ -191,6 +191,29 @@ class RobotCalls:
     def plugins(self, robot: str) -> PluginInfos:
         """Return the plugins of a robot with state, functions and, if not running, the reason."""
         return self._requests.robot(ROBOT_PLUGINS, None, robot)
+
+    def log(self, robot: str, *, follow: bool = False) -> Iterator[LogRecord]:
+        """Yield the last lines of a robot's log, and each further one without end if `follow`.
+
+        They are what its plugins print and log, faults, and halts.
+
+        Raises:
+            NobodyThere: the robot is absent; the text lists the present ones.
+
+        """
+        wire, inbox = self._listening.open(), Inbox()
+        wire.subscribe(inbox, ROBOT_LOG, robot=robot)
+        kept = self._requests.robot(ROBOT_LOG_KEPT, None, robot)
+        return self._listening.until_done(wire, self._log(inbox, kept, follow=follow))
+
+    def _log(self, inbox: Inbox, kept: list[LogRecord], *, follow: bool) -> Iterator[LogRecord]:
+        yield from kept
+        known = {(record.stamp_ns, record.source) for record in kept}
+        while follow:
+            for record in (received.message for received in inbox.drain()):
+                if (record.stamp_ns, record.source) not in known:
+                    yield record
+            self.transport.pass_time(POLL_S)
 
     def load(self, robot: str, plugin: str | Path) -> PluginInfos:
         """Load a plugin into a running robot, with the plugins that it requires.

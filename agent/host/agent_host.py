@@ -26,6 +26,7 @@ from robrain.agent.host.host_verbs import AT_ONCE, answer_verb
 from robrain.agent.host.lockstep_schedule import LockstepSchedule
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_file import RobotFile, folder_of
+from robrain.agent.host.robot_log import RobotLog
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
@@ -36,7 +37,7 @@ from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
 from robrain.agent.task_desk import TaskDesk
 from robrain.agent.witness import Witness, WitnessInMemory, WitnessMemory
-from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.wire.border.refusals import Refusals, most_refused
 from robrain.protocol.wire.clock import Clock, clock_difference_ns, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
@@ -44,7 +45,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links.thinning import Thinning
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord, PluginInfo
+from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.robots.robot_messages import PluginFault, RobotState
 from robrain.protocol.wire.messages.tasks.consensus_messages import DropTaken, TaskTaken
 from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
@@ -59,7 +60,7 @@ from robrain.protocol.wire.topics import (
     ROBOT_CALL,
     ROBOT_CANCEL,
     ROBOT_COSTS,
-    ROBOT_LOG,
+    ROBOT_LOG_KEPT,
     ROBOT_OFFER,
     ROBOT_PLUGINS,
     ROBOT_STATE,
@@ -148,13 +149,13 @@ class AgentHost:
         self._slept_ns, self._awake_ns = 0, 0
         """When its process last began to stand still, and from when on nothing that waited for it arrives any more."""
         self._halts = 0
-        self._log = self._wire.publisher(ROBOT_LOG, robot=self.name)
+        self.log = RobotLog(self._wire, self.name)
         self._faults: dict[str, PluginFault] = {}
         self._down: set[str] = set()
         self._telling = threading.Lock()
         self._told = RobotState(robot=self.name)
         self._told_facts = self.desk.facts
-        self.halting = HaltDesk(self.manager, self._wire, self._publish_halt)
+        self.halting = HaltDesk(self.manager, self._wire, self.log, self._publish_halt)
         self.door = TextCommandDoor(self._registry)
         self._manifests = manifests
         self._distributions = entry_point_places() if distributions is None else distributions
@@ -203,6 +204,7 @@ class AgentHost:
         wire, robot = self._wire, self.name
         wire.subscribe(self._inbox, COORDINATOR_STATE)
         wire.answer(ROBOT_PLUGINS, self._tell_plugins, serve=Serve.SHARED, at_once=("plugins",), robot=robot)
+        wire.answer(ROBOT_LOG_KEPT, self.log.kept, serve=Serve.SHARED, robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
         wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.SHARED, at_once=AT_ONCE, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
@@ -318,13 +320,12 @@ class AgentHost:
             if name not in before:
                 text = f"does not run: {fault.why}"
                 detail = plugins[name].raised.detail
-                text = cut(f"{text}\n{detail}" if detail else text, TEXT_MAX)
-                self._log.put(LogRecord(robot=self.name, level="error", source=name, text=text))
+                self.log.put(name, "error", f"{text}\n{detail}" if detail else text)
         for plugin in down:
             if plugin.manifest.tag.essential and plugin.name not in were_down:
                 self.halting.halt(plugin.name, f"{plugin.name} does not run: {cut(plugin.raised.after(plugin.why))}")
         for name in [name for name in before if name not in self._faults]:
-            self._log.put(LogRecord(robot=self.name, level="warning", source=name, text="runs again, or has gone"))
+            self.log.put(name, "warning", "runs again, or has gone")
 
     def _publish_halt(self) -> None:
         """At once, on the thread that halted or resumed the robot; the rest is as it was sent last."""

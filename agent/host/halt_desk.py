@@ -10,13 +10,12 @@ import threading
 from collections.abc import Callable
 
 import msgspec
-import zenoh
 
 from robrain.agent.errors import FOREIGN_ERRORS
 from robrain.agent.host.plugin_manager import PluginManager
+from robrain.agent.host.robot_log import RobotLog
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.worker_pool import WorkerPool
-from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
@@ -24,10 +23,9 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.host_messages import HaltAnswer
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import HaltStatus, TeamState
-from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG
+from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT
 
 logger = logging.getLogger(__name__)
 
@@ -45,11 +43,12 @@ class HaltDesk:
     Args:
         manager: of the robot's plugins.
         wire: the host's.
+        log: the robot's.
         tell_state: publishes the robot's state at once.
 
     """
 
-    def __init__(self, manager: PluginManager, wire: Endpoint, tell_state: Callable[[], None]) -> None:
+    def __init__(self, manager: PluginManager, wire: Endpoint, log: RobotLog, tell_state: Callable[[], None]) -> None:
         live = wire.drive is Drive.LIVE
         self.arrivals, self.summaries = Inbox(), Inbox()
         """Halts, and the coordinator's summaries: `hear` has something to do if one of them has some."""
@@ -63,7 +62,7 @@ class HaltDesk:
         self._wire = wire
         self._guard = RecordGuard(wire.refusals)
         self._tell_state = tell_state
-        self._log = wire.publisher(ROBOT_LOG, robot=self._robot)
+        self._log = log
         self._latch = HaltLatch()
         self._team_halt_ns = 0
         self._not_halted: list[str] = []
@@ -235,8 +234,5 @@ class HaltDesk:
         )
 
     def _say(self, text: str, level: str = "warning") -> None:
-        try:
-            self._log.put(LogRecord(robot=self._robot, level=level, source=LOG_SOURCE, text=cut(text, TEXT_MAX)))
-        except zenoh.ZError as error:  # the session is closing; a halt is a halt all the same
-            logger.debug("%s: no log record: %s", self._robot, error)
+        self._log.put(LOG_SOURCE, level, text)
         logger.log(logging.getLevelName(level.upper()), "%s: %s", self._robot, text)

@@ -12,7 +12,7 @@ import threading
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO, cast
 
 from robrain.agent.class_import import import_class
 from robrain.agent.errors import PluginError, PluginHung
@@ -25,7 +25,9 @@ from robrain.agent.isolation.peer import Peer, PeerLost
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.plugin import Plugin
+from robrain.agent.plugin_output import PluginLogs, PluginOutput, PluginStream
 from robrain.agent.plugin_traceback import raised
+from robrain.protocol.wire.clock import LiveClock
 
 BYTES_PER_MB = 1_000_000
 
@@ -38,6 +40,7 @@ class Child:
         self._calls = Peer(calls, name, self.serve)
         self._halts = Peer(halts, name, self._halt)
         self._parent = Parent(self._calls, Peer(asides, name, self.serve))
+        self._output = PluginOutput(self._log, lambda: name, LiveClock())
         self._turn = threading.RLock()
         self._plugin: Plugin
         self._contract: Contract
@@ -53,6 +56,7 @@ class Child:
     def serve(self, request: Request) -> bytes:
         """Do what was asked for, in the plugin's turn."""
         with self._turn:
+            self._output.report_dropped()
             match request:
                 case Begin():
                     self._begin(request)
@@ -89,7 +93,8 @@ class Child:
         sys.path[:] = begin.import_path
         limit = begin.memory_mb * BYTES_PER_MB
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-        logging.basicConfig(level=begin.log_level, format="%(message)s", handlers=[_LogToParent(self._parent)])
+        logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[PluginLogs(self._output)])
+        sys.stdout, sys.stderr = (cast(TextIO, PluginStream(each, self._output)) for each in (sys.stdout, sys.stderr))
         manifest = Manifest(begin.plugin, Path(begin.manifest), begin.class_path, {}, TagTable())
         plugin_class = import_class(manifest)
         self._contract = contract_of(plugin_class)
@@ -101,6 +106,10 @@ class Child:
             event: Event[Any] = getattr(self._plugin, name)
             event.add(partial(self._notify, name), _Straight())
 
+    def _log(self, _plugin: str, level: str, text: str) -> None:
+        with suppress(PeerLost):  # the parent has ended and this process is about to, so nobody reads the log
+            self._parent.tell(Log(level, text))
+
     def _notify(self, name: str, value: Any) -> None:
         self._parent.tell(Notify(name, encode(value)))
 
@@ -111,16 +120,6 @@ class _Straight(Mailbox):
     def post(self, function: Any, value: Any) -> bool:
         function(value)
         return True
-
-
-class _LogToParent(logging.Handler):
-    def __init__(self, parent: Parent) -> None:
-        super().__init__()
-        self._parent = parent
-
-    def emit(self, record: logging.LogRecord) -> None:
-        with suppress(PeerLost):  # the parent has ended and this process is about to, so nobody reads the log
-            self._parent.tell(Log(record.levelno, record.name, self.format(record)))
 
 
 def _end_with_parent(lifeline: int) -> None:

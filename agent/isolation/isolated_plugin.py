@@ -10,7 +10,6 @@ imported.
 
 import functools
 import inspect
-import logging
 import subprocess
 import sys
 import weakref
@@ -181,7 +180,6 @@ class IsolatedPlugin(Plugin):
             clock_offset_ns=LiveClock().offset_ns,
             import_path=sys.path,
             memory_mb=self._limits.memory_mb,
-            log_level=logging.getLogger().getEffectiveLevel(),
         )
 
     def _do(self, function: str, limit_s: float) -> None:

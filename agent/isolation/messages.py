@@ -29,7 +29,6 @@ class Begin(Message, frozen=True):
     """Of the parent's clock: parent and child stamp alike."""
     import_path: list[str]
     memory_mb: int
-    log_level: int
 
 
 class Do(Message, frozen=True):
@@ -100,8 +99,7 @@ class Notify(Message, frozen=True):
 class Log(Message, frozen=True):
     """A log record; not answered."""
 
-    level: int
-    source: str
+    level: str
     text: str
 
 

@@ -90,8 +90,9 @@ class ParentDesk:
                 self._write_board(name, value)
             case Notify(event, value):
                 self._notify(event, value)
-            case Log(level, source, text):
-                logging.getLogger(source).log(level, "%s: %s", self._env.plugin, text)
+            case Log(level, text):
+                plugin, number = self._env.plugin, logging.getLevelNamesMapping().get(level.upper(), logging.INFO)
+                logging.getLogger(plugin).log(number, text, extra={"plugin": plugin})
             case _:
                 raise PluginError(self._env.plugin, f"{type(request).__name__} is not for this end")
         return b""

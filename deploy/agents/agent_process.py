@@ -84,9 +84,11 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
 
         def watch_and_tidy() -> bool:
             compiler.give_back(time.monotonic() - began_s)
+            output.report_dropped()
             return watch()
 
-        run_agent(host, watch_and_tidy, tell_plugins)
+        with host.log.plugin_output() as output:
+            run_agent(host, watch_and_tidy, tell_plugins)
         watch.check()
 
 

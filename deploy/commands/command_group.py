@@ -15,7 +15,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "Simulate": ("demo", "run", "scenarios", "sweep", "soak", "fork", "bench"),
         "Start a team": ("up", "hub", "router", "coordinator", "agent", "arena", "dashboard"),
         "Operate a team": (
-            *("status", "top", "task", "halt", "resume", "call", "shell", "plugin"),
+            *("status", "top", "task", "halt", "resume", "call", "log", "shell", "plugin"),
             *("lead", "remove", "journal", "assistant"),
         ),
         "Record and look back": (

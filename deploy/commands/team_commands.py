@@ -120,6 +120,28 @@ def call(
 
 
 @team_app.command()
+def log(
+    robot: RobotArgument,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Print further lines as they come.")] = False,
+    plugin: Annotated[str, typer.Option(help="Only the lines of this plugin.")] = "",
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Print what a robot's plugins print and log, and its faults and halts."""
+    from datetime import datetime
+
+    check_name("robot", robot)
+    with connect_team(connect, team) as client:
+        if plugin and plugin not in (names := [info.name for info in client.plugins(robot)]):
+            raise UsageError(f"{robot} has no plugin {plugin}; there are: {', '.join(names)}")
+        for record in client.log(robot, follow=follow):
+            if plugin in ("", record.source):
+                level = "" if record.level == "info" else f" {record.level}"
+                time = datetime.fromtimestamp(record.stamp_ns / 1e9).astimezone()
+                say(f"{time:%H:%M:%S} {record.source}{level}: {record.text}")
+
+
+@team_app.command()
 def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """Show each robot of a team in one line: state, battery, place, task, and plugins that do not run."""
     from robrain.deploy.commands.status_command import show_status, status_of

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache
+from types import UnionType
 from typing import Any, ClassVar, Generic, TypeVar, cast, get_args
 
 import msgspec
@@ -274,8 +275,8 @@ class Token(WireKey):
 
 def _fields_of(kind: Any) -> tuple[str, ...]:
     """The fields of a struct, or of those in a union; none of any other type."""
-    own: tuple[str, ...] = getattr(kind, "__struct_fields__", ())
-    return own or tuple(field for one in get_args(kind) for field in getattr(one, "__struct_fields__", ()))
+    kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    return tuple(field for one in kinds for field in getattr(one, "__struct_fields__", ()))
 
 
 def _in_both(fields: tuple[str, ...], kind: Any) -> tuple[str, ...]:

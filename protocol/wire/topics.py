@@ -134,6 +134,15 @@ ROBOT_LOG = Topic(
     recorded=True,
     max_bytes=65_536,
 )
+ROBOT_LOG_KEPT = Query(
+    name="robot_log_kept",
+    pattern="robot/{robot}/log/kept",
+    doc="The last log records, oldest first",
+    by=Role.ROBOT,
+    request=NoneType,
+    reply=list[plugin_messages.LogRecord],
+    reads_only=True,
+)
 ROBOT_PLUGINS = Query(
     name="robot_plugins",
     pattern="robot/{robot}/plugins",

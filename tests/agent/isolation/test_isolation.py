@@ -368,7 +368,7 @@ def test_its_log_is_in_the_robots(bench, caplog):
         class Vision(Unit):
             def init(self): logging.getLogger("lens").warning("dirt on the %s", "lens")
         """)
-    assert ("lens", logging.WARNING, "vision: dirt on the lens") in caplog.record_tuples
+    assert ("vision", logging.WARNING, "dirt on the lens") in caplog.record_tuples
 
 
 def test_it_knows_robot_time_and_its_own_name(bench):

@@ -1,11 +1,14 @@
-"""`robrain call`: one call of a robot's plugin from a command line."""
+"""`robrain call`: one call of a robot's plugin from a command line; `robrain log`: what its plugins print and log."""
 
 import json
+import re
 from collections.abc import Iterator
 
 import pytest
 
+from robrain import Team
 from robrain.agent.access.external_function import external_functions
+from robrain.agent.host.robot_log import RobotLog
 from robrain.agent.host.text_command import parse_call
 from robrain.agent.plugin import Unit, external
 from robrain.protocol.wire.clock import LiveClock
@@ -15,10 +18,14 @@ from robrain.protocol.wire.host_queries import HOST_COMMAND
 from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, Outcome
 from robrain.protocol.wire.messages.robots.plugin_messages import Event, PluginInfo
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS
+from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_LOG_KEPT, ROBOT_PLUGINS
 from tests.system.conftest import Commands
 
 pytestmark = pytest.mark.system
+
+
+LOGS: list[RobotLog] = []
+"""The fake robot's."""
 
 
 class Drawer(Unit):
@@ -71,6 +78,8 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
         finished = wire.publisher(ROBOT_EVENT, robot="r1", plugin="drawer", event="finished")
         wire.answer(ROBOT_PLUGINS, plugins, robot="r1")
         wire.answer(ROBOT_CALL, called, robot="r1", plugin="drawer")
+        LOGS.append(RobotLog(wire, "r1"))
+        wire.answer(ROBOT_LOG_KEPT, LOGS[0].kept, robot="r1")
         yield commands
         wire.close()
     commands.stop_all()
@@ -152,3 +161,20 @@ def test_what_a_plugin_says_of_its_failure_stands_below_it(robot: Commands) -> N
 def test_the_version_is_told(commands: Commands) -> None:
     done = commands.run_here("--version")
     assert (done.returncode, done.stdout) == (0, "robrain 0.1.0\n")
+
+
+def test_log_prints_the_last_lines_and_follows_further_ones(robot: Commands) -> None:
+    LOGS[0].put("drawer", "info", "open")
+    LOGS[0].put("halt", "warning", "halted by ann:\nstop")
+    lines = [(r"drawer: open\n"), (r"halt warning: halted by ann:\n  stop\n")]
+    for words, said in (((), lines), (("--plugin", "drawer"), lines[:1])):
+        done = robot.run_here("log", "r1", *words)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert re.fullmatch("".join(rf"\d\d:\d\d:\d\d {line}" for line in said), done.stdout)
+    with Team.connect(robot.hub.endpoint) as team:
+        records = team.log("r1", follow=True)
+        assert [next(records).source for _ in lines] == ["drawer", "halt"]
+        LOGS[0].put("drawer", "info", "shut")
+        assert next(records).text == "shut"
+    done = robot.run_here("log", "r1", "--plugin", "ghost")
+    assert (done.returncode, done.stderr) == (2, "robrain: r1 has no plugin ghost; there are: drawer\n")
