@@ -3,6 +3,7 @@
 import keyword
 from pathlib import Path
 from string import Template
+from typing import NamedTuple
 
 from robrain.agent.errors import PluginError
 from robrain.agent.manifest import COMMAND
@@ -10,22 +11,111 @@ from robrain.agent.plugin import Level
 from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 
-TAKEN_CLASS_NAMES = {"Plugin", *(level.name.title() for level in Level)}
+TAKEN_CLASS_NAMES = {
+    *("Any", "DriverInterface", "Errand", "Generator", "Plugin", "ScanInterface", "Task", "TaskParameters", "Work"),
+    *(level.name.title() for level in Level),
+}
 
-CLASS = Template('''\
+
+class Example(NamedTuple):
+    """What a plugin of one level does, as an example."""
+
+    source: str
+    """Imports, and the class up to its docstring."""
+    body: str
+    requires: tuple[str, ...]
+    called: str
+    """External function that the test calls; empty if it looks at the task's kind."""
+    result: str
+    """What the test expects: operator and value."""
+
+
+HEAD = '''\
 """What is $name for? Say it here."""
 
-from robrain import $base, external
-
+'''
+CLASS_HEAD = '''
 
 class $class_name($base):
     """What does $name do? Say it here; the team reads the first line."""
-$active
+$active'''
+EXAMPLES = {
+    Level.DEVICE: Example(
+        f"{HEAD}from robrain import Device, external\n{CLASS_HEAD}",
+        '''
     @external
-    def hello(self, name: str = "world") -> str:
-        """Greet somebody."""
-        return f"hello {name}"
-''')
+    def read(self) -> float:
+        """Read the sensor, in SI units; here a constant in place of a bus."""
+        return 21.5
+''',
+        (),
+        "read",
+        "== 21.5",
+    ),
+    Level.UNIT: Example(
+        f"""{HEAD}from robrain import Unit, external
+from robrain.plugins.device.scan.interface import ScanInterface
+{CLASS_HEAD}""",
+        '''
+    def activate(self) -> None:
+        self.scan = self.env.use("scan", ScanInterface)
+
+    @external
+    def nearest_m(self) -> float | None:
+        """Range of the nearest thing that the lidar sees; None before the first scan."""
+        scan = self.scan.latest()
+        return None if scan is None else min(scan.beam_ranges_m, default=None)
+''',
+        ("scan",),
+        "nearest_m",
+        "is None",
+    ),
+    Level.SKILL: Example(
+        f"""{HEAD}from robrain import Skill, external
+from robrain.plugins.unit.driver.interface import DriverInterface
+{CLASS_HEAD}""",
+        '''
+    def activate(self) -> None:
+        self.driver = self.env.use("driver", DriverInterface)
+
+    @external
+    def nudge(self, distance_m: float = 0.1) -> str:
+        """Drive straight ahead; returns the id of the driver's action."""
+        return self.driver.drive(distance_m)
+''',
+        ("driver",),
+        "nudge",
+        '== "drive-1"',
+    ),
+    Level.BEHAVIOR: Example(
+        f'''{HEAD}from collections.abc import Generator
+from typing import Any
+
+from robrain import Errand, Task, TaskParameters, Work
+
+
+class ${{class_name}}Task(TaskParameters, frozen=True, kw_only=True):
+    """Wait at the task's place. Result: `waited_s`."""
+
+    wait_s: float = 1.0
+{CLASS_HEAD}''',
+        '''
+    kind = "$name"
+
+    def work(self, task: Task, parameters: ${class_name}Task) -> Work:
+        """Cost of the task at its place, for the plan."""
+        return Work(wait_s=parameters.wait_s)
+
+    def do(self, task: Task, parameters: ${class_name}Task) -> Generator[None, None, dict[str, Any]]:
+        """Do the task at its place; each `yield` waits for the next step."""
+        yield from self.wait(parameters.wait_s)
+        return {"waited_s": parameters.wait_s}
+''',
+        ("driver", "teammates", "localisation", "mapper", "planner", "energy", "home"),
+        "",
+        '== "$name"',
+    ),
+}
 ACTIVE = """
     period_s = 1.0
 
@@ -44,7 +134,7 @@ class = "$name:$class_name"
 
 [tag]
 visibility = [$visibility] # who may call it; "command" is the outside, "*" any plugin
-requires = [] # the plugins that it calls, of lower levels
+requires = [$requires] # the plugins that it calls, of lower levels
 """)
 
 TEST = Template('''\
@@ -55,9 +145,9 @@ from pathlib import Path
 from robrain.testing import PluginBench
 
 
-def test_${name}_says_hello() -> None:
+def test_${name}_does_what_it_promises() -> None:
     with PluginBench(Path(__file__).parent) as bench:
-        assert $call == "hello Ada"
+        assert $call $result
 $active_test''')
 ACTIVE_TEST = Template("""
 
@@ -77,7 +167,7 @@ def write_skeleton(name: str, level: str, folder: Path, *, active: bool = False,
         name: of the plugin; a Python name in ASCII.
         level: device, unit, skill or behavior.
         folder: where the plugin's folder is made; it is made itself if need be.
-        active: with a period and a step.
+        active: with a period and a step; a behavior has them in any case.
         hidden: closed to the outside.
 
     Returns:
@@ -91,20 +181,25 @@ def write_skeleton(name: str, level: str, folder: Path, *, active: bool = False,
     if level.upper() not in Level.__members__:
         known = ", ".join(each.name.lower() for each in Level)
         raise PluginError(name, f"unknown level {level!r}: expected one of {known}")
+    example = EXAMPLES[Level[level.upper()]]
+    steps = active and example.called != ""
+    call = f'bench.plugin("{name}").{example.called}()' if hidden else f'bench.call("{name}", "{example.called}")'
     values = {
         "name": name,
         "class_name": class_name,
-        "base": level.title(),
-        "active": ACTIVE if active else "",
+        "base": level.title() if example.called else f"Errand[{class_name}Task]",
+        "active": ACTIVE if steps else "",
         "visibility": "" if hidden else f'"{COMMAND}"',
-        "call": f'bench.plugin("{name}").hello("Ada")' if hidden else f'bench.call("{name}", "hello", "Ada")',
-        "active_test": ACTIVE_TEST.substitute(name=name) if active else "",
+        "requires": ", ".join(f'"{each}"' for each in example.requires),
+        "call": call if example.called else f'bench.info("{name}").task_kind.kind',
+        "result": Template(example.result).substitute(name=name),
+        "active_test": ACTIVE_TEST.substitute(name=name) if steps else "",
     }
     return _write(
         name,
         folder / name,
         {
-            f"{name}.py": CLASS.substitute(values),
+            f"{name}.py": Template(example.source + example.body).substitute(values),
             f"{name}.toml": MANIFEST.substitute(values),
             f"test_{name}.py": TEST.substitute(values),
         },

@@ -1,6 +1,5 @@
 import subprocess
 import sys
-from itertools import product
 
 import pytest
 
@@ -12,43 +11,36 @@ from robrain.agent.manifest import read_manifest
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
 LEVELS = ("device", "unit", "skill", "behavior")
-KINDS = list(product(LEVELS, (False, True), (False, True)))
-"""Level, active, hidden: all that can be asked for."""
 
 
 # -- what is written --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("level", "active", "hidden"), KINDS)
-def test_a_skeleton_runs_as_it_was_asked_for(tmp_path, level, active, hidden):
-    source, manifest, test = write_skeleton("lamp", level, tmp_path, active=active, hidden=hidden)
+@pytest.mark.parametrize("plain", [True, False])
+@pytest.mark.parametrize("level", [*LEVELS[:3], pytest.param("behavior", marks=pytest.mark.slow)])
+def test_a_skeleton_runs_as_it_was_asked_for(tmp_path, level, plain):
+    source, manifest, test = write_skeleton("lamp", level, tmp_path, active=not plain, hidden=not plain)
     assert [path.name for path in (source, manifest, test)] == ["lamp.py", "lamp.toml", "test_lamp.py"]
-    assert read_manifest(manifest).tag.visibility == ([] if hidden else ["command"])
+    assert read_manifest(manifest).tag.visibility == (["command"] if plain else [])
+    assert check_plugins(tmp_path) == []
     with PluginBench(tmp_path / "lamp") as bench:
         info = bench.info("lamp")
         assert (info.level, info.state, info.why) == (level, "active", "")
-        assert info.period_s == (1.0 if active else None)
-        (function,) = info.functions
-        assert (function.name, function.signature) == ("hello", "(name: str = 'world') -> str")
-        assert bench.plugin("lamp").hello() == "hello world"
-        if hidden:
+        if level == "behavior":
+            assert info.task_kind.kind == "lamp"
+            return
+        assert info.period_s == (None if plain else 1.0)
+        if not plain:
             with pytest.raises(CallError) as refused:
-                bench.call("lamp", "hello")
+                bench.call("lamp", info.functions[0].name)
             assert refused.value.code is ErrorCode.FORBIDDEN
-        else:
-            assert bench.call("lamp", "hello", "Ada") == "hello Ada"
-
-
-def test_the_checker_has_nothing_to_say_of_a_skeleton(tmp_path):
-    for level, active, hidden in KINDS:
-        write_skeleton(f"{level}_{active:d}{hidden:d}", level, tmp_path, active=active, hidden=hidden)
-    assert check_plugins(tmp_path) == []
 
 
 @pytest.mark.slow
 def test_the_tests_of_skeletons_pass_and_are_as_the_linter_wants_them(tmp_path):
-    write_skeleton("lamp", "unit", tmp_path, active=True)
-    write_skeleton("line_follower", "behavior", tmp_path, hidden=True)
+    for level in LEVELS:
+        write_skeleton(f"my_{level}", level, tmp_path, active=True)
+        write_skeleton(f"hidden_{level}", level, tmp_path, hidden=True)
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-W", "error", "-p", "no:cacheprovider"],
         cwd=tmp_path,
@@ -58,7 +50,7 @@ def test_the_tests_of_skeletons_pass_and_are_as_the_linter_wants_them(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout
-    assert "3 passed" in done.stdout
+    assert "11 passed" in done.stdout
     for words in (["check", "--select", "E,F,W,I,N,UP,B,D100,D101"], ["format", "--check"]):
         ruff = [sys.executable, "-m", "ruff", *words, "--no-cache", "--isolated", "--line-length", "120", "."]
         done = subprocess.run(ruff, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -72,6 +64,7 @@ def test_the_tests_of_skeletons_pass_and_are_as_the_linter_wants_them(tmp_path):
         ("line_follower", "LineFollower"),
         ("LineFollower", "LineFollower"),
         ("unit", "UnitPlugin"),  # the base's own name
+        ("task", "TaskPlugin"),  # what the module imports
         ("none", "NonePlugin"),  # a word of Python's own, once it is written as a class
         ("_1", "Plugin1"),
     ],
