@@ -32,6 +32,7 @@ def test_what_is_ahead_of_a_robot_that_faces_left_lies_along_y():
     assert_same_pose(T_arena_robot.compose(Pose2D(3.0, 0.0, 0.0)), Pose2D(1.0, 5.0, math.pi / 2))
 
 
+@pytest.mark.slow
 @given(st.floats(-1e6, 1e6))
 def test_a_wrapped_angle_is_the_same_direction_in_the_promised_range(angle_rad):
     wrapped_rad = wrap_angle_rad(angle_rad)

@@ -20,6 +20,7 @@ def test_a_stock_entry_is_imported_when_it_is_asked_for(shapes):
     assert shapes.is_stock("circle")
 
 
+@pytest.mark.slow
 def test_an_unknown_name_is_refused_with_the_names_and_the_nearest(shapes):
     with pytest.raises(UnknownEntry, match="one of circle, square; got squire; did you mean square") as refused:
         shapes.get("squire")

@@ -120,6 +120,7 @@ def test_another_interface_than_the_plugins_own_is_refused(bench, lab):
         bench.plugin("one").env.use("switch", interface(bench, "OtherInterface"))
 
 
+@pytest.mark.slow
 def test_a_plugin_without_an_interface_offers_nothing(bench):
     bench.code("lab", LAB)
     bench.manifest("mute", "lab:Skill1", visibility=["*"])

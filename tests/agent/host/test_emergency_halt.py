@@ -140,6 +140,7 @@ def test_a_halt_and_its_end_in_one_turn_leave_the_robot_running_and_stopped_once
     assert set(states(robot).values()) == {"active"}
 
 
+@pytest.mark.slow
 def test_the_end_of_a_halt_does_not_wake_the_faulted(robot):
     robot.hosts[-1].manager.get("b_plan").fault(ValueError("broken"))
     halt(robot, halted=True)

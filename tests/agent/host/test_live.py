@@ -171,6 +171,7 @@ def test_a_running_robot_tells_its_state_and_that_it_is_there(start):
     assert [(change.names["robot"], change.present) for change in changes] == [("r1", True), ("r1", False)]
 
 
+@pytest.mark.slow
 def test_closing_leaves_no_thread_behind(start):
     before = set(threading.enumerate())
     robot = start("counter", "listener", "slow")

@@ -166,6 +166,7 @@ def test_passes_are_applied_in_the_order_in_which_they_are_listed(last_first):
     assert solver("early_start", "last_first").plan.orders == (("at", "a", "b"), ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_a_bad_plan_of_a_pass_is_left_out_and_told(last_first, name):
     made = solver(name)

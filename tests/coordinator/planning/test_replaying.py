@@ -25,6 +25,7 @@ from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 PROVENANCE = Provenance(scenario="room", scenario_toml="", seed=1, map_png=b"", drive="lockstep", team="default")
 
 
+@pytest.mark.slow
 def test_a_recorded_run_decides_the_same_again(team, tmp_path):
     path = tmp_path / "run.mcap"
     recorder = Recorder(team.endpoint(), path, PROVENANCE)

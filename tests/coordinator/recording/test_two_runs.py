@@ -28,6 +28,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return record(folder / "one.mcap", places=1), record(folder / "two.mcap", places=2)
 
 
+@pytest.mark.slow
 def test_rows_tell_who_did_what_in_both_runs(runs: tuple[Path, Path]) -> None:
     compared = compare_runs(*runs)
     rows = {(row.group, row.name): row for row in compared.rows}
@@ -42,10 +43,12 @@ def test_rows_tell_who_did_what_in_both_runs(runs: tuple[Path, Path]) -> None:
         assert float(total.second or 0) > 0
 
 
+@pytest.mark.slow
 def test_equal_runs_have_no_difference(runs: tuple[Path, Path]) -> None:
     assert all(row.is_equal for row in compare_runs(runs[0], runs[0]).rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("row", "words"),
     [

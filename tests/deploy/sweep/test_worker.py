@@ -17,10 +17,12 @@ def broken_by_a_run() -> int | None:
     return record.outcome.invariants_broken
 
 
+@pytest.mark.slow
 def test_a_run_that_keeps_its_invariants_breaks_none() -> None:
     assert broken_by_a_run() == 0
 
 
+@pytest.mark.slow
 def test_broken_invariants_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     step = Battery.step
 

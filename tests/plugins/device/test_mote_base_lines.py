@@ -227,6 +227,7 @@ def is_up(one):
     return one.infos()["mote_base"].state == "active"
 
 
+@pytest.mark.slow
 def test_a_forwarder_that_is_absent_at_the_start_is_found_when_it_appears(stage, forwarders):
     gone = forwarders()
     gone.close()

@@ -35,6 +35,7 @@ def assert_same_pose(one, other, tolerance):
     assert wrap_angle_rad(one.yaw_rad - other.yaw_rad) == pytest.approx(0.0, abs=tolerance)
 
 
+@pytest.mark.slow
 @given(SPEEDS, SPEEDS, st.floats(0.05, 2.0), st.sampled_from([-1, 1]), st.integers(1, 60))
 def test_small_steps_add_up_to_the_circle(forward, left, turn_rate, side, steps):
     twist = Twist2D(forward, left, side * turn_rate)

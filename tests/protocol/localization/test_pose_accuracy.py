@@ -134,6 +134,7 @@ def test_covariance_that_is_almost_singular_leaves_the_mean_finite():
     assert told.nees == NEES_MAX / 2
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_nees_is_the_squared_mahalanobis_distance(seed):
     rng = np.random.default_rng(seed)

@@ -22,6 +22,7 @@ class Ring:
         self.itself = self
 
 
+@pytest.mark.slow
 def test_while_it_is_held_the_collector_looks_less_often_and_leaves_alone_what_was_there(usual):
     calm = CalmCollector()
     assert gc.get_threshold() == (YOUNG_OBJECTS, *usual[1:])
@@ -30,6 +31,7 @@ def test_while_it_is_held_the_collector_looks_less_often_and_leaves_alone_what_w
     assert gc.get_freeze_count() == 0
 
 
+@pytest.mark.slow
 def test_the_last_of_several_lets_the_collector_go(usual):
     first, second = CalmCollector(), CalmCollector()
     first.release()
@@ -39,6 +41,7 @@ def test_the_last_of_several_lets_the_collector_go(usual):
     assert gc.get_threshold() == usual
 
 
+@pytest.mark.slow
 def test_cycles_that_a_run_leaves_are_collected_during_it_and_after_it():
     before = weakref.ref(Ring())
     calm = CalmCollector()
@@ -57,6 +60,7 @@ def test_cycles_that_a_run_leaves_are_collected_during_it_and_after_it():
     assert old() is None
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_or_fails_gives_the_collector_back(usual, tmp_path):
     run = LockstepRun(Scenario.builtin("arena_small").world())
     assert gc.get_threshold() != usual

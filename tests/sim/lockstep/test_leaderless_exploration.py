@@ -42,6 +42,7 @@ def test_the_floor_is_explored_to_the_end_without_collisions(consensus: bool) ->
     assert run.collisions == 0
 
 
+@pytest.mark.slow
 def test_robots_that_hear_each_other_take_different_frontiers() -> None:
     with killed(msgspec.structs.replace(SMALL, consensus=False)) as run:
         assert [host.board.behavior for host in run.hosts] == [ALONE, ALONE]

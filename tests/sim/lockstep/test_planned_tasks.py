@@ -35,6 +35,7 @@ def test_planned_tasks_take_less_energy_than_nearest_first(planned: Outcome) -> 
     assert sum(run.distance_m for run in plans) < 0.7 * sum(run.distance_m for run in nearest)
 
 
+@pytest.mark.slow
 def test_the_recorded_run_decides_the_same_again(planned: Outcome, recording: Path) -> None:
     plans = list(replay_decisions(recording))
     assert planned.done == TASKS

@@ -69,6 +69,7 @@ def as_it_went(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, Any]
     return what_is_said(tmp_path_factory.mktemp("spoken") / "run.mcap")
 
 
+@pytest.mark.slow
 def test_the_run_has_charges_plans_and_reasons(as_it_went) -> None:
     events = [message for key, message in as_it_went if "task/" in key and "state" in message]
     kinds = {message["task"]["kind"] for message in events}

@@ -1,6 +1,7 @@
 """What viewers see of a lockstep run before its first step."""
 
 import numpy as np
+import pytest
 import zenoh
 
 from robrain import Scenario
@@ -41,6 +42,7 @@ def test_finer_plan_keeps_its_thin_walls() -> None:
     assert (classes[EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS] == OCCUPIED).all()
 
 
+@pytest.mark.slow
 def test_others_see_robots_and_floor_before_the_run_is_set_up_and_the_digest_stays() -> None:
     digests = []
     for is_shown in (False, True):
@@ -58,6 +60,7 @@ def test_others_see_robots_and_floor_before_the_run_is_set_up_and_the_digest_sta
     assert digests[0] == digests[1]
 
 
+@pytest.mark.slow
 def test_places_are_those_of_the_run_that_is_set_up_afterwards() -> None:
     world = SMALL.replace(motes=3).world()
     run = LockstepRun(world)

@@ -126,6 +126,7 @@ def test_a_robot_that_is_cut_off_is_lost_to_the_coordinator_and_heard_by_the_rec
     told.run.close()
 
 
+@pytest.mark.slow
 def test_a_full_disk_refuses_tasks_until_there_is_room_again() -> None:
     told = Told(fault(FaultKind.DISK_FULL, COORDINATOR, at_s=0.5, until_s=2.0))
     told.until(1.0)
@@ -137,6 +138,7 @@ def test_a_full_disk_refuses_tasks_until_there_is_room_again() -> None:
     told.run.close()
 
 
+@pytest.mark.slow
 def test_a_drained_battery_has_the_charge_that_is_left_and_one_with_less_keeps_it() -> None:
     told = Told(fault(FaultKind.DRAIN, "r1", 1.0, soc=0.4), fault(FaultKind.DRAIN, "r1", 2.0, soc=0.9))
     told.until(3.0)
@@ -225,6 +227,7 @@ def test_with_links_a_killed_agent_leaves_and_comes_back() -> None:
     told.run.close()
 
 
+@pytest.mark.slow
 def test_components_are_also_switched_off_and_on_by_hand() -> None:
     told = Told(fault(FaultKind.HANG, at_s=900.0))
     told.until(1.0)

@@ -168,6 +168,7 @@ def run_believing(monkeypatch: pytest.MonkeyPatch, **start: float) -> RunResult:
         return SMALL.run(time_limit_s=6.0, until_explored=1.0)
 
 
+@pytest.mark.slow
 def test_robot_that_is_shifted_and_does_not_know_it_is_told_as_silently_diverged(monkeypatch) -> None:
     result = run_believing(monkeypatch, x_m=1.2)
     told = result.per_robot[0].pose_accuracy
@@ -180,6 +181,7 @@ def test_robot_that_is_shifted_and_does_not_know_it_is_told_as_silently_diverged
     assert result.map_accuracy.share_off > 0.3
 
 
+@pytest.mark.slow
 def test_robot_that_is_as_shifted_but_says_that_it_is_unsure_is_not(monkeypatch) -> None:
     told = run_believing(monkeypatch, x_m=1.2, start_sigma_m=0.8).per_robot[0].pose_accuracy
     assert told is not None
@@ -188,6 +190,7 @@ def test_robot_that_is_as_shifted_but_says_that_it_is_unsure_is_not(monkeypatch)
     assert told.nees_in_band == 1.0
 
 
+@pytest.mark.slow
 def test_robot_that_is_where_it_believes_is_right_to_millimetres(monkeypatch) -> None:
     result = run_believing(monkeypatch)
     told = result.per_robot[0].pose_accuracy
@@ -200,6 +203,7 @@ def test_robot_that_is_where_it_believes_is_right_to_millimetres(monkeypatch) ->
     assert result.map_accuracy.occupied_cells > 100
 
 
+@pytest.mark.slow
 def test_truth_on_the_wire_tells_what_the_result_tells() -> None:
     run = LockstepRun(SMALL.world())
     try:

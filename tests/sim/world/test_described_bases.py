@@ -114,6 +114,7 @@ def test_a_mixed_team_explores_without_collisions_in_equal_runs_alike() -> None:
     assert first.digest == again.digest
 
 
+@pytest.mark.slow
 def test_wheels_stop_when_commands_cease_and_a_failed_power_stage_is_told_and_acknowledged() -> None:
     run = LockstepRun(TWO.world())
     robot, plugin = run.arena._robots[0], run.hosts[0].manager.get("mocdevice")

@@ -134,6 +134,7 @@ def _send(run: LockstepRun, place: Point2D) -> None:
     Team(LockstepTransport(run), by="test").submit("visit", place=place)
 
 
+@pytest.mark.slow
 def test_a_frontier_where_robots_fail_again_and_again_is_tried() -> None:
     """The coordinator is told of two failures there, as by robots whose tasks have failed."""
     with running(scenario(two_rooms(1.0))) as run:
@@ -152,6 +153,7 @@ def test_a_frontier_where_robots_fail_again_and_again_is_tried() -> None:
     assert (tried.kind, tried.tries) == (LeftKind.TRIED, 2)
 
 
+@pytest.mark.slow
 def test_at_the_time_limit_open_frontiers_are_unseen_and_the_last_word_is_in_the_recording(tmp_path: Path) -> None:
     result = scenario(two_rooms(1.0)).run(time_limit_s=0.4, record=tmp_path / "run.mcap")
     assert result.ended == "time_limit"
@@ -186,6 +188,7 @@ def test_what_is_left_is_published_once_when_exploration_ends_and_not_before() -
         assert not inbox.has_some
 
 
+@pytest.mark.slow
 def test_while_robots_explore_it_is_told_on_request() -> None:
     with running(scenario(two_rooms(1.0))) as run:
         assert run._watcher.ask(COORDINATOR_LEFT_NOW) is None
