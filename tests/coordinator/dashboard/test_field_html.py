@@ -1,16 +1,12 @@
 """The mote field, the rules, and what moves on the floor, as the page shows them."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
-from robrain.coordinator.dashboard.html.field_html import RULES, field_html, rules_html
+from robrain.coordinator.dashboard.html.field_html import field_html, rules_html
 from robrain.coordinator.dashboard.html.panel_html import motes_html
-from robrain.coordinator.dashboard.layers.radio_layer import ROUTE_M, ROUTE_TIP_M, taper
-from robrain.coordinator.dashboard.layers.traffic_layer import THINNEST_M, TrafficLayer
 from robrain.coordinator.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.map_view import FAR_M
@@ -54,12 +50,6 @@ def test_field_is_told_in_figures_with_its_forwarders_and_gateways() -> None:
     assert '<b class="rb-bad">3</b>' in field_html(view_of(FIELD))
 
 
-def test_colours_tell_how_much_arrives_and_is_covered() -> None:
-    for share, kind in ((0.96, "good"), (0.9, "warn"), (0.5, "bad")):
-        field = msgspec.structs.replace(FIELD, delivery_ratio=share)
-        assert f'<b data-testid="field-delivered" class="rb-{kind}">' in field_html(view_of(field))
-
-
 def test_nothing_is_shown_of_a_field_that_is_not_kept_and_of_a_plain_one_no_empty_tables() -> None:
     assert field_html(TeamView()) == field_html(view_of()) == rules_html(TeamView()) == rules_html(view_of()) == ""
     plain = MoteFieldState(motes=3, dead=0, delivery_ratio=1.0, age_s=1.0, oldest_s=2.0, coverage=1.0, on_duty=3)
@@ -67,22 +57,6 @@ def test_nothing_is_shown_of_a_field_that_is_not_kept_and_of_a_plain_one_no_empt
     assert "Gateways" not in html
     assert "Passed on" not in html
     assert "field-duty" not in html
-
-
-def test_rules_tell_what_they_wait_for_and_what_they_have_made() -> None:
-    rules = [
-        RuleStatus(name="heat", waits="temperature_c above 26; then visit", made=3, open=1, alarms=2,
-                   refused=4, why="no robot does it", last_ns=to_ns(940.0)),
-        RuleStatus(name="damp"),
-    ]  # fmt: skip
-    html = rules_html(view_of(rules=rules))
-    values = Page(html).values
-    assert (values["rule-heat-alarms"], values["rule-heat-made"], values["rule-heat-open"]) == ("2", "3", "1")
-    assert values["rule-heat-waits"] == "temperature_c above 26; then visit4 refused: no robot does it"
-    assert "60 s ago" in html
-    assert values["rule-damp-waits"] == "–"
-    many = [RuleStatus(name=f"rule{number}") for number in range(RULES + 3)]
-    assert "and 3 more" in rules_html(view_of(rules=many))
 
 
 def test_names_from_the_wire_never_become_markup() -> None:
@@ -127,58 +101,8 @@ def test_a_reading_that_was_passed_on_shows_no_radio_link_to_who_told_it() -> No
     assert "+1" in motes_html(view)
 
 
-def test_a_route_narrows_towards_where_readings_go() -> None:
-    corners = taper(Point2D(0.0, 0.0), Point2D(4.0, 0.0), 0.2, 2.0).vertices
-    assert np.ptp(corners[:2, 1]) == pytest.approx(2.0 * ROUTE_M)
-    assert np.ptp(corners[2:, 1]) == pytest.approx(2.0 * ROUTE_TIP_M)
-    assert set(corners[:2, 0]) == {0.0}
-
-
-class FakeScene:
-    """Keeps what is shown."""
-
-    def __init__(self) -> None:
-        self.shown: dict[str, Any] = {}
-
-    def add_frame(self, name: str, **_: Any) -> Any:
-        return SimpleNamespace(visible=True)
-
-    def add_batched_meshes_simple(
-        self, name: str, vertices: Any, faces: Any, wxyzs: Any, positions: Any, **more: Any
-    ) -> Any:
-        handle = SimpleNamespace(
-            batched_positions=positions, batched_wxyzs=wxyzs, remove=lambda: self.shown.pop(name), **more
-        )
-        self.shown[name] = handle
-        return handle
-
-
 def body(name: str, kind: BodyKind, x_m: float, **more: Any) -> BodyTruth:
     return BodyTruth(body=name, kind=kind, pose=Pose2D(x_m, 1.0, 0.5), **({"length_m": 0.5, "width_m": 0.5} | more))
-
-
-def test_doors_obstacles_and_people_are_drawn_and_move() -> None:
-    view, scene = TeamView(), FakeScene()
-    layer = TrafficLayer(scene)  # type: ignore[arg-type]
-    layer.draw(view, 0.0)
-    assert scene.shown == {}
-    bodies = [
-        body("door1", BodyKind.DOOR, 1.0, length_m=1.4, width_m=0.05),
-        body("mover1", BodyKind.MOVER, 2.0, is_round=True),
-        body("person1", BodyKind.PERSON, 3.0, is_round=True),
-    ]
-    tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=1.0, robots=[], bodies=bodies))
-    layer.draw(view, 1.0)
-    assert not layer.failing
-    assert {name: handle.batched_positions[0][0] for name, handle in scene.shown.items()} == {
-        "/traffic/blocks": 1.0,
-        "/traffic/columns": 2.0,
-        "/traffic/people": 3.0,
-    }
-    assert scene.shown["/traffic/blocks"].batched_scales[0].tolist() == pytest.approx([1.4, THINNEST_M, 0.45])
-    tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=2.0, robots=[], bodies=[body("person1", BodyKind.PERSON, 3.5)]))
-    layer.draw(view, 2.0)
-    assert {name: handle.batched_positions[0][0] for name, handle in scene.shown.items()} == {"/traffic/people": 3.5}
 
 
 @pytest.mark.parametrize("wrong", [{"pose": Pose2D(2 * FAR_M, 0.0, 0.0)}, {"length_m": 2 * FAR_M}])

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.client.errors import BadTask
 from robrain.coordinator.dashboard.panels.function_form import Field, FieldKind, arguments_of, fields_of
 from robrain.coordinator.dashboard.panels.page_context import stock_kinds
 from robrain.coordinator.dashboard.panels.task_tab import form_submission, task_fields
@@ -125,14 +124,6 @@ def test_every_kind_of_task_can_be_asked_for_by_form(kind: KnownKind) -> None:
     check_parameters(submission.task)
     assert submission.deadline_in_s == 60.0
     assert submission.by.startswith("operator")
-
-
-def test_task_that_cannot_be_is_refused_in_words() -> None:
-    with pytest.raises(BadTask, match=r"^priority: Expected `float` > 0\.0$"):
-        form_submission(KINDS["visit"], {"place": {"x_m": 1.0, "y_m": 2.0}, "priority": -1.0})
-    first, second = (form_submission(KINDS["visit"], {"place": {"x_m": 1.0, "y_m": 2.0}}).task for _ in range(2))
-    assert first.kind == "visit"
-    assert first.id != second.id
 
 
 def test_a_kind_that_only_a_robot_knows_has_a_form_made_of_its_schema() -> None:

@@ -12,7 +12,6 @@ from robrain.coordinator.dashboard.state.headline import (
     ASTRAY_M,
     HARDLY_AGREES,
     LATE_S,
-    MAP_CELLS_MIN,
     MAP_FAR_OFF,
     MAP_OFF,
     MAPLESS_S,
@@ -135,18 +134,6 @@ def test_map_counts_as_missing_after_a_while_and_a_patch_that_does_not_fit_for_a
     assert not vitals_of(view, 20.1 + REFUSED_S).map_refused
 
 
-def test_most_uncertain_robot_is_named() -> None:
-    view = TeamView()
-    for name, sigma_m in (("r1", 0.1), ("r2", 0.8)):
-        covariance = (sigma_m**2, 0.0, 0.0, 0.0, sigma_m**2, 0.0, 0.0, 0.0, 0.01)
-        state = RobotState(robot=name, pose=Pose2D(0.0, 0.0, 0.0), pose_covariance=covariance)
-        tell(view, ROBOT_STATE, state, robot=name)
-    vitals = vitals_of(view, 0.0)
-    assert vitals.worst_sigma_robot == "r2"
-    assert vitals.worst_sigma_m >= 0.8
-    assert "r2: position ± " in strip_html(view, 0.0)
-
-
 def truth_of(*robots: tuple[str, PoseAccuracy | None], off: int = 0, cells: int = 1000) -> ArenaTruth:
     here = Pose2D(0.0, 0.0, 0.0)
     told = [
@@ -183,14 +170,6 @@ def test_map_and_silent_robots_are_judged_by_the_truth_where_it_is_told() -> Non
     assert words_of(view) == ["r2: 2.5 m off, not reported", "6.0 % of the map wrong, 6 m of walls doubled"]
     assert 'class="rb-bad">▲</i>' in strip_html(view, 0.0)
     assert words_of(view, 60.0) == ["6.0 % of the map wrong, 6 m of walls doubled"]  # nobody in contact
-
-
-def test_map_of_few_cells_is_not_judged() -> None:
-    view = seen(("r1", None))
-    tell(view, ARENA_TRUTH, truth_of(off=50, cells=MAP_CELLS_MIN - 1))
-    assert words_of(view) == []
-    tell(view, ARENA_TRUTH, truth_of(off=50, cells=MAP_CELLS_MIN))
-    assert words_of(view) == ["50.0 % of the map wrong, 5 m of walls doubled"]
 
 
 def test_without_a_truth_the_robot_whose_lidar_agrees_least_counts() -> None:

@@ -5,7 +5,6 @@ import pytest
 from robrain.coordinator.dashboard.html.gantt_html import gantt_html
 from robrain.coordinator.dashboard.html.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
 from robrain.coordinator.dashboard.html.plugin_html import (
-    WHY,
     error_html,
     events_html,
     plugin_card_html,
@@ -21,7 +20,6 @@ from robrain.coordinator.dashboard.replay.replay_index import Mark
 from robrain.coordinator.dashboard.state.robot_view import MoteView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
@@ -30,8 +28,8 @@ from robrain.protocol.wire.messages.robots.plugin_messages import Event, Functio
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import ARENA_TRUTH, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT
 
@@ -98,16 +96,6 @@ def test_robot_is_told_in_figures() -> None:
     assert Page(robots_html(view, 60.0)).values["robot-r1-contact"].strip() == "✕ lost"
 
 
-@pytest.mark.parametrize(
-    ("soc", "kind"), [(1.0, "good"), (0.4, "good"), (0.39, "warn"), (0.2, "warn"), (0.19, "bad"), (0.0, "bad")]
-)
-def test_a_battery_is_coloured_by_what_is_in_it(soc: float, kind: str) -> None:
-    view = TeamView()
-    battery = BatteryState(voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=soc, remaining_j=1.0)
-    tell(view, ROBOT_STATE, RobotState(robot="r1", battery=battery), robot="r1")
-    assert f'<span class="rb-{kind}">{100 * soc:.0f} %</span>' in robots_html(view, 1.0)
-
-
 def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
     view = TeamView()
     values = Page(summary_html(view, 0.0)).values
@@ -118,47 +106,6 @@ def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
     view.coordinator_up = True
     values = Page(summary_html(view, 0.0)).values
     assert (values["explored"], values["sim-time"], values["coordinator"]) == ("42.0 %", "1:15", "up")
-
-
-def test_accuracy_is_told_by_the_truth_where_there_is_one_else_by_what_robots_say() -> None:
-    view = TeamView()
-    values = Page(summary_html(view, 0.0)).values
-    assert (values["map-agreement"], values["position"]) == ("–", "–")
-    covariance = (0.09, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
-    state = RobotState(robot="r1", pose=Pose2D(0.0, 0.0, 0.0), pose_covariance=covariance, map_agreement=0.64)
-    tell(view, ROBOT_STATE, state, robot="r1")
-    html = summary_html(view, 0.0)
-    values = Page(html).values
-    assert (values["map-agreement"], values["map-agreement-robot"]) == ("64 %", "r1")
-    assert (values["position"], values["position-robot"]) == ("± 0.30 m", "r1")
-    assert '<b data-testid="map-agreement" class="rb-warn">' in html
-    card = Page(robot_card_html(view, view.robots["r1"], 0.0)).values
-    assert card["card-agreement"] == "64 %"
-    assert "card-error" not in card
-    accuracy = PoseAccuracy(
-        samples=9,
-        rmse_m=0.25,
-        max_error_m=1.5,
-        nees=7.25,
-        nees_in_band=0.5,
-        lost_s=2.0,
-        silent_divergence_s=3.25,
-        error_m=0.75,
-        silent_for_s=1.0,
-    )
-    here = Pose2D(0.0, 0.0, 0.0)
-    robot = RobotTruth(robot="r1", pose=here, collisions=0, distance_m=0.0, energy_j=0.0, accuracy=accuracy)
-    of_map = MapAccuracy(occupied_cells=200, cells_off=20, share_off=0.1, doubled_walls_m=1.25)
-    tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=1.0, robots=[robot], map_accuracy=of_map))
-    html = summary_html(view, 0.0)
-    values = Page(html).values
-    assert (values["map-off"], values["map-doubled"]) == ("10.0 %", "1.2 m")
-    assert (values["position-error"], values["silently-off"]) == ("0.75 m", "3.2 s")
-    assert '<b data-testid="map-off" class="rb-bad">' in html
-    assert "map-agreement" not in values
-    card = Page(robot_card_html(view, view.robots["r1"], 0.0)).values
-    told = [card[f"card-{name}"] for name in ("error", "rmse", "largest", "nees", "nees-in-band", "lost", "silent")]
-    assert told == ["0.75 m", "0.25 m", "1.50 m", "7.2", "50 %", "2.0 s", "3.2 s"]
 
 
 def test_halt_is_told_with_how_many_obey() -> None:
@@ -176,26 +123,10 @@ def test_lost_link_is_told_before_all_else() -> None:
     assert "connection" in Page(strip_html(view, 0.0)).values
 
 
-def test_robots_are_sorted_as_people_count() -> None:
-    view = TeamView()
-    for name in ("r10", "r2", "r1"):
-        tell(view, ROBOT_STATE, RobotState(robot=name), robot=name)
-    assert Page(robots_html(view, 0.0)).values["robot-name"] == "r1r2r10"
-
-
 TRACEBACK = """Traceback (most recent call last):
   File "/home/ada/my_plugins/greeter.py", line 12, in step
     self.seconds += one
 NameError: name 'one' is not defined <b>"""
-
-
-def test_state_of_the_field_is_above_the_table_of_motes_if_it_is_kept() -> None:
-    view = TeamView()
-    view.motes["m1"] = MoteView("m1")
-    view.team = TeamState(robots=[])
-    assert 'data-testid="mote-field"' not in motes_html(view)
-    view.team = TeamState(robots=[], mote_field=FIELD)
-    assert motes_html(view).startswith(f'<div class="rb" data-testid="mote-field">{FIELD.words}</div>')
 
 
 def test_error_of_a_plugin_is_shown_with_file_line_and_traceback_on_the_robots_page() -> None:
@@ -211,24 +142,6 @@ def test_error_of_a_plugin_is_shown_with_file_line_and_traceback_on_the_robots_p
     alerts = Page(strip_html(view, 0.0)).values["alerts"]
     assert "greeter does not run: NameError: name 'one' is not defined <b>" in alerts
     assert "Traceback" not in alerts
-
-
-def test_short_error_of_a_plugin_is_one_line_and_of_a_very_long_one_the_end_is_shown() -> None:
-    short = PluginInfo(name="greeter", level="unit", state="faulted", why="it hangs")
-    assert "plugin-why" not in Page(plugin_card_html(short)).values
-    assert "faulted: it hangs" in plugin_card_html(short)
-    endless = PluginInfo(name="greeter", level="unit", state="faulted", why="first\n" + "x" * 10 * WHY + "\nlast")
-    shown = Page(plugin_card_html(endless)).values["plugin-why"]
-    assert shown.endswith("last")
-    assert len(shown) == WHY + 1
-
-
-def test_empty_queue_does_not_deny_the_tasks_that_are_done() -> None:
-    view = TeamView()
-    assert Page(queue_html(view, is_live=True)).values["no-tasks"] == "No tasks yet."
-    told = Page(queue_html(view, is_live=True, done=10)).values["no-tasks"]
-    assert told.startswith("No open tasks.")
-    assert "yet" not in told
 
 
 @pytest.mark.parametrize("halted", [True, False])

@@ -78,12 +78,6 @@ def test_waiting_robots_are_ready_and_nothing_is_wrong_however_long_it_takes() -
     assert "ready" in robots_html(view, LONG_S)
 
 
-def test_page_says_how_far_the_compiling_is_and_how_long_it_takes() -> None:
-    html = strip_html(prepared(), 0.0)
-    assert "Preparing: compiling 3 of 16 parts of the navigation, about 13 s left" in html
-    assert "1 of 1 robots ready" in html
-
-
 def test_first_tick_ends_the_preparation_and_the_teams_map_replaces_the_plan() -> None:
     view = prepared()
     version = view.floor_version
@@ -104,14 +98,6 @@ def test_without_a_map_the_plan_is_gone_after_some_seconds_of_the_run() -> None:
     tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S))
     assert view.floor is not None
     tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
-    assert view.floor is None
-
-
-def test_late_picture_does_not_bring_the_plan_back() -> None:
-    view = prepared()
-    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
-    tell(view, ARENA_PREPARATION, preparation())
-    assert view.preparation is None
     assert view.floor is None
 
 

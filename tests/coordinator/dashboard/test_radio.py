@@ -1,9 +1,6 @@
 """Who hears whom on the dashboard's picture."""
 
-import pytest
-
-from robrain.coordinator.dashboard.layers.radio_layer import LOOKS, link_look, link_meshes
-from robrain.coordinator.dashboard.state.focus import MOTES, Focus, motes_in_focus
+from robrain.coordinator.dashboard.state.focus import Focus, motes_in_focus
 from robrain.coordinator.dashboard.state.radio_links import (
     Link,
     best_links,
@@ -121,27 +118,3 @@ def test_motes_have_neither_label_nor_link_until_somebody_zooms_in_or_selects() 
     assert seen(Focus(mote="m3")) == (["m3"], 1)
     assert seen(Focus(mote="m9")) == ([], 0)
     assert seen(Focus(middle=Point2D(21.0, 0.0), reach_m=9.5)) == (["m2", "m3"], 2)
-
-
-def test_of_many_motes_those_nearest_to_what_is_looked_at_are_in_focus() -> None:
-    view = TeamView()
-    for number in range(100):
-        view.motes[f"m{number}"] = MoteView(f"m{number}", place=Point2D(float(number), 0.0))
-    found = motes_in_focus(view, Focus(mote="m99", middle=Point2D(0.0, 0.0), reach_m=1000.0))
-    assert [mote.name for mote in found] == ["m99", *(f"m{number}" for number in range(MOTES - 1))]
-
-
-@pytest.mark.parametrize(("rssi_dbm", "number"), [(-60.0, 0), (-80.0, 0), (-81.0, 1), (-87.0, 1), (-95.0, 2)])
-def test_weaker_link_is_thinner_and_has_shorter_dashes(rssi_dbm: float, number: int) -> None:
-    assert link_look(rssi_dbm) is LOOKS[number]
-    widths = [look.width_m for look in LOOKS]
-    assert widths == sorted(widths, reverse=True)
-    assert len({look.color for look in LOOKS}) == len(LOOKS)
-    assert LOOKS[1].dash_m > LOOKS[2].dash_m > 0 == LOOKS[0].dash_m
-
-
-def test_so_many_links_are_drawn_and_no_more() -> None:
-    link = Link(Point2D(0.0, 0.0), Point2D(100.0, 0.0), -95.0)
-    (mesh,) = link_meshes([link] * 2000, 0.2, 1.0).values()
-    assert len(mesh.faces) <= 2 * 1200
-    assert link_meshes([], 0.2, 1.0) == {}

@@ -7,7 +7,6 @@ import pytest
 
 from robrain.coordinator.dashboard.replay.replay_source import ReplaySource
 from robrain.coordinator.dashboard.state.robot_view import Condition
-from robrain.coordinator.recording.errors import RecordingError
 from robrain.sim.scenarios.scenario import Scenario
 
 
@@ -73,40 +72,7 @@ def test_time_can_be_moved_forth_and_back_and_the_past_comes_with_it(source: Rep
     assert source.view.map.known_area_m2 == area_m2
 
 
-def test_robots_keep_their_looks_wherever_the_replay_goes(source: ReplaySource) -> None:
-    looks = []
-    for time_s in (7.0, 0.5, 3.0):
-        look_at(source, time_s)
-        looks.append({name: robot.index for name, robot in source.view.robots.items()})
-    assert looks[0] == looks[1] == looks[2]
-
-
-def test_it_plays_on_from_where_it_was_put(source: ReplaySource) -> None:
-    look_at(source, 2.0)
-    before = source.view.robots["r1"].state
-    source.toggle()
-    source.hear(10.0)
-    source.hear(11.0)
-    assert source.player.position_s == pytest.approx(3.0, abs=0.1)
-    assert source.view.robots["r1"].state != before
-    assert len(source.view.robots["r1"].history.samples) >= 3
-
-
 def test_robots_do_not_grow_silent_while_it_stands(source: ReplaySource) -> None:
     look_at(source, 2.0, now_s=100.0)
     source.hear(200.0)
     assert {robot.condition(200.0) for robot in source.view.robots.values()} == {Condition.UP}
-
-
-def test_times_outside_of_the_recording_are_its_ends(source: ReplaySource) -> None:
-    look_at(source, 1e9)
-    assert source.player.position_s == pytest.approx(source.player.duration_s)
-    look_at(source, -5.0)
-    assert source.player.position_s == 0.0
-
-
-def test_file_that_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
-    path = tmp_path / "no.mcap"
-    path.write_bytes(b"nothing")
-    with pytest.raises(RecordingError, match=r"no\.mcap"):
-        ReplaySource(path)

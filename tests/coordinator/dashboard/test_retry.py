@@ -78,17 +78,3 @@ def test_layer_that_failed_once_is_hidden_tried_again_after_a_while_and_shown_ag
         "the layer Fickle cannot be drawn; it is hidden, next try in 5 s",
         "the layer Fickle is drawn again after 1 failures",
     ]
-
-
-def test_layer_that_a_browser_has_switched_off_stays_off_when_it_can_be_drawn_again() -> None:
-    layer, view = Fickle(scene()), TeamView()
-    switch = LayerSwitch(MagicMock(scene=scene()), layer)
-    layer.fails = True
-    layer.draw(view, 0.0)
-    switch.shown = False
-    assert troubles_of([switch], 0.0) == []
-    layer.fails = False
-    layer.draw(view, 100.0)
-    switch.draw(view, Focus(), 100.0)
-    assert layer._root.visible
-    assert not switch._frame.visible

@@ -73,12 +73,6 @@ def view() -> TeamView:
     return TeamView()
 
 
-def test_robots_are_numbered_in_the_order_in_which_they_appear(view: TeamView) -> None:
-    for robot in ("r9", "r1", "r9", "r5"):
-        tell_place(view, robot, 0.0)
-    assert [(robot.name, robot.index) for robot in view.robots_in_order()] == [("r9", 0), ("r1", 1), ("r5", 2)]
-
-
 def test_robot_is_named_by_its_key_not_by_what_it_says(view: TeamView) -> None:
     tell(view, ROBOT_STATE, RobotState(robot="r2"), robot="r1")
     assert list(view.robots) == ["r1"]
@@ -131,14 +125,6 @@ def test_later_statements_about_the_map_win_in_any_order(view: TeamView) -> None
     assert view.rejected == 0
 
 
-def test_map_picture_has_row_zero_at_the_lowest_y(view: TeamView) -> None:
-    assert view.map.picture((1, 1, 1), (2, 2, 2), (3, 3, 3)).tolist() == [[[1, 1, 1]]]
-    tell(view, ROBOT_MAP, patch([[0, 100]], row=0, column=1), robot="r1")
-    picture = view.map.picture((1, 1, 1), (2, 2, 2), (3, 3, 3))
-    assert picture.shape == (3, 4, 3)
-    assert picture[:, :, 0].tolist() == [[1, 2, 3, 1], [1, 1, 1, 1], [1, 1, 1, 1]]
-
-
 def test_walls_are_boxes_in_the_arena_frame(view: TeamView) -> None:
     tell(view, ROBOT_MAP, patch([[100, 100, 0, 100], [100, 100, 0, 0], [0, 100, 100, 0]]), robot="r1")
     boxes = view.map.wall_boxes().tolist()
@@ -166,12 +152,6 @@ def test_patch_that_makes_no_sense_is_refused_and_leaves_no_grid(view: TeamView,
     assert view.map.grid is None
     tell(view, ROBOT_MAP, good, robot="r1")
     assert view.map.known_area_m2 == 3.0
-
-
-def test_patch_of_another_grid_is_refused(view: TeamView) -> None:
-    tell(view, ROBOT_MAP, patch([[0]]), robot="r1")
-    tell(view, ROBOT_MAP, msgspec.structs.replace(patch([[0]]), origin_x_m=0.0), robot="r2")
-    assert view.rejected == 1
 
 
 def test_places_that_cannot_be_drawn_are_refused(view: TeamView) -> None:

@@ -56,17 +56,6 @@ def curve(line: Any) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in zip(line.get_xdata(), line.get_ydata(), strict=True)]
 
 
-def has_grid(axes: Any, which: str) -> bool:
-    lines = axes.get_xgridlines() if which == "x" else axes.get_ygridlines()
-    return any(line.get_visible() for line in lines)
-
-
-def anchor(axes: Any) -> tuple[float, float]:
-    """The corner of the legend, in shares of the axes."""
-    x, y = axes.transAxes.inverted().transform(axes.get_legend().get_bbox_to_anchor().p0)
-    return round(float(x), 6), round(float(y), 6)
-
-
 def bars(axes: Any) -> list[tuple[float, float, float, str]]:
     """Beginning, length, middle row and colour of each bar."""
     return [

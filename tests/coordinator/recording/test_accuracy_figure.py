@@ -68,7 +68,6 @@ def test_robot_that_was_lost_all_the_time_has_no_error_to_draw() -> None:
 def test_without_a_truth_the_agreement_with_the_map_is_drawn() -> None:
     robots = robots_of(robot_of("r1", agreement=[NAN, 0.5, 0.75]), robot_of("r2", agreement=[0.25, 0.25]))
     axes = axes_of(accuracy_figure(run_of(robots=robots)))
-    assert axes.get_title(loc="left") == "Lidar on the map"
     assert [known(line) for line in axes.lines] == [[(10, 50), (20, 75)], [(0, 25), (10, 25)]]
     assert axes.get_ylim() == (0, 100)
 

@@ -355,13 +355,6 @@ def test_a_recording_whose_header_is_damaged_is_made_whole(
     assert read_contents(out).attachments == ({"map.png": 3} if front == "attachment" else {})
 
 
-def test_of_a_recording_that_ends_in_its_first_record_nothing_is_read(tmp_path: Path) -> None:
-    whole, cut = write(tmp_path / "run.mcap", states(5)), tmp_path / "cut.mcap"
-    cut.write_bytes(whole.read_bytes()[: len(MCAP0_MAGIC) + 5])
-    recovery = recover(cut, tmp_path / "out.mcap")
-    assert (recovery.messages, recovery.unread_bytes) == (0, len(MCAP0_MAGIC) + 5)
-
-
 def test_a_recording_is_never_overwritten(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     out.write_bytes(b"mine")
@@ -452,19 +445,3 @@ def test_export_writes_beside_the_recording_and_overwrites_nothing(run: Path, tm
     assert again.returncode == 2
     assert "exists already" in again.stderr
     assert sizes == {file: file.stat().st_size for file in files}
-
-
-@pytest.mark.slow
-def test_report_says_where_its_page_is(run: Path, tmp_path: Path) -> None:
-    done = command("report", str(run), "--output", str(tmp_path / "out"), "--json")
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["page"] == str(tmp_path / "out" / "report.html")
-    assert all(Path(figure).exists() for figure in told["figures"])
-
-
-@pytest.mark.slow
-def test_a_form_that_there_is_not_is_told_with_those_that_there_are(run: Path) -> None:
-    done = command("export", str(run), "--to", "xlsx")
-    assert done.returncode == 2
-    assert "parquet" in done.stderr

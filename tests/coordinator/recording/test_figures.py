@@ -24,11 +24,9 @@ from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from tests.coordinator.recording.drawn_runs import (
     NAN,
-    anchor,
     axes_of,
     bars,
     curve,
-    has_grid,
     legend_texts,
     robot_of,
     robots_of,
@@ -55,17 +53,13 @@ def test_the_explored_share_is_drawn_in_percent_a_line_for_each_run() -> None:
     assert [curve(line) for line in axes.lines] == [[(0, 10), (200, 50)], [(0, 20), (100, 100)]]
     assert [line.get_color() for line in axes.lines] == [line_look(0)["color"], line_look(2)["color"]]
     assert (axes.get_xlim(), axes.get_ylim()) == ((0, 200), (0, 100))
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("Time (s)", "Explored (% of the reachable floor)")
-    assert axes.get_title(loc="left") == "Explored over time"
     assert legend_texts(axes) == ["slow", "quick"]
-    assert anchor(axes) == (1.01, 1.0)  # beside the axes
 
 
 def test_without_an_arena_the_known_area_is_drawn() -> None:
     run = run_of(600.0, known_m2=[(0.0, 5.0), (600.0, 250.0)])
     axes = axes_of(explored_figure([run]))
     assert curve(axes.lines[0]) == [(0, 5), (10, 250)]
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("Time (min)", "Known area (m²)")
     assert axes.get_ylim()[1] > 250
     assert legend_texts(axes) == []  # of one run
 
@@ -135,15 +129,9 @@ def test_robots_are_drawn_where_they_went_from_a_hollow_mark_to_a_filled_one() -
     assert np.array_equal(way.get_xdata(), gone.x_m, equal_nan=True)
     assert np.array_equal(way.get_ydata(), gone.y_m, equal_nan=True)
     assert (curve(start), curve(end)) == ([(0, 3)], [(2, 4)])
-    assert (start.get_markerfacecolor(), start.get_marker(), end.get_marker()) == ("white", "o", "o")
     colors = [way.get_color(), start.get_markeredgecolor(), end.get_color(), lost.get_color()]
     assert colors == [line_look(0)["color"]] * 3 + [line_look(1)["color"]]
     assert legend_texts(axes) == ["r2", "r10"]
-    assert axes.get_title(loc="left").startswith("Trajectories on the map")
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (m)", "y (m)")
-    assert (axes.get_aspect(), axes.get_adjustable()) == (1.0, "box")
-    assert not has_grid(axes, "x")
-    assert not has_grid(axes, "y")
 
 
 def test_the_map_is_drawn_where_it_lies_with_half_a_metre_around_what_is_known() -> None:
@@ -153,46 +141,21 @@ def test_the_map_is_drawn_where_it_lies_with_half_a_metre_around_what_is_known()
     expected = np.ones((6, 9))
     expected[0], expected[:, -1] = 2, 0
     assert np.array_equal(classes, expected)
-    assert image.origin == "lower"
     assert image.get_extent() == [-1.0, 3.5, 2.0, 5.0]
-    assert image.get_clim() == (0, 2)
     assert (axes.get_xlim(), axes.get_ylim()) == ((-1.5, 3.5), (1.5, 5.5))
-
-
-def test_each_robots_last_place_has_a_mark_of_its_own() -> None:
-    robots = robots_of(*(robot_of(f"r{k}", x_m=[float(k)], y_m=[0.0]) for k in range(6)))
-    axes = axes_of(trajectory_figure(run_of(robots=robots)))
-    assert [line.get_marker() for line in axes.lines[2::3]] == ["o", "^", "s", "D", "v", "o"]
-
-
-def test_a_map_of_which_nothing_is_known_is_not_drawn() -> None:
-    run = run_of(robots=robots_of(robot_of("r1", x_m=[0.0], y_m=[0.0])))
-    run.map.atlas = SubmapAtlas(GridGeometry(0.5, 0.0, 0.0, 4, 4))
-    assert len(axes_of(trajectory_figure(run)).images) == 0
 
 
 def test_without_a_map_only_the_ways_are_drawn() -> None:
     run = run_of(robots=robots_of(robot_of("r1", x_m=[0.0, 1.0], y_m=[0.0, 1.0])))
     axes = axes_of(trajectory_figure(run))
     assert len(axes.images) == 0
-    assert (axes.get_aspect(), axes.get_adjustable()) == (1.0, "datalim")
     assert curve(axes.lines[0]) == [(0, 0), (1, 1)]
-    assert tuple(axes.figure.get_size_inches()) == pytest.approx((9.0, 7.4 * 0.6 + 0.8))
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "height_in"), [(101, 20, 3.5), (101, 80, 7.4 * 0.8 + 0.8), (11, 100, 9.0), (11, 10, 8.2)]
-)
-def test_the_figure_is_as_high_as_its_map_needs_within_bounds(width: int, height: int, height_in: float) -> None:
-    figure = trajectory_figure(mapped(width, height))  # one column is unknown
-    assert tuple(figure.get_size_inches()) == pytest.approx((9.0, height_in))
 
 
 def test_motes_are_drawn_where_their_place_is_known() -> None:
     motes = {name: MoteRun(name, place) for name, place in (("m1", Point2D(1.0, 2.0)), ("m2", None))}
     axes = axes_of(trajectory_figure(run_of(motes=motes, robots=robots_of(robot_of("r1", x_m=[0.0], y_m=[0.0])))))
     assert (axes.lines[0].get_label(), curve(axes.lines[0])) == ("mote", [(1, 2)])
-    assert axes.lines[0].get_linestyle() == "None"
     assert legend_texts(axes) == ["mote", "r1"]
 
 
@@ -210,8 +173,6 @@ def test_energy_is_drawn_in_kilojoules_measured_and_by_the_model() -> None:
     figure = energy_figure(run_of(600.0, robots=robots, tasks=tasks))
     left, _ = figure.axes
     assert len(energy_figure(run_of(600.0, robots=robots)).axes) == 1  # no task, no panel for tasks
-    assert tuple(figure.get_size_inches()) == (9.0, 4.2)
-    assert left.get_gridspec().get_width_ratios() == [1.5, 1.0]
     assert [curve(line) for line in left.lines] == [
         [(0, 0), (pytest.approx(1 / 6), 1.0)],
         [(0, 0), (pytest.approx(1 / 6), 1.2)],
@@ -223,19 +184,7 @@ def test_energy_is_drawn_in_kilojoules_measured_and_by_the_model() -> None:
     assert legend_texts(left) == ["r2", "r10", "measured", "by the model"]
     handles = [(line.get_color(), line.get_linestyle()) for line in left.get_legend().get_lines()]
     assert handles == [(line_look(0)["color"], "-"), (line_look(1)["color"], "-"), (INK, "-"), (INK, "--")]
-    assert left.get_ylabel() == "Energy (kJ)"
     assert left.get_ylim()[0] == 0
-    assert left.get_title(loc="left") == "Energy, measured and by the model"
-
-
-@pytest.mark.parametrize(("count", "named", "columns"), [(3, 3, 1), (4, 4, 2), (6, 6, 2), (7, 0, 2)])
-def test_robots_are_named_inside_the_figure_of_energy_when_they_are_few(count: int, named: int, columns: int) -> None:
-    robots = robots_of(*(robot_of(f"r{k}", measured_j=[0.0, 1.0], predicted_j=[0.0, 1.0]) for k in range(count)))
-    legend = energy_figure(run_of(robots=robots)).axes[0].get_legend()
-    assert [text.get_text() for text in legend.get_texts()] == [
-        *(f"r{k}" for k in range(named)), "measured", "by the model",
-    ]  # fmt: skip
-    assert legend._ncols == columns
 
 
 def test_tasks_are_drawn_by_what_was_predicted_and_what_they_took() -> None:
@@ -253,10 +202,7 @@ def test_tasks_are_drawn_by_what_was_predicted_and_what_they_took() -> None:
     assert curve(points) == [(90, 100), (300, 200), (100, 80)]
     assert (points.get_marker(), points.get_linestyle()) == ("o", "None")
     assert texts(right) == ["3 tasks, median error 25 %"]
-    assert right.texts[0].get_position() == (0.04, 0.96)
     assert right.get_xlim() == right.get_ylim() == pytest.approx((0.0, 315.0))
-    assert (right.get_xlabel(), right.get_ylabel()) == ("Predicted (J)", "Measured (J)")
-    assert right.get_title(loc="left") == "Tasks: predicted, measured"
 
 
 def test_a_task_that_took_nothing_is_drawn_as_well() -> None:
@@ -285,13 +231,7 @@ def test_a_task_is_a_bar_in_its_robots_row_coloured_by_how_it_ended() -> None:
         (60.0, 40.0, 1.0, NEUTRAL),
     ]  # fmt: skip
     assert row_names(axes) == ["r2", "r10"]
-    assert axes.yaxis_inverted()
-    assert {round(bar.get_height(), 6) for bar in axes.patches} == {0.7}  # with room between the rows
-    assert not has_grid(axes, "y")
-    assert has_grid(axes, "x")
-    assert anchor(axes) == (0.0, -0.3)  # below the axes, which are as high as three rows
     assert axes.get_xlim() == (0, 100)
-    assert axes.get_title(loc="left") == "Tasks by robot"
     assert legend_texts(axes) == ["done", "failed", "lost contact", "cancelled", "handed on, or not ended"]
     assert [to_hex(patch.get_facecolor()) for patch in axes.get_legend().get_patches()] == [
         GOOD, BAD, WARN, FAINT, NEUTRAL,
@@ -309,14 +249,6 @@ def test_long_bars_say_what_kind_of_task_they_are() -> None:
     axes = axes_of(task_figure(run_of(600.0, tasks={"a": task_of("a", spans=spans)})))
     assert [(text.get_text(), text.get_position()) for text in axes.texts] == [("visit", (2.375, 1))]
     assert [bar[:3] for bar in bars(axes)] == [(0.0, 0.5, 0.0), (1.0, 0.5, 0.0), (2.0, 0.75, 1.0)]
-
-
-@pytest.mark.parametrize(("count", "rows", "height_in"), [(1, 1, 2.76), (3, 3, 2.76), (10, 10, 5.7), (50, 40, 12.0)])
-def test_the_figure_of_tasks_grows_with_the_robots_within_bounds(count: int, rows: int, height_in: float) -> None:
-    figure = task_figure(run_of(tasks={"a": task_of("a", spans=[(f"r{k}", 0.0, 1.0) for k in range(count)])}))
-    assert row_names(axes_of(figure)) == [f"r{k}" for k in range(rows)]
-    assert anchor(axes_of(figure)) == (0.0, pytest.approx(-0.9 / max(rows, 3), abs=1e-5))
-    assert tuple(figure.get_size_inches()) == pytest.approx((9.0, height_in))
 
 
 def test_a_run_in_which_no_robot_was_at_a_task_says_so() -> None:

@@ -135,10 +135,7 @@ def logged(channels: FoxgloveChannels, now_ns: int = 99) -> list[tuple[int, str,
 @pytest.mark.parametrize(
     ("state", "level"),
     [
-        (TaskState.QUEUED, Log.INFO),
-        (TaskState.RUNNING, Log.INFO),
         (TaskState.DONE, Log.INFO),
-        (TaskState.CANCELLED, Log.INFO),
         (TaskState.FAILED, Log.WARNING),
         (TaskState.LOST_CONTACT, Log.WARNING),
     ],
@@ -228,13 +225,6 @@ def test_messages_of_topics_that_are_not_drawn_are_left_alone() -> None:
     say(channels, COORDINATOR_STATE, TeamState(robots=[]))
     channels.take(ROBOT_LOG, "key", b"{}")
     assert told(channels, 0.0) == []
-
-
-def test_a_path_lies_above_the_trail() -> None:
-    channels = FoxgloveChannels()
-    say(channels, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(1.0, 2.0)]))
-    [path] = [one.message for one in channels.due(0) if one.channel == "/visual/r1/path"]
-    assert [pose.position.z for pose in path.poses] == [0.05]  # type: ignore[union-attr]
 
 
 def test_a_large_map_comes_less_often() -> None:

@@ -17,7 +17,6 @@ from robrain.coordinator.drawing.palette import (
     NOSE,
     OCCUPIED,
     UNKNOWN,
-    WALL,
     WARNING,
     look_of,
 )
@@ -69,12 +68,6 @@ def test_a_stamp_is_the_nearest_that_can_be_told(stamp_ns: int, told_ns: int) ->
     assert make.timestamp(stamp_ns).ToNanoseconds() == told_ns
 
 
-def test_a_colour_has_shares_of_one() -> None:
-    found = make.color((255, 51, 0), 0.5)
-    assert (found.r, found.g, found.b, found.a) == (1.0, pytest.approx(0.2), 0.0, 0.5)
-    assert make.color((0, 0, 0)).a == 1.0
-
-
 @pytest.mark.parametrize("yaw_rad", [-math.pi / 2, 0.0, 0.3, math.pi / 2, 3.0])
 def test_a_turn_about_z_is_a_unit_quaternion_of_half_the_angle(yaw_rad: float) -> None:
     turn = make.yaw_quaternion(yaw_rad)
@@ -88,13 +81,6 @@ def test_a_pose_is_in_the_arenas_frame_and_has_its_stamp() -> None:
     assert (found.frame_id, found.timestamp.nanos) == ("arena", 7)
     assert xyz(found.pose.position) == (1.0, 2.0, 0.0)
     assert (found.pose.orientation.z, found.pose.orientation.w) == (pytest.approx(1.0), pytest.approx(0.0))
-
-
-def test_points_of_a_line_lie_a_little_above_the_floor() -> None:
-    found = make.poses_in_frame([Point2D(1.0, 2.0), Point2D(3.0, 4.0)], 7)
-    assert (found.frame_id, found.timestamp.nanos) == ("arena", 7)
-    assert [xyz(pose.position) for pose in found.poses] == [(1.0, 2.0, 0.02), (3.0, 4.0, 0.02)]
-    assert {pose.orientation.w for pose in found.poses} == {1.0}
 
 
 def test_a_robots_frame_is_where_the_robot_is() -> None:
@@ -149,15 +135,6 @@ def test_the_map_is_a_grid_of_colours_of_which_the_unknown_is_clear() -> None:
     assert drawn[:, 2].tolist() == [[*UNKNOWN, 0]] * 2
 
 
-def test_walls_stand_on_the_floor() -> None:
-    entity = foxglove_scene.walls_entity(np.array([[1.0, 2.0, 3.0, 0.5]], np.float32), 7)
-    [wall] = entity.cubes
-    assert xyz(wall.pose.position) == (1.0, 2.0, make.WALL_HEIGHT_M / 2)
-    assert xyz(wall.size) == (3.0, 0.5, make.WALL_HEIGHT_M)
-    assert rgba(wall.color) == (*WALL, 1.0)
-    assert (entity.id, entity.frame_id, entity.timestamp.nanos) == ("walls", "arena", 7)
-
-
 @pytest.mark.parametrize(
     ("level", "told"),
     [("debug", Log.DEBUG), ("INFO", Log.INFO), ("warning", Log.WARNING), ("Error", Log.ERROR), ("critical", Log.FATAL),
@@ -197,11 +174,6 @@ def test_a_robot_is_drawn_in_its_frame_with_footprint_nose_and_name() -> None:
     assert (name.billboard, name.scale_invariant, name.font_size) == (True, False, foxglove_scene.LABEL_M)
     assert rgba(name.color) == (*foxglove_scene.TEXT, 1.0)
     assert {pair.key: pair.value for pair in entity.metadata} == {"behavior": "idle"}
-
-
-def test_a_robot_that_tells_no_size_is_drawn_with_one() -> None:
-    [body] = foxglove_scene.robot_entity(RobotState(robot="r1"), 0, 0).cylinders
-    assert (body.size.x, body.size.y) == (0.4, 0.4)
 
 
 @pytest.mark.parametrize(
@@ -264,8 +236,3 @@ def test_a_task_is_a_flag_at_its_place(robot: str, color: Any, text: str) -> Non
     [label] = entity.texts
     assert (label.text, label.font_size) == (f"visit {text}", 0.22)
     assert xyz(label.pose.position) == (1.0, 2.0, 0.75)
-
-
-def test_the_kind_of_a_task_is_told_where_its_name_does_not() -> None:
-    event = TaskEvent(task=Task(id="explore-1", kind="explore", place=Point2D(1.0, 2.0)), state=TaskState.LOST_CONTACT)
-    assert foxglove_scene.task_entity(event, 0).texts[0].text == "explore-1 lost contact"

@@ -108,16 +108,6 @@ def property_of(schema: Any, **definitions: Any) -> Any:
     return plain["properties"]["it"]
 
 
-def test_a_title_a_description_and_the_values_are_kept_and_bounds_are_not() -> None:
-    told = {"type": "number", "title": "T", "description": "D", "enum": [1.5], "contentEncoding": "x", "minimum": 0}
-    kept = {name: value for name, value in told.items() if name != "minimum"}
-    assert property_of(told) == kept
-    assert property_of({"anyOf": [told, {"type": "null"}]}) == kept
-    assert property_of({"anyOf": [told, told]}) == kept
-    assert property_of({"type": "array", "items": told, "title": "A"}) == {"type": "array", "items": kept, "title": "A"}
-    assert property_of({"type": "object", "title": "O"}) == {**UNKNOWN, "title": "O"}
-
-
 @pytest.mark.parametrize(
     ("schema", "kind"),
     [

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -18,12 +17,10 @@ from robrain.coordinator.recording.reader.reading import RecordedMessage, read_m
 from robrain.coordinator.recording.reader.recovering import recover
 from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.sim.scenarios.scenario import Scenario
 
 NS_PER_S = 1_000_000_000
 RUN_S = 25.0
-DECODER = msgspec.json.Decoder(MapPatch)
 
 
 @pytest.fixture(scope="module")
@@ -103,18 +100,6 @@ def test_what_follows_a_seek_completes_the_map_of_the_whole_run(run: Path, prepa
     told += prepared.step_by(RUN_S)
     assert prepared.done
     assert_same_map(map_of(told), map_of(list(read_messages(run))))
-
-
-@pytest.mark.parametrize("seconds_between_copies", [1, 7])
-def test_it_makes_no_difference_how_many_copies_of_the_map_are_kept(
-    run: Path, monkeypatch: pytest.MonkeyPatch, seconds_between_copies: int
-) -> None:
-    monkeypatch.setattr("robrain.coordinator.recording.reader.map_at.PATCHES_BETWEEN", 4 * seconds_between_copies)
-    player = Player(run)
-    player.prepare()
-    for t_s in (0.0, 3.3, 11.0, 24.0):
-        assert_same_map(player.map_at(t_s), map_of(until(run, t_s)))
-    player.close()
 
 
 def test_it_makes_no_difference_whether_it_was_prepared(run: Path, prepared: Player) -> None:

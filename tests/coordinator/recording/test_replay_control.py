@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import zenoh
 
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.recording.replay.replay import Replay
@@ -135,9 +134,3 @@ def test_keys_do_what_they_say(
 def test_q_ends_it(stage: Stage) -> None:
     stage.keys.press("q")
     assert stage.keys.ended
-
-
-def test_the_session_outlives_a_replay_that_is_closed(stage: Stage) -> None:
-    stage.replay.close()
-    assert stage.replay.done
-    assert isinstance(stage.session, zenoh.Session)

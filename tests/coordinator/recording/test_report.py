@@ -270,13 +270,6 @@ def test_hostile_texts_stay_texts_in_the_page_that_plays(tmp_path: Path) -> None
     assert not re.search(r"<(?:script|link|img)[^>]*\s(?:src|href)=[\"']https?://", text)
 
 
-def test_a_page_that_plays_a_run_is_not_written_over_another(run: Path, tmp_path: Path) -> None:
-    (tmp_path / "run.html").write_text("mine")
-    with pytest.raises(RecordingError, match="exists already"):
-        write_html(run, tmp_path / "run.html")
-    assert (tmp_path / "run.html").read_text() == "mine"
-
-
 # -- faults and recoveries, energy of tasks ---------------------------------------------------------------------
 
 
@@ -351,19 +344,3 @@ def test_each_task_has_a_row_with_figures_that_are_short_and_a_dash_for_those_th
     assert [row[8] for row in rows] == ["7", "0.1235", "999.9", "1,000", "12,346"]
     assert [row[7] for row in rows] == ["–"] * 5
     assert rows[2][:7] == ["t2", "visit", "done", "r1", "2", "–", "2"]
-
-
-def test_a_run_without_tasks_and_without_faults_has_no_table_of_them(tmp_path: Path) -> None:
-    said: list[tuple[str, float, msgspec.Struct]] = [("robot/r1/state", 0.0, RobotState(robot="r1"))]
-    text = write_report([write(tmp_path / "run.mcap", said)], tmp_path / "out").page.read_text()
-    assert "Tasks (" not in text
-    assert "Faults and recoveries (" not in text
-
-
-@pytest.mark.parametrize(("length", "shown"), [(199, "x" * 199), (200, "x" * 200), (201, "x" * 199 + "…")])
-def test_a_name_of_more_than_two_hundred_characters_is_cut_in_the_title(
-    tmp_path: Path, length: int, shown: str
-) -> None:
-    text = write_report([write(tmp_path / f"{'x' * length}.mcap", [])], tmp_path / "out").page.read_text()
-    assert f"<title>Run {shown}</title>" in text
-    assert f"<h1>Run {shown}</h1>" in text

@@ -14,12 +14,11 @@ from mcap.writer import Writer
 import robrain
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.export.exporting import export_tables
-from robrain.coordinator.recording.export.tables import Cell, Table, columns_of
+from robrain.coordinator.recording.export.tables import Table
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import PUBLISHED, ROBOT_STATE, topic_of
 
@@ -80,14 +79,6 @@ def test_every_recorded_topic_makes_a_table(topic: Topic) -> None:
     names = [column.name for column in columns]
     assert len(set(names)) == len(names)
     assert names[:2] == ["t_s", "wire_key"]
-
-
-def test_tasks_of_all_kinds_share_one_set_of_columns() -> None:
-    columns = {column.name: column.cell for column in columns_of(TaskEvent)}
-    assert columns["task.kind"] is Cell.TEXT
-    assert columns["task.parameters"] is Cell.JSON
-    assert columns["task.place.x_m"] is Cell.FLOAT
-    assert columns["result"] is Cell.JSON
 
 
 @pytest.mark.slow

@@ -1,11 +1,9 @@
 """What goes wrong on the bus: named, told, survived."""
 
-import can
 import pytest
 
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.protocol.can.bus_state import BusState, error_frame
-from robrain.protocol.can.frames import codec
+from robrain.protocol.can.bus_state import BusState
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.topics import ROBOT_EVENT
 from robrain.sim.firmware.bus_line import LineFault
@@ -142,79 +140,3 @@ def test_no_command_is_given_on_a_bus_that_has_not_spoken_again(robot, frames):
     assert robot.call("driver", "motion") == Motion.BLOCKED
     assert robot.call("driver", "blocked_why") == "no data from the wheel encoders"
     assert frames(bus, "WheelCommand") == []
-
-
-def test_an_error_passive_bus_is_counted_and_driven_on(robot):
-    robot.bus().send(error_frame(BusState.PASSIVE))
-    robot.run(0.1)
-    assert state(robot)[0] == "active"
-    assert robot.call("driver", "bus_counters")["errors"] == 1
-
-
-def test_commands_of_another_are_foreign_and_own_echoes_are_not(robot, frames):
-    other, before = robot.bus(), robot.call("driver", "bus_counters")["foreign"]
-    assert before == 0
-    listener = robot.bus()
-    robot.run(0.2)
-    echo = next(frame for frame in iter(lambda: listener.recv(timeout=0), None) if frame.arbitration_id == 0x100)
-    other.send(echo)
-    robot.run(0.02)
-    assert robot.call("driver", "bus_counters")["foreign"] == 0
-    other.send(codec("WheelCommand").pack(7, wheel_1_rad_s=1.0, wheel_2_rad_s=2.0, wheel_3_rad_s=3.0))
-    robot.run(0.02)
-    assert robot.call("driver", "bus_counters")["foreign"] == 1
-
-
-def test_counts_that_wheels_cannot_have_made_move_nothing(stage):
-    one = stage()
-    host = one.host("mocdevice")
-    controller = one.bus()
-    for counter, ticks in enumerate((0, 100, 20_000, 20_100)):
-        controller.send(codec("WheelEncoders").pack(counter, **{f"wheel_{wheel}_ticks": ticks for wheel in (1, 2, 3)}))
-    one.run(0.02)
-    counters = one.call("mocdevice", "counters")
-    assert (counters["believed"], counters["rejected"]) == (3, 1)
-    device = host.manager.get("mocdevice").plugin
-    base = device.parameters.base
-    assert device.pose().yaw_rad == pytest.approx(base.twist(*[200 * base.rad_per_tick] * 3).yaw_rad_s)
-
-
-def test_a_controller_that_has_never_spoken_is_no_fault(stage):
-    one = stage()
-    one.host("driver")
-    one.run(5.0)
-    assert state(one)[0] == "active"
-    assert one.call("driver", "controller_status") is None
-
-
-@pytest.mark.parametrize("error", [can.CanOperationError("network is down"), OSError(100, "network is down")])
-@pytest.mark.parametrize("which", ["send_data", "take_frames"])
-def test_a_bus_that_fails_in_use_is_the_fault_of_the_device_not_of_its_caller(robot, monkeypatch, which, error):
-    def fail(*_args, **_kwargs):
-        raise error
-
-    monkeypatch.setattr(robot.hosts[0].manager.get("mocdevice").plugin._link._bus, which, fail)
-    robot.run(0.1)
-    ((ok, why),) = conditions(robot)
-    assert not ok
-    assert "network is down" in why
-    monkeypatch.undo()
-    robot.run(1.0)
-    assert state(robot)[0] == state(robot, "driver")[0] == "active"
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"no_such_option": 1}, "no CAN bus at virtual:can0"),  # the interface does not know it
-        ("fast", "expected `object`|Expected `object`"),  # no table
-    ],
-)
-def test_options_that_the_interface_does_not_take_are_refused_with_the_reason(stage, options, why):
-    one = stage()
-    if isinstance(options, dict):
-        one.host("mocdevice", mocdevice={"interface": "udp_multicast", "channel": "nowhere", "options": options})
-        assert "no CAN bus at udp_multicast:nowhere" in one.infos()["mocdevice"].why
-    else:
-        one.host("mocdevice", mocdevice={"options": options})
-        assert "options" in one.infos()["mocdevice"].why

@@ -2,7 +2,6 @@
 
 import pytest
 
-from robrain.plugins.device.mote_base.mote_base import MoteBase
 from robrain.protocol.wire.topics import ARENA_RADIO_TX, ROBOT_EVENT, ROBOT_STATE
 
 PACKET = bytes.fromhex("00 ffff 0003 02 22 0a  0001")
@@ -137,14 +136,3 @@ def test_a_payload_that_no_packet_holds_is_not_sent(stage):
     host = one.host("snw_exploration")
     with pytest.raises(ValueError, match="at most 28 bytes"):
         host.manager.get("mote_base").live_plugin().send(3, 0x54, bytes(29))
-
-
-def test_wait_for_a_lost_line_may_always_be_the_same():
-    assert MoteBase.Parameters(reconnect_first_s=2.0, reconnect_longest_s=2.0).reconnect_longest_s == 2.0
-    with pytest.raises(ValueError, match="expected reconnect_longest_s >= reconnect_first_s"):
-        MoteBase.Parameters(reconnect_first_s=2.0, reconnect_longest_s=1.9)
-
-
-def test_least_and_largest_values_that_a_manifest_may_give():
-    allowed = MoteBase.Parameters(flood_fault_s=0.0, resends=0, address=0xFFFE)
-    assert (allowed.flood_fault_s, allowed.resends, allowed.address) == (0.0, 0, 65534)

@@ -2,10 +2,8 @@
 
 import os
 import socket
-import threading
 import tty
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 
 import pytest
 
@@ -52,21 +50,6 @@ class Forwarder:
         self._client, _ = self._server.accept()
         self._client.settimeout(PATIENCE_S)
         self._client.sendall(self._greeting)
-
-    def accept_until(self, is_enough):
-        """Greet whoever comes: a client that was greeted late has gone again, and comes once more."""
-        self._server.settimeout(0.01)
-        while not is_enough.is_set():
-            try:
-                client, _ = self._server.accept()
-            except TimeoutError:
-                continue
-            if self._client is not None:
-                self._client.close()
-            self._client = client
-            self._client.settimeout(PATIENCE_S)
-            with suppress(OSError):
-                self._client.sendall(self._greeting)
 
     def say(self, stream):
         self._client.sendall(stream)
@@ -194,19 +177,6 @@ def test_a_forwarder_that_hangs_up_is_told_and_found_again(stage, forwarders):
     assert one.infos()["mote_base"].state == "active"
 
 
-def test_a_forwarder_that_has_gone_is_sought_less_and_less_often(stage, forwarders):
-    forwarder = forwarders()
-    one, _ = start_with(stage, forwarder)
-    forwarder.close()
-    pass_until(one, lambda: counters(one)["why_down"])
-    one.run(60.0)
-    assert one.infos()["mote_base"].state == "active"
-    again = forwarders(port=forwarder.port)
-    one.run(11.0)  # the longest that it waits
-    again.accept()
-    pass_until(one, lambda: not counters(one)["why_down"])
-
-
 def test_while_a_forwarder_is_lost_health_tells_since_when_and_when_it_is_sought(stage, forwarders):
     forwarder = forwarders()
     one, _ = start_with(stage, forwarder)
@@ -252,35 +222,6 @@ def test_a_forwarder_that_is_absent_at_the_start_is_found_when_it_appears(stage,
     assert states.drain()[-1].message.faulted == []
 
 
-def test_a_forwarder_that_comes_goes_and_returns_is_found_each_time(stage, forwarders):
-    gone = forwarders()
-    gone.close()
-    one = stage()
-    parameters = {
-        "interface": "sf",
-        "port": gone.port,
-        "reconnect_first_s": 0.2,
-        "reconnect_longest_s": 60.0,
-        **PATIENT,
-    }
-    one.host("snw_exploration", mote_base=parameters)
-    one.run(3.0)
-    for visit in (1, 2, 3):
-        come = forwarders(port=gone.port)
-        with ThreadPoolExecutor(1) as pool:
-            is_found = threading.Event()
-            accepting = pool.submit(come.accept_until, is_found)
-            try:
-                pass_until(one, lambda: is_up(one) and not counters(one)["why_down"])
-            finally:
-                is_found.set()
-            accepting.result(PATIENCE_S)
-        come.say(b"\x10" + PACKET)
-        pass_until(one, lambda: counters(one)["packets"] == visit)  # noqa: B023 - called at once
-        come.close()
-        pass_until(one, lambda: counters(one)["why_down"])
-
-
 def test_a_server_that_is_no_forwarder_is_told_at_the_start(stage, forwarders):
     one, _ = start_with(stage, forwarders(greeting=b"SSH-2.0-x\r\n"))
     assert "expected a Serial Forwarder's greeting b'U '" in one.infos()["mote_base"].why
@@ -324,10 +265,6 @@ class SerialMote:
             else:
                 self.taken.append(body)
                 self.write(frame(bytes([67, body[1]])))
-
-    def unplug(self):
-        os.close(self._master)
-        self._master = -1
 
     def close(self):
         for descriptor in (self._master, self._slave):
@@ -397,16 +334,6 @@ def test_a_packet_that_the_mote_sends_twice_is_acknowledged_twice_and_taken_once
     mote.write(acknowledged + acknowledged)
     pass_until(one, lambda: counters(one)["line"]["duplicates"] == 1)
     assert counters(one)["packets"] == 1
-
-
-def test_a_line_that_is_pulled_out_is_told_and_the_robot_goes_on(stage, mote):
-    one, _ = start_on(stage, mote)
-    events = one.inbox(ROBOT_EVENT)
-    mote.unplug()
-    pass_until(one, lambda: counters(one)["why_down"])
-    assert [received.message.value["kind"] for received in events.drain()] == ["lost"]
-    one.run(5.0)
-    assert one.infos()["mote_base"].state == "active"
 
 
 def test_a_serial_line_that_is_not_there_at_the_start_is_opened_when_it_is_plugged_in(stage, mote, tmp_path):

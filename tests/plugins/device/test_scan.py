@@ -19,14 +19,6 @@ def test_millimetres_of_the_wire_are_metres_and_no_return_is_the_maximum(stage):
     assert one.call("scan", "nearest_m") == 0.001
 
 
-def test_before_the_first_scan_there_is_none(stage):
-    one = stage()
-    host = one.host("scan")
-    one.run(1.0)
-    assert host.manager.get("scan").plugin.latest() is None
-    assert one.call("scan", "nearest_m") is None
-
-
 def test_a_lidar_that_is_never_heard_is_named_once_in_the_log(stage, caplog):
     one = stage()
     one.host("scan")
@@ -34,16 +26,6 @@ def test_a_lidar_that_is_never_heard_is_named_once_in_the_log(stage, caplog):
     assert not caplog.messages
     one.run(12.0)
     assert [said for said in caplog.messages if "no turn yet" in said] == ["r1: the lidar has sent no turn yet"]
-
-
-def test_a_scan_without_any_ray_says_nothing_is_near(stage):
-    one = stage()
-    one.host("scan")
-    one.publisher(ARENA_SCAN, robot="r1").put_bytes(
-        b'{"robot":"r1","angle_min_rad":0,"angle_increment_rad":0.1,"range_max_m":6,"ranges_mm":[]}'
-    )
-    one.run(0.02)
-    assert one.call("scan", "nearest_m") is None
 
 
 def test_with_no_return_at_all_nothing_is_near(stage):

@@ -227,18 +227,6 @@ def test_a_stop_behind_a_command_that_was_cut_off_is_sent_twice() -> None:
     assert line.sent[1:] == [b"m 0 0\rm 0 0\r", b"m 0 0\r"]
 
 
-def test_a_line_that_does_not_end_is_given_up_when_it_is_too_long() -> None:
-    codec = LineCodec(WORDS, 2, 2, 0.05)
-    codec.feed(b"9" * LINE_BYTES_MAX)
-    assert (len(codec._left), codec.rejected) == (LINE_BYTES_MAX, 0)
-    codec.feed(b"9")
-    assert (codec._left, codec.rejected) == (b"", 1)
-    for _ in range(1000):
-        codec.feed(b"9" * 100)
-        assert len(codec._left) <= LINE_BYTES_MAX
-    assert codec.feed(b"\r\n10 20\r\n") == [(10, 20)]
-
-
 @pytest.mark.parametrize("split", [1, 100, LINE_BYTES_MAX + 1, 290, 300])
 def test_the_rest_of_a_line_that_was_given_up_is_no_report_however_its_bytes_arrive(split: int) -> None:
     codec = LineCodec(WORDS, 2, 2, 0.05)

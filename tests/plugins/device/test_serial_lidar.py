@@ -237,17 +237,6 @@ def test_bytes_that_are_no_packets_are_a_fault_with_causes(kind: type[SerialLida
         device.pull_out()
 
 
-def test_noise_between_packets_costs_no_scan(lidar: Any) -> None:
-    one = lidar()
-    turns = ld19_turns(4)
-    noisy = b"".join(
-        turns[at : at + 47] + (b"T,\x54noise" if at % 470 == 0 else b"") for at in range(0, len(turns), 47)
-    )
-    scan = one.wait_for(send=noisy)
-    assert at(scan, 90.0) == 2.0
-    assert one.it.line_counts().stray_bytes > 0
-
-
 def test_a_robot_that_turns_against_its_lidar_has_no_blind_gap_and_claims_nothing_of_what_it_never_saw(
     lidar: Any,
 ) -> None:

@@ -65,15 +65,6 @@ def pack(stage):
 # -- what is measured -------------------------------------------------------------------------------------------
 
 
-def test_a_battery_that_was_never_measured_has_no_state(stage):
-    one = stage()
-    one.host("battery")
-    states = one.inbox(ROBOT_STATE)
-    one.run(1.0)
-    assert one.call("battery", "state") is None
-    assert states.drain()[-1].message.battery is None
-
-
 def test_a_measurement_is_told_as_it_was_on_the_bus(stage):
     one = stage()
     one.host("battery")
@@ -101,16 +92,6 @@ def test_a_minute_at_24_w_takes_1440_j_out_of_the_battery(stage):
     assert one.call("bm2", "latest")["charge_c"] == pytest.approx(96.0)
 
 
-def test_counting_does_not_depend_on_how_often_the_battery_is_looked_at(stage):
-    one = stage()
-    one.host("battery", "bm2")
-    manager = BatteryManager(one)
-    for _ in range(6):
-        manager.measure(12.0, 2.0)
-        one.run(2.0)
-    assert one.call("bm2", "latest")["energy_j"] == pytest.approx(5 * 2.0 * 24.0)
-
-
 def test_what_happened_in_a_gap_is_not_made_up(stage):
     one = stage()
     one.host("bm2")
@@ -132,17 +113,6 @@ def test_a_corrupt_measurement_is_counted_and_not_believed(stage):
     one.run(0.4)
     assert one.call("battery", "state")["voltage_v"] == 15.0
     assert one.call("bm2", "rejected") == 1
-
-
-def test_a_frame_of_another_identifier_space_is_no_measurement(stage):
-    one = stage()
-    one.host("battery")
-    manager = BatteryManager(one)
-    frame = manager.frame(3.0, 30.0)
-    frame.is_extended_id = True
-    manager.bus.send(frame)
-    one.run(0.4)
-    assert one.call("bm2", "latest") is None
 
 
 def test_a_robot_whose_battery_bus_is_absent_tells_no_battery_and_why(stage):
@@ -211,24 +181,6 @@ def test_a_battery_that_is_charged_says_so_and_fills(pack):
     assert (before["charging"], after["charging"]) == (False, True)
     assert after["soc"] > before["soc"] + 0.05
     assert after["implausible"] == ""
-
-
-@pytest.mark.slow
-def test_low_and_cut_off_are_told_once_each_and_again_after_a_charge(pack):
-    one = pack(told={"capacity_wh": 1.0}, capacity_wh=1.0, soc_at_start=0.4)
-    low, cut_off = (one.stage.inbox(ROBOT_EVENT, plugin="battery", event=name) for name in ("low", "cut_off"))
-    while not one.battery.is_cut_off:
-        one.run(2.0, load_w=5.0)
-    alarms = [[received.message.value for received in box.drain()] for box in (low, cut_off)]
-    assert [len(each) for each in alarms] == [1, 1]
-    assert alarms[0][0]["soc"] == pytest.approx(0.25, abs=0.02)
-    assert "low is 25 %" in alarms[0][0]["why"]
-    assert alarms[1][0]["remaining_j"] < 0.1 * WH_J
-    while one.battery.soc < 0.45:
-        one.run(10.0, load_w=0.0, supply_w=10.0)
-    while not one.battery.is_cut_off:
-        one.run(2.0, load_w=5.0)
-    assert (len(low.drain()), len(cut_off.drain())) == (1, 1)
 
 
 # -- a battery that lies ----------------------------------------------------------------------------------------
@@ -309,20 +261,3 @@ def test_a_gauge_that_lies_in_the_arena_is_noticed_over_the_real_bus(stage, room
     one.arena._robots[0].manager.lie = lambda reading: (16.0, 0.5, reading[2])
     one.run(6.0)
     assert "frozen" in one.call("battery", "state")["implausible"]
-
-
-@pytest.mark.parametrize(
-    ("battery", "expected"),
-    [
-        ({"capacity_wh": 0.0}, "expected capacity_wh > 0, got 0.0"),
-        ({"soc_at_start": 1.5}, "expected soc_at_start from 0 to 1, got 1.5"),
-        ({"low_soc": -0.5}, "expected low_soc from 0 to 1, got -0.5"),
-        ({"capacity": 3.0}, "unknown key `capacity`"),
-    ],
-)
-def test_a_battery_with_wrong_parameters_is_left_out_with_the_reason(stage, battery, expected):
-    one = stage()
-    one.host("battery", battery=battery)
-    why = one.infos()["battery"].why
-    assert "battery.toml: [parameters]" in why
-    assert expected in why

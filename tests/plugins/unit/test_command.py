@@ -87,11 +87,6 @@ def test_a_line_that_is_too_long_is_answered_once_and_the_conversation_goes_on(s
     assert talk(*parts) == [b"error bad_arguments: the line is longer than 4096 bytes\n", b"ok did b\n"]
 
 
-def test_a_line_of_just_the_longest_length_is_executed():
-    (answer,) = talk(b"x" * MAX_LINE_BYTES + b"\n")
-    assert answer == b"ok did " + b"x" * MAX_LINE_BYTES + b"\n"
-
-
 @given(st.lists(st.binary(max_size=200) | st.sampled_from([b"\n", b"crash\n", b"x" * 5000])))
 def test_any_bytes_are_answered_line_by_line(received):
     answers = talk(*received)

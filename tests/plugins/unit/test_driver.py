@@ -83,18 +83,6 @@ def test_whatever_the_path_its_end_is_reached_without_touching_a_wall(stage, roo
     host.close()
 
 
-def test_arriving_is_told_to_those_who_observe(stage, room):
-    one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
-    told = []
-    mailbox = host.manager.get("localisation").mailbox
-    driver(host).arrived.add(told.append, mailbox)
-    drive(host, (2.0, 2.0))
-    one.run(6.0)
-    assert told == [Point2D(1.0, 0.0)]  # in the frame odom, which starts where the robot did
-
-
 def test_a_wall_across_the_path_is_stopped_at_and_not_touched(stage, room):
     one = stage(room(6.0, 4.0, (3.0, 0.0, 3.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
     host = one.host("localisation")
@@ -127,18 +115,6 @@ def test_a_robot_beside_a_wall_may_drive_along_it(stage, room):
     drive(host, (5.0, 0.4))
     one.run_until(lambda: stands(one), 20.0)
     assert one.truth().pose.distance_m(Point2D(5.0, 0.4)) < 0.1
-
-
-def test_a_robot_without_a_scan_stands(stage, frames):
-    one = stage()
-    host = one.host("driver")
-    bus = one.bus()
-    driver(host).follow([Point2D(2.0, 0.0)])
-    one.run(1.0)
-    commands = frames(bus, "WheelCommand")
-    assert commands
-    assert all(speed == 0.0 for frame in commands for speed in wheel_speeds(frame))
-    assert one.call("driver", "motion") == Motion.BLOCKED
 
 
 @pytest.fixture
@@ -192,34 +168,6 @@ def test_a_robot_whose_wheels_have_never_spoken_stands(stage, frames, motion):
     assert one.call("driver", "blocked_why") == "no data from the wheel encoders"
 
 
-def test_an_empty_path_is_no_way_to_go(stage, room):
-    one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
-    drive(host, (3.0, 2.0))
-    one.run(1.0)
-    driver(host).follow([])
-    one.run(1.0)
-    before = one.truth().pose
-    one.run(1.0)
-    assert one.truth().pose == before
-    assert stands(one)
-
-
-def test_stop_ends_the_path(stage, room):
-    one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
-    drive(host, (3.0, 2.0))
-    one.run(1.0)
-    one.call("driver", "stop")
-    one.run(1.0)
-    before = one.truth().pose
-    one.run(1.0)
-    assert one.truth().pose == before
-    assert stands(one)
-
-
 def test_a_halted_robot_stands_and_does_not_drive_on_when_it_is_resumed(stage, room):
     one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
     host = one.host("localisation")
@@ -232,20 +180,3 @@ def test_a_halted_robot_stands_and_does_not_drive_on_when_it_is_resumed(stage, r
     one.halt(halted=False)
     one.run(2.0)
     assert one.truth().pose == before
-
-
-def test_the_speed_does_not_exceed_the_parameter(stage, room):
-    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
-    host = one.host("localisation", driver={"speed_m_s": 0.3})
-    one.run(0.4)
-    drive(host, (5.0, 2.0))
-    way_m = [one.truth().distance_m]
-    one.run(6.0, lambda: way_m.append(one.truth().distance_m))
-    assert max(np.diff(way_m)) / 0.02 == pytest.approx(0.3, abs=0.02)
-
-
-@pytest.mark.parametrize("name", ["speed_m_s", "turn_rate_rad_s", "acceleration_m_s2", "stop_distance_m"])
-def test_a_limit_that_is_none_is_refused_with_the_reason(stage, name):
-    one = stage()
-    one.host("driver", driver={name: -1.0})
-    assert f"expected {name} > 0, got -1.0" in one.infos()["driver"].why

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.topics import ROBOT_EVENT
 
@@ -58,29 +58,6 @@ def test_drive_goes_straight_ahead_or_back_without_turning(robot, distance_m):
     assert robot.call("driver", "motion") == Motion.STANDING
 
 
-@pytest.mark.parametrize("angle_rad", [math.pi / 2, -1.0, 1.5 * math.pi, -2 * math.pi, 0.0])
-def test_turn_turns_on_the_spot_by_the_angle_and_in_its_direction(robot, angle_rad):
-    action = robot.call("driver", "turn", angle_rad)
-    yaws_rad, ends = [START.yaw_rad], []
-    while not ends:
-        robot.run(0.02)
-        yaws_rad.append(yaws_rad[-1] + wrap_angle_rad(robot.truth().pose.yaw_rad - yaws_rad[-1]))
-        ends = told(robot, "finished")
-    assert (ends[0]["action"], ends[0]["outcome"]) == (action, "done")
-    robot.run(0.5)
-    assert yaws_rad[-1] - START.yaw_rad == pytest.approx(angle_rad, abs=0.06)
-    assert robot.truth().pose.distance_m(Point2D(START.x_m, START.y_m)) < 0.02
-
-
-def test_drive_path_follows_the_points_to_the_last_and_says_where_it_stands(robot):
-    action = robot.call("driver", "drive_path", [{"x_m": 1.0, "y_m": 0.0}, {"x_m": 1.0, "y_m": 0.8}])
-    ends = []
-    robot.run_until(lambda: ends.extend(told(robot, "finished")) or ends, 20.0)
-    (end,) = ends
-    assert (end["action"], end["outcome"]) == (action, "done")
-    assert math.hypot(end["result"]["x_m"] - 1.0, end["result"]["y_m"] - 0.8) < 0.1
-
-
 def test_progress_leaves_the_robot_at_most_twice_a_second_and_grows(robot):
     robot.call("driver", "drive", 3.0)
     stamped = []
@@ -92,13 +69,6 @@ def test_progress_leaves_the_robot_at_most_twice_a_second_and_grows(robot):
     assert 0.0 < shares[0] < 0.5 < shares[-1] <= 1.0
     gaps_ns = [b.stamp_ns - a.stamp_ns for a, b in itertools.pairwise(progress)]
     assert min(gaps_ns) >= 500_000_000
-
-
-def test_arriving_leaves_the_robot(robot):
-    robot.call("driver", "drive", 0.5)
-    robot.run(4.0)
-    (arrived,) = told(robot, "arrived")
-    assert math.hypot(arrived["x_m"], arrived["y_m"]) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("start", [("drive", 3.0), ("turn", 6.0)])
@@ -137,15 +107,6 @@ def test_what_comes_between_ends_the_action_and_says_so(robot, end, outcome, why
     assert end_of(robot, action, 0.1) == (outcome, why)
 
 
-def test_a_path_that_follows_an_action_is_driven_as_ever(robot):
-    robot.call("driver", "turn", 6.0)
-    robot.run(0.5)
-    robot.hosts[0].manager.get("driver").plugin.follow([Point2D(1.0, 0.0)])
-    robot.run_until(lambda: robot.call("driver", "motion") == Motion.STANDING, 20.0)
-    robot.run(0.5)
-    assert robot.call("driver", "pose")["x_m"] == pytest.approx(1.0, abs=0.1)
-
-
 def test_a_halted_action_does_not_go_on_when_the_robot_is_resumed(robot):
     action = robot.call("driver", "turn", 6.0)
     robot.run(0.5)
@@ -156,17 +117,6 @@ def test_a_halted_action_does_not_go_on_when_the_robot_is_resumed(robot):
     robot.halt(halted=False)
     robot.run(2.0)
     assert robot.truth().pose == before
-
-
-def test_an_action_whose_way_stays_blocked_fails_without_touching_anything(stage, room):
-    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
-    one.events = one.inbox(ROBOT_EVENT, robot="r1", plugin="driver")
-    one.host("localisation", driver={"patience_s": 2.0})
-    one.run(0.4)
-    action = one.call("driver", "drive", 4.0)
-    assert end_of(one, action, 20.0) == ("failed", "an obstacle has blocked the path for 2 s")
-    assert one.truth().collisions == 0
-    assert one.call("driver", "motion") == Motion.STANDING
 
 
 @pytest.mark.parametrize(
@@ -186,15 +136,6 @@ def test_what_cannot_be_driven_is_refused_and_nothing_is_begun(robot, function, 
     robot.run(1.0)
     assert told(robot, "finished") == []
     assert robot.call("driver", "cancel", action) is True
-
-
-@pytest.mark.parametrize("number", [math.inf, -math.inf, math.nan])
-def test_what_has_no_end_is_refused(robot, number):
-    plugin = robot.hosts[0].manager.get("driver").plugin
-    for drive in (plugin.drive, plugin.turn, lambda number: plugin.drive_path([Point2D(number, 0.0)])):
-        with pytest.raises(CallError, match="expected finite numbers"):
-            drive(number)
-    assert robot.call("driver", "motion") == Motion.STANDING
 
 
 def test_an_action_that_a_call_begins_while_a_halt_comes_does_not_go_on_when_the_robot_is_resumed(robot):
@@ -232,21 +173,6 @@ def test_an_impossible_request_is_answered_with_the_allowed_range(robot, functio
         robot.call("driver", function, *arguments)
     assert refused.value.code is ErrorCode.BAD_ARGUMENTS
     assert robot.call("driver", "motion") == Motion.STANDING
-
-
-@pytest.mark.parametrize("word", ["1e308", "-inf", "nan", "1e999"])
-def test_the_text_form_has_the_same_ranges(robot, word):
-    functions = robot.hosts[0].manager.get("driver").code.functions
-    for function, words in (("drive", [word]), ("turn", [word]), ("move", [word, "0.0", "0.0"])):
-        with pytest.raises(CallError, match="Expected `float`"):
-            functions[function].call_text(robot.hosts[0].manager.get("driver").plugin, words)
-    assert robot.call("driver", "motion") == Motion.STANDING
-
-
-def test_a_signature_is_shown_without_its_ranges_and_its_schema_has_them(robot):
-    (info,) = robot.hosts[0].manager.get("driver").code.functions["drive"].infos
-    assert info.signature == "(distance_m: float) -> ActionId"
-    assert info.parameters["$defs"]["drive_arguments"]["properties"]["distance_m"]["maximum"] == 1e6
 
 
 def test_a_path_from_another_plugin_is_checked_as_well(robot):

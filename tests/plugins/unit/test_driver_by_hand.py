@@ -48,35 +48,11 @@ def test_robot_goes_while_it_is_asked_to_and_stands_when_nobody_asks_any_more(ro
     assert robot.call("driver", "motion") == Motion.STANDING
 
 
-def test_it_goes_aside_and_turns_too(robot):
-    hold(robot, 2.0, 0.0, 0.2, 0.5)
-    pose = robot.truth().pose
-    assert pose.yaw_rad == pytest.approx(1.0, abs=0.2)
-    assert pose.y_m > START.y_m + 0.2
-
-
-def test_no_wish_gives_the_robot_back_at_once(robot):
-    lease = hold(robot, 0.5, 0.3, 0.0, 0.0)
-    robot.call("driver", "move", 0.0, 0.0, 0.0, lease)
-    robot.run(0.2)
-    stood = robot.truth().pose
-    robot.run(0.5)
-    assert robot.truth().pose.x_m == pytest.approx(stood.x_m, abs=0.005)
-
-
 @pytest.mark.slow
 def test_hand_does_not_drive_into_a_wall(robot):
     hold(robot, 22.0, 0.6, 0.0, 0.0)
     assert robot.truth().collisions == 0
     assert robot.truth().pose.x_m == pytest.approx(6.0 - 0.2 - 0.12, abs=0.12)
-
-
-def test_path_that_comes_meanwhile_waits_for_the_hand(robot):
-    hold(robot, 0.5, 0.2, 0.0, 0.0)
-    robot.call("driver", "drive_path", [{"x_m": 1.0, "y_m": 0.0}])
-    robot.run(0.3)
-    robot.run_until(lambda: robot.call("driver", "motion") == Motion.STANDING, 20.0)
-    assert robot.truth().pose.x_m == pytest.approx(START.x_m + 1.0, abs=0.15)
 
 
 @pytest.mark.parametrize("arguments", [(math.inf, 0.0, 0.0, 1), (0.1, 0.0, 0.0), (0.1, 0.0, 0.0, -1)])

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from robrain.plugins.unit.driver.path import CORNER_M, Path, Ramp, RampLimits, speed_to_stop
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.plugins.unit.driver.path import Ramp, RampLimits, speed_to_stop
+from robrain.protocol.model.geometry import Pose2D
 
 PERIOD_S = 0.06
 LIMITS = RampLimits(0.8, 4.0)
@@ -78,39 +78,6 @@ def test_a_ramp_stops_within_what_it_says():
         ramp.follow(0.0, 0.0)
         way += 0.5 * PERIOD_S * ramp.speed
     assert way == pytest.approx(said, rel=0.1)
-
-
-def test_a_wish_for_the_very_velocity_of_the_moment_ends_the_acceleration_smoothly():
-    ramp = Ramp(LIMITS, PERIOD_S)
-    for _ in range(6):
-        ramp.follow(0.6, 0.0)
-    before = ramp.x
-    ramp.follow(before, 0.0)
-    assert ramp.x == pytest.approx(before + PERIOD_S * (0.8 - 4.0 * PERIOD_S))
-
-
-def test_a_ramp_that_brakes_is_at_rest_as_soon_as_the_deceleration_allows():
-    ramp = Ramp(LIMITS, PERIOD_S)
-    for _ in range(60):
-        ramp.follow(0.3, 0.4)
-    speeds = []
-    while ramp.speed > 0.0:
-        ramp.brake(1.2)
-        speeds.append(ramp.speed)
-    assert len(speeds) == math.ceil(0.5 / (1.2 * PERIOD_S))
-    assert speeds[0] == pytest.approx(0.5 - 1.2 * PERIOD_S)
-
-
-def test_the_sharper_the_corner_the_slower_it_is_taken():
-    here = Pose2D(0.0, 0.0, 0.0)
-    speeds_m_s = []
-    for degrees in (0, 45, 90, 135, 180):
-        angle_rad = math.radians(degrees)
-        after = Point2D(CORNER_M + 5.0 * math.cos(angle_rad), 5.0 * math.sin(angle_rad))
-        speeds_m_s.append(Path([Point2D(CORNER_M, 0.0), after], 0.08).speed_m_s(here, 0.8, 0.0, PERIOD_S))
-    assert speeds_m_s == sorted(speeds_m_s, reverse=True)
-    assert speeds_m_s[0] > 1.0
-    assert speeds_m_s[2] == pytest.approx(math.sqrt(0.8 * CORNER_M / math.sin(math.pi / 4)))
 
 
 def velocities(one, seconds):

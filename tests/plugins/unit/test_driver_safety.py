@@ -2,13 +2,10 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.protocol.can.frames import codec
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.topics import ROBOT_EVENT
 
 
@@ -68,23 +65,6 @@ def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_
     assert robot.truth().pose.x_m == pytest.approx(x_m + 0.5, abs=0.05)
 
 
-def test_a_robot_that_stands_does_not_take_equal_scans_for_a_frozen_lidar(robot):
-    robot.arena.freeze_lidar("r1")
-    robot.run(10.0)
-    assert robot.infos()["scan"].state == "active"
-    assert robot.told.drain() == []
-
-
-def test_a_robot_that_sees_nothing_at_all_does_not_take_its_lidar_for_frozen(stage, room):
-    one = stage(room(16.0, 16.0), r1=Pose2D(6.8, 8.0, 0.0))
-    one.host("driver")
-    one.run(0.4)
-    one.call("driver", "drive", 2.0)
-    one.run(6.0)
-    assert one.call("driver", "pose")["x_m"] == pytest.approx(2.0, abs=0.03)
-    assert one.infos()["scan"].state == "active"
-
-
 def test_a_lidar_that_falls_silent_is_a_fault_and_the_robot_stands_before(robot, monkeypatch):
     robot.call("driver", "drive", 4.0)
     robot.run(0.8)
@@ -134,23 +114,6 @@ def test_what_nothing_sees_is_bumped_into_once_and_not_pressed_against(stage, ro
     assert one.truth().collisions == 1
 
 
-def test_a_robot_that_is_bumped_into_from_behind_drives_on(stage, room):
-    one = stage(room(6.0, 4.0), r1=Pose2D(2.0, 2.0, 0.0), r2=Pose2D(1.5, 2.0, 0.0))
-    one.host("driver")
-    bus = one.bus("r2")
-    wheels = dict(
-        zip(
-            ("wheel_1_rad_s", "wheel_2_rad_s", "wheel_3_rad_s"),
-            OmniBase().wheel_speeds_rad_s(Twist2D(0.3)),
-            strict=True,
-        )
-    )
-    one.run(0.4)
-    one.call("driver", "drive", 2.0)
-    one.run(8.0, lambda: bus.send(codec("WheelCommand").pack(0, **wheels)))
-    assert one.truth().pose.x_m > 3.9
-
-
 def see_through(one, from_x_m):
     """Have the lidar not see the wall that begins there."""
     robot = one.arena._robots[0]
@@ -181,42 +144,3 @@ def test_go_to_ends_at_the_pose(stage, room, goal, yaw_rad):
     assert truth.distance_m(Point2D(*goal)) < 0.025
     assert abs(math.remainder(truth.yaw_rad - yaw_rad, math.tau)) < 0.03
     assert one.truth().collisions == 0
-
-
-def test_go_to_can_be_cancelled_and_tells_progress(stage, room):
-    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
-    events = one.inbox(ROBOT_EVENT, robot="r1", plugin="driver")
-    one.host("localisation")
-    one.run(0.4)
-    action = one.call("driver", "go_to", 3.0, 0.0, 0.0)
-    one.run(3.0)
-    shares = [each.message.value["share"] for each in events.drain() if each.message.event == "progress"]
-    assert shares == sorted(shares)
-    assert len(shares) >= 4
-    assert one.call("driver", "cancel", action) is True
-    assert end(one, action, events)["outcome"] == "cancelled"
-    one.run(1.0)
-    place = one.truth().pose
-    one.run(1.0)
-    assert one.truth().pose == place
-
-
-def test_the_noise_of_the_odometry_is_that_of_the_manifest(stage):
-    one = stage()
-    noise = {"sigma_m_per_sqrt_m": 0.02, "sigma_rad_per_sqrt_m": 0.01, "sigma_rad_per_sqrt_rad": 0.03}
-    one.host("driver", driver={"odometry": noise})
-    assert one.call("driver", "odometry_noise") == noise
-
-
-def test_a_wall_across_the_path_is_stopped_at_smoothly(stage, room):
-    one = stage(room(6.0, 4.0, (4.0, 0.0, 4.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
-    one.host("driver")
-    one.run(0.4)
-    one.call("driver", "drive", 4.5)
-    ways_m = []
-    one.run(10.0, lambda: ways_m.append(one.truth().distance_m))
-    speeds_m_s = np.diff(ways_m) / 0.02
-    assert one.truth().collisions == 0
-    assert 0.02 < 4.0 - 0.2 - one.truth().pose.x_m < 0.2
-    decelerations = -(speeds_m_s[3:] - speeds_m_s[:-3]) / 0.06
-    assert decelerations.max() < 1.3

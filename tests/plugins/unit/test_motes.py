@@ -3,14 +3,12 @@
 import msgspec
 import pytest
 
-from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
     DUTY_TYPE,
-    NO_PLACE,
     READING_TYPE,
     REQUEST_TYPE,
     STORED_TYPE,
@@ -22,7 +20,7 @@ from robrain.protocol.tinyos.payloads import (
 )
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
-from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
+from robrain.protocol.wire.topics import ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
 
 # TinyOS 2 serial packets, written out by hand: dispatch, destination, source, length, group, AM type; then the mote's
 # number, sequence, oldest, age and period in 0.1 s, mV, quantity, hundredths, x and y in 0.1 m, dBm.
@@ -119,15 +117,6 @@ def test_a_stored_reading_tells_when_it_was_taken(talk):
     assert reading.stamp_ns - reading.taken_ns == pytest.approx(120e9, abs=1e8)
 
 
-def test_readings_of_a_mote_are_on_its_own_key(stage):
-    one = stage()
-    one.host("snw_exploration")
-    readings = one.inbox(MOTE_READING)
-    one.radio(WARM)
-    one.run(0.3)
-    assert [received.names["mote"] for received in readings.drain()] == ["m3"]
-
-
 def test_a_reading_goes_on_the_wire_once_however_often_it_is_heard(talk):
     one = talk()
     one.hear(packet(5), packet(5), packet(6), packet(5, kind=STORED_TYPE))
@@ -147,29 +136,11 @@ def test_what_another_robot_has_brought_in_is_not_brought_in_again(talk):
     assert asked(said) == []
 
 
-def test_a_stored_reading_by_another_robot_is_no_new_start_of_the_mote(talk):
-    one = talk()
-    one.hear(packet(5000))
-    stored = MoteReading(
-        mote="m3", place=None, quantity="temperature_c", value=1.0, voltage_v=3.0, rssi_dbm=-80, via="r2", sequence=3
-    )
-    one.one.publisher(MOTE_READING, mote="m3").put(stored)
-    one.hear(packet(5000, kind=STORED_TYPE))
-    assert [(reading.via, reading.sequence) for reading in one.readings()] == [("r1", 5000), ("r2", 3)]
-
-
 def test_a_mote_that_starts_anew_is_believed(talk):
     one = talk()
     one.hear(packet(5000), packet(0), packet(1))
     assert [reading.sequence for reading in one.readings()] == [5000, 0, 1]
     assert one.row()["missing"] == 0
-
-
-def test_a_mote_that_does_not_know_its_place_has_none(talk):
-    one = talk()
-    one.hear(packet(1, x_dm=NO_PLACE, y_dm=NO_PLACE))
-    assert one.readings()[0].place is None
-    assert one.row()["place"] is None
 
 
 def test_a_quantity_of_a_newer_mote_is_passed_on_by_its_number(talk):
@@ -192,35 +163,6 @@ def test_the_robot_tells_which_motes_it_has_heard(talk):
     assert row["place"] == {"x_m": 5.0, "y_m": -2.0}
     assert row["heard_from"] is None
     assert 0 < row["stamp_ns"] <= one.one.clock.now_ns()
-
-
-def test_each_packet_heard_is_a_measurement_of_its_strength(tmp_path):
-    (tmp_path / "ranger.py").write_text(
-        "from robrain.agent.plugin import Skill, external\n"
-        "from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement, SnwInterface\n"
-        "class Ranger(Skill):\n"
-        "    def activate(self):\n"
-        "        self.got = []\n"
-        "        self.env.observe(self.env.use('snw_exploration', SnwInterface).measured, self.got.append)\n"
-        "    @external\n"
-        "    def all(self) -> list[RssiMeasurement]:\n"
-        "        return self.got\n"
-    )
-    (tmp_path / "ranger.toml").write_text(
-        '[plugin]\nclass = "ranger:Ranger"\n[tag]\nrequires = ["snw_exploration"]\nvisibility = ["command"]\n'
-    )
-    manifest = 'class = "robrain.plugins.unit.snw_exploration.snw_exploration:SNwExploration"'
-    (tmp_path / "snw_exploration.toml").write_text(
-        f'[plugin]\n{manifest}\n[tag]\nrequires = ["mote_base"]\nvisibility = ["ranger", "command"]\n'
-    )
-    with PluginBench(tmp_path, load=["ranger"]) as bench:
-        publisher = bench.wire.publisher(ARENA_RADIO_RX, robot="r1")
-        bench.run(0.1)
-        publisher.put_bytes(packet(1, rssi_dbm=-61))
-        publisher.put_bytes(packet(1, rssi_dbm=-63))
-        bench.run(0.2)
-        got = bench.call("ranger", "all")
-    assert [(each["mote"], each["rssi_dbm"], each["place"]["x_m"]) for each in got] == [("m3", -61, 5), ("m3", -63, 5)]
 
 
 def test_a_packet_that_says_to_be_a_reading_and_is_none_is_counted(talk):
@@ -336,14 +278,6 @@ def test_without_collecting_only_those_are_asked_that_somebody_wants(talk):
     assert asked(one.hear(packet(21, oldest=15))) == [[15, 16, 17, 18, 19]]
 
 
-def test_sequence_numbers_wrap(talk):
-    one = talk()
-    said = one.hear(packet(2, oldest=65533))
-    assert asked(said) == [[65533, 65534, 65535, 0, 1]]
-    one.hear(*(packet(number % 65536, kind=STORED_TYPE, oldest=65533) for number in range(65533, 65538)))
-    assert one.row()["missing"] == 0
-
-
 def test_readings_that_have_arrived_are_acknowledged_a_few_at_a_time(talk):
     one = talk(acknowledge_every=4)
     said = one.hear(*(packet(number, oldest=10) for number in range(10, 16)))
@@ -364,15 +298,6 @@ def test_a_duty_can_be_set_from_outside(talk):
     one = talk()
     one.one.call("snw_exploration", "set_duty", "m3", 12.5)
     assert duties(one.hear(packet(1, mote=4), packet(1))) == [125]
-
-
-def test_of_two_wishes_the_later_one_counts(talk):
-    one = talk()
-    publisher = one.one.publisher(MOTE_DUTY, mote="m3")
-    publisher.put(MoteDuty(mote="m3", period_s=30.0))
-    one.one.run(1.0)
-    publisher.put(MoteDuty(mote="m3", period_s=60.0))
-    assert duties(one.hear(packet(1))) == [600]
 
 
 def test_a_wish_stamped_by_a_clock_that_is_ahead_counts_until_the_next_one(talk):
@@ -415,15 +340,6 @@ def test_wishes_without_sense_on_the_wire_are_counted(talk):
     assert one.counters()["refused"] == 2
 
 
-def test_a_wish_for_a_mote_beyond_the_most_is_counted_and_the_next_one_is_taken(talk):
-    one = talk(max_motes=1)
-    one.hear(packet(1))
-    for mote in ("m4", "m3"):
-        one.one.publisher(MOTE_DUTY, mote=mote).put(MoteDuty(mote=mote, period_s=30.0))
-    assert duties(one.hear(packet(2))) == [300]
-    assert one.counters()["refused"] == 1
-
-
 @pytest.mark.parametrize(
     ("parameters", "sentence"),
     [
@@ -436,8 +352,3 @@ def test_a_wish_for_a_mote_beyond_the_most_is_counted_and_the_next_one_is_taken(
 def test_parameter_out_of_bounds_is_refused_in_words(parameters, sentence):
     with pytest.raises(ValueError, match=sentence):
         SNwExploration.Parameters(**parameters)
-
-
-def test_parameter_may_be_as_large_as_its_bound():
-    allowed = SNwExploration.Parameters(window=1 << 15, request_span=32, collect=False, weak_dbm=-90.0)
-    assert (allowed.window, allowed.request_span) == (32768, 32)

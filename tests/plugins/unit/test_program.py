@@ -5,7 +5,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +16,7 @@ from robrain.agent.event import Mailbox
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.unit.program import line_process, program
+from robrain.plugins.unit.program import program
 from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.program import Program
 from robrain.protocol.wire.clock import LiveClock
@@ -85,12 +84,6 @@ def test_each_line_that_it_says_is_an_event(start):
     bench.until(lambda: bench.told == ["one", "two"])
 
 
-def test_what_is_told_is_answered_by_an_event(start):
-    bench = start()
-    bench.plugin.tell("psst")
-    bench.until(lambda: bench.told == ["PSST"])
-
-
 def test_lines_said_before_answer_nothing(start):
     bench = start("print('welcome', flush=True)\n" + ECHO)
     bench.until(lambda: bench.told == ["welcome"])
@@ -135,11 +128,6 @@ def test_lines_that_are_too_long_are_left_out_and_cost_no_memory(start, caplog):
     assert "ignored a line of more than 1000 bytes" in caplog.text
 
 
-def test_the_last_line_counts_without_an_end(start):
-    bench = start("print('bye', end='', flush=True)")
-    bench.until(lambda: bench.told == ["bye"])
-
-
 def test_a_program_that_does_not_answer_in_time_is_killed(start):
     bench = start("import sys\nfor line in sys.stdin: pass", time_limit_s=0.2, restart="on-failure")
     with pytest.raises(ProgramLate, match=r"tool did not answer within 0\.2 s and was killed") as caught:
@@ -157,12 +145,6 @@ def test_a_program_that_does_not_read_holds_nobody_up(start):
 
 def test_a_program_that_ends_instead_of_answering_says_so(start):
     bench = start("input()")
-    with pytest.raises(ProgramEnded, match="tool has ended with status 0 and did not answer"):
-        bench.plugin.send("hello")
-
-
-def test_a_program_that_takes_a_while_to_end_after_it_has_closed_its_output_has_ended(start):
-    bench = start("import os, time; input(); os.close(1); time.sleep(0.4); os._exit(0)")
     with pytest.raises(ProgramEnded, match="tool has ended with status 0 and did not answer"):
         bench.plugin.send("hello")
 
@@ -240,26 +222,6 @@ def test_stderr_is_logged_and_a_flood_of_it_is_counted(start, caplog):
     assert sum("oops" in record.getMessage() for record in caplog.records) < 1000
 
 
-def test_in_each_second_as_much_of_stderr_is_logged_as_in_the_first(start, caplog, monkeypatch):
-    caplog.set_level(logging.INFO)
-    clock = [time.monotonic()]
-    monkeypatch.setattr(line_process, "time", SimpleNamespace(monotonic=lambda: clock[0]))
-    count = line_process.STDERR_LINES_A_SECOND
-    bench = start(
-        f"""
-import sys
-for n in range({count}): print(f"oops {{n}}.", file=sys.stderr, flush=True)
-input()
-for n in range({count}, {2 * count}): print(f"oops {{n}}.", file=sys.stderr, flush=True)
-"""
-    )
-    until(lambda: f"oops {count - 1}." in caplog.text)
-    clock[0] += 1.0
-    bench.plugin.tell("go on")
-    until(lambda: f"oops {2 * count - 1}." in caplog.text or "were not logged" in caplog.text)
-    assert "were not logged" not in caplog.text
-
-
 def test_it_has_its_folder_and_its_environment(start, tmp_path):
     code = "import os; print(os.getcwd(), os.environ['COLOUR'], flush=True); input()"
     bench = start(code, folder=str(tmp_path), environment={"COLOUR": "red"})
@@ -271,12 +233,6 @@ def test_a_missing_executable_is_absent_hardware():
     with pytest.raises(ProgramAbsent, match="no executable no-such-program: install it") as caught:
         bench.start()
     assert isinstance(caught.value, HardwareAbsent)
-
-
-def test_a_missing_folder_is_absent_hardware(tmp_path):
-    bench = Bench(command=["cat"], folder=str(tmp_path / "nowhere"))
-    with pytest.raises(ProgramAbsent, match=r"correct \[parameters\] folder"):
-        bench.start()
 
 
 def test_in_lockstep_it_says_that_it_keeps_no_step():

@@ -61,7 +61,7 @@ class Squeezing:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("yaw_rad", [0.0, 1.0, -2.5])
+@pytest.mark.parametrize("yaw_rad", [1.0])
 @pytest.mark.parametrize(("gap_m", "slow_m_s"), [(0.45, 0.2), (0.5, 0.4), (0.54, 0.55)])
 def test_a_robot_goes_the_slower_through_a_corridor_the_narrower_it_is_and_touches_nothing(
     stage, gap_m, slow_m_s, yaw_rad
@@ -76,7 +76,7 @@ def test_a_robot_goes_the_slower_through_a_corridor_the_narrower_it_is_and_touch
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("off_m", [-0.06, 0.06])
+@pytest.mark.parametrize("off_m", [0.06])
 def test_the_robot_keeps_to_the_middle_of_the_walls_where_its_path_does_not(stage, off_m):
     one = Squeezing(stage, two_rooms(0.45))
     one.follow((1.4, 1.0 + off_m), (1.6, 1.0 + off_m), (2.1, 1.0 + off_m), (2.7, 1.0 + off_m), (END.x_m, END.y_m))

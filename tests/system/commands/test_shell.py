@@ -3,7 +3,6 @@
 import io
 import os
 import sys
-import threading
 from types import SimpleNamespace
 
 import pytest
@@ -15,18 +14,16 @@ from prompt_toolkit.output import DummyOutput
 
 from robrain import Team
 from robrain.agent.access.external_function import external_functions
-from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.plugin import Unit, external
 from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
 from robrain.plugins.unit.interactive_shell.interactive_shell import InteractiveShell
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_COMMAND
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import ROBOT_PLUGINS
-from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
@@ -112,11 +109,6 @@ def test_help_comes_from_signatures_and_docstrings(team, monkeypatch, capsys):
     ]
 
 
-def test_a_robot_that_is_not_there_is_said_at_once(team):
-    with pytest.raises(NobodyThere):
-        run_shell(team, "r2", interactive=False)
-
-
 def test_a_person_types_commands_which_are_remembered(team, monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
@@ -199,11 +191,6 @@ def heard(terminal, text):
     return said
 
 
-def threads_at(path):
-    """Those that read a terminal; others of this process come and go by themselves."""
-    return [thread for thread in threading.enumerate() if thread.name == f"terminal-{path}"]
-
-
 @pytest.fixture
 def terminal():
     """A person's side of a terminal, and the path of the robot's side."""
@@ -211,45 +198,3 @@ def terminal():
     yield ours, os.ttyname(theirs)
     for side in (ours, theirs):
         os.close(side)
-
-
-def test_a_person_at_the_robots_terminal_is_answered(terminal):
-    ours, path = terminal
-    plugin = shell(enabled=True, terminal=path)
-    plugin.activate()
-    heard(ours, "r1> ")
-    os.write(ours, "call driver grüß\n".encode())
-    heard(ours, "ok call driver grüß\r\nr1> ")
-    os.write(ours, b"\xff\n\n")
-    heard(ours, "ok \N{REPLACEMENT CHARACTER}\r\nr1> r1> ")
-    plugin.deactivate()
-    plugin.deactivate()
-    until(lambda: not threads_at(path), "the thread at the terminal goes on")
-
-
-def test_the_end_of_the_terminals_input_ends_the_shell(terminal):
-    ours, path = terminal
-    plugin = shell(enabled=True, terminal=path)
-    plugin.activate()
-    heard(ours, "r1> ")
-    (thread,) = threads_at(path)
-    os.write(ours, b"\x04")
-    thread.join(PATIENCE_S)
-    assert not thread.is_alive()
-    plugin.deactivate()
-
-
-def test_the_shell_takes_no_terminal_unless_told():
-    plugin = shell(terminal="/nowhere")
-    plugin.activate()
-    plugin.deactivate()
-
-
-def test_a_terminal_that_is_not_there_is_absent_hardware():
-    with pytest.raises(HardwareAbsent, match="no terminal at /nowhere: No such file"):
-        shell(enabled=True, terminal="/nowhere").activate()
-
-
-def test_the_shell_is_for_the_live_drive():
-    with pytest.raises(PluginError, match="only in the live drive"):
-        shell(Drive.LOCKSTEP, enabled=True).activate()

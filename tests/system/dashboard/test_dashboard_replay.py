@@ -75,21 +75,6 @@ def test_recording_is_scrubbed_stepped_and_played(url: str) -> None:
         assert errors == []
 
 
-def test_recording_has_no_halt_over_it_on_a_narrow_screen(url: str) -> None:
-    with chromium(width=420, height=860) as context:
-        page, errors = open_page(context, url)
-        keep(page, "dashboard-replay-narrow")
-        expect(page.locator("#rb-halt")).to_have_count(0)
-        expect(page.get_by_text("EMERGENCY HALT")).to_have_count(0)
-        play = page.get_by_role("button", name="▶ Play", exact=True)
-        play.scroll_into_view_if_needed()
-        play.click()
-        expect(page.get_by_role("button", name="❚❚ Pause", exact=True)).to_be_visible()
-        page.keyboard.press("h")
-        expect(page.get_by_test_id("halt-state")).to_have_count(0)
-        assert errors == []
-
-
 def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(commands) -> None:
     keyboard, terminal = pty.openpty()
     try:

@@ -5,12 +5,10 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from robrain.coordinator.dashboard.layers.layer_switches import LayerSwitch
-from robrain.coordinator.dashboard.layers.marker_layers import MoteLabelLayer
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
-from tests.system.browser import browser_process, click_on, keep, open_page, wait_for, window
+from tests.system.browser import browser_process, click_on, keep, open_page, window
 from tests.system.dashboard.test_dashboard_in_browser import next_halt
 from tests.system.fake_team import FakeTeam
 from tests.system.stepped_dashboard import Stepped
@@ -132,58 +130,6 @@ def test_typing_does_not_halt_and_escape_leaves_the_field(browser: Browser, step
         assert errors == []
 
 
-def test_most_used_controls_come_first(browser: Browser, stepped: Stepped) -> None:
-    with window(browser) as context:
-        page, errors = open_page(context, stepped.dashboard.url)
-        page.get_by_role("tab", name="Robot", exact=True).click()
-        drive, call, plugins = (_top_of(page, words) for words in ("Drive by hand", "Call a function", "Plugins"))
-        assert max(drive, call) < plugins
-        expect(page.get_by_role("button", name="Call", exact=True)).to_be_in_viewport()
-        page.get_by_role("tab", name="Tasks", exact=True).click()
-        click, form = (_top_of(page, words) for words in ("Click on the map to add a task", "Coordinates and options"))
-        assert click < form
-        assert errors == []
-
-
-def test_motes_have_labels_when_one_zooms_in_or_selects_and_not_before(browser: Browser, stepped: Stepped) -> None:
-    with window(browser) as context:
-        page, errors = open_page(context, stepped.dashboard.url)
-        expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
-
-        # The page of the test before is there until the server has seen it go.
-        wait_for(lambda: len(stepped.dashboard._pages), lambda pages: pages == 1, "this page alone")
-
-        def labels() -> int:
-            (one,) = stepped.dashboard._pages.values()
-            (layer,) = [
-                switch._own
-                for switch in one.switches
-                if isinstance(switch, LayerSwitch) and isinstance(switch._own, MoteLabelLayer)
-            ]
-            return len(layer._labels._handles)
-
-        wait_for(lambda: len(stepped.dashboard.view.motes), bool, "a mote")
-        page.wait_for_timeout(2500)
-        assert labels() == 0
-        page.get_by_role("tab", name="View", exact=True).click()
-        page.get_by_text("Motes", exact=True).last.click()
-        click_on(page, "[data-rb='mote m1']")
-        wait_for(labels, lambda count: count == 1, "the label of the selected mote")
-        click_on(page, "[data-rb='mote m1']")
-        wait_for(labels, lambda count: count == 0, "no label")
-        page.mouse.move(420, 380)
-
-        def labels_nearer() -> int:
-            page.mouse.wheel(0, -240)
-            return labels()
-
-        wait_for(labels_nearer, lambda count: count == 1, "the label of a mote that is seen from nearby")
-        keep(page, "dashboard-zoomed")
-        page.keyboard.press("o")
-        wait_for(labels, lambda count: count == 0, "no label in the overview")
-        assert errors == []
-
-
 def _open_why(page: Page) -> None:
     page.evaluate(ADD_WHY)
     click_on(page, "[data-rb='why visit-1']")
@@ -197,11 +143,3 @@ def _open_resume(page: Page) -> None:
     else:
         click_on(page, "[data-rb='resume']")
     expect(page.get_by_role("button", name="Resume all robots", exact=True)).to_be_visible()
-
-
-def _top_of(page: Page, words: str) -> float:
-    found = page.get_by_text(words, exact=True).first
-    expect(found).to_be_visible()
-    box = found.bounding_box()
-    assert box is not None
-    return box["y"]

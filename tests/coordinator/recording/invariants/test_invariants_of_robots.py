@@ -47,13 +47,6 @@ def drive(told: Told, seconds: float, power_w: float = 10.0, **said: Any) -> Non
 # -- stranded ---------------------------------------------------------------------------------------------------
 
 
-def test_a_robot_that_has_energy_is_not_stranded() -> None:
-    told = with_robot()
-    drive(told, 10.0)
-    ruling = told.ruling(Invariant.NOT_STRANDED)
-    assert (ruling.standing, ruling.cases) == (Standing.KEPT, 1)
-
-
 def test_a_robot_whose_battery_delivers_nothing_is_stranded_and_told_once() -> None:
     told = with_robot(at=(2.0, 5.0))
     drive(told, 3.0, **battery(0.01))

@@ -64,12 +64,6 @@ def test_a_task_that_is_done_is_not_lost() -> None:
     assert (ruling.standing, ruling.cases, ruling.broken) == (Standing.KEPT, 1, 0)
 
 
-def test_a_task_that_is_still_open_at_the_end_is_not_lost() -> None:
-    told = given_to("r1")
-    told.pass_time(20.0)
-    assert told.ruling(Invariant.TASK_KEPT).standing is Standing.KEPT
-
-
 def test_a_task_that_the_coordinator_no_longer_counts_is_lost_and_named() -> None:
     told = given_to("r1", "door")
     told.pass_time(1.0)
@@ -121,21 +115,6 @@ def test_a_task_is_not_abandoned_whose_end_may_have_gone_unheard() -> None:
 
     assert [type(one) for one in told_with(2).found(Invariant.TASK_KEPT)] == [TaskAbandoned]
     assert told_with(9).found(Invariant.TASK_KEPT) == []
-
-
-def test_a_second_lost_task_is_told_apart_from_the_first() -> None:
-    told = Told()
-    told.pass_time(0.5)
-    for task in ("a", "b", "c"):
-        told.event(task, QUEUED)
-    told.tasks_open = 3
-    told.pass_time(3.0)
-    told.tasks_open = 2
-    told.pass_time(3.0)
-    told.tasks_open = 1
-    told.pass_time(3.0)
-    found = told.found(Invariant.TASK_KEPT)
-    assert [(one.missing, one.of) for one in found if isinstance(one, TasksForgotten)] == [(1, 3), (1, 3)]
 
 
 def test_a_count_that_is_late_by_a_summary_loses_no_task() -> None:
@@ -332,13 +311,6 @@ def test_each_pair_at_a_task_is_told_once() -> None:
 
 
 # -- twice ------------------------------------------------------------------------------------------------------
-
-
-def test_an_end_that_is_sent_again_is_one_end() -> None:
-    told = done(given_to("r1"))
-    told.event("door", DONE, "r1", 1, change=told.change)
-    ruling = told.ruling(Invariant.TASK_ONCE)
-    assert (ruling.standing, ruling.cases) == (Standing.KEPT, 1)
 
 
 def test_a_second_end_with_a_number_of_its_own_is_a_task_done_twice() -> None:

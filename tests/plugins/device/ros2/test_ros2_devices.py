@@ -206,7 +206,7 @@ def test_odometry_that_is_silent_or_rejected_while_it_has_a_publisher_is_told_ap
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("periods", [7, 13, 29, 100])
+@pytest.mark.parametrize("periods", [7, 29])
 def test_a_robot_that_was_away_for_long_is_back_within_two_seconds_where_its_odometry_was(robot, periods):
     robot.run(0.4, lambda: robot.say(Pose2D(1.0, 0.0, 0.0)))
     robot.run(1.0, lambda: robot.say(Pose2D(1.05, 0.0, 0.0)))
@@ -235,14 +235,6 @@ def test_before_a_restarted_device_has_heard_the_robot_nothing_moves(robot):
     robot.until(lambda: robot.state()[0] == "active", 1.0)
     robot.device.drive(Twist2D(0.5, 0.0, 0.0))
     assert robot.commands == []
-
-
-def test_a_node_that_has_failed_is_the_fault_of_its_devices(robot):
-    robot.run(1.0, lambda: robot.say(GONE))
-    robot.link.failure = "the ROS 2 node has failed: out of memory"
-    robot.run(0.3)
-    assert "the ROS 2 node has failed: out of memory" in robot.state()[1]
-    assert "the ROS 2 node has failed: out of memory" in robot.state("scan")[1]
 
 
 def test_what_cannot_be_is_rejected_and_counted(robot):
@@ -382,11 +374,6 @@ def test_devices_whose_ros_node_has_failed_are_a_fault_and_get_another(robot, de
     robot.run(0.3)
     state, why = robot.state(device)
     assert (state, "the ROS 2 node has failed: test" in why) == ("faulted", True)
-
-
-def test_an_imu_that_is_never_heard_is_named_in_the_log_with_the_topic(robot, caplog):
-    robot.run(25.0)
-    assert sum("no measurement yet: the publisher of /r1/imu/data is silent" in said for said in caplog.messages) == 1
 
 
 def test_at_the_end_everything_is_released(robot):
