@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from robrain.coordinator.team.roster import Roster
+from robrain.deploy.commands.status_command import RobotCondition, standing_of
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA as ARENA_FRAME
@@ -139,9 +140,9 @@ class TeamWatch:
         if robot is None:
             return RobotSeen(name, "starting", is_up=False)
         if robot.is_up(now_ns):
-            state = robot.state
-            halted = state is not None and state.halted
-            return RobotSeen(name, "halted" if halted else state.behavior if state else "up", is_up=True)
+            standing = standing_of(name, robot.state)
+            behavior = standing.behavior if standing.condition is RobotCondition.UP else ""
+            return RobotSeen(name, behavior or standing.condition, is_up=True)
         return RobotSeen(name, told(robot.why_not_up(now_ns)), is_up=False)
 
     def _note_truth(self, truth: ArenaTruth) -> None:

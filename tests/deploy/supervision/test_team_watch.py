@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from robrain.deploy.commands.status_command import standing_of
 from robrain.deploy.supervision.part import PartView
 from robrain.deploy.supervision.part_table import cells_of, drawn, lines_of
 from robrain.deploy.supervision.process_figures import UNKNOWN, ProcessFigures
@@ -15,7 +16,7 @@ from robrain.deploy.supervision.team_watch import HEARD, Rate, TeamWatch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.clock import NS_PER_S, VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.robot_messages import PluginFault, RobotState
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import open_lockstep_session
@@ -67,6 +68,24 @@ def test_watch_knows_robots_rates_and_poses(clock, wire) -> None:
     watch.look()
     assert watch.last_pose("r1") is None
     assert watch.last_pose("r2") is None
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        RobotState(robot="r1", behavior="explore", halted=True),
+        RobotState(robot="r1", behavior="explore", faulted=[PluginFault(plugin="scan", why="it smokes")]),
+        RobotState(robot="r1", behavior="explore", lost="slipped"),
+    ],
+)
+def test_up_shows_a_robot_as_status_does(clock, wire, state: RobotState) -> None:
+    watch = TeamWatch(wire)
+    wire.token(ROBOT_ALIVE, robot="r1")
+    clock.advance_to(clock.now_ns() + NS_PER_S // 10)
+    wire.publisher(ROBOT_STATE, robot="r1").put(state)
+    watch.look()
+    (robot,) = watch.robots()
+    assert (robot.words, robot.is_up) == (standing_of("r1", state).condition, True)
 
 
 def test_simulated_time_goes_on_with_the_next_arena(wire) -> None:
