@@ -1,6 +1,7 @@
 """Output of plugins: what they print and log, by line, with a limit for each plugin."""
 
 import logging
+import time
 from collections.abc import Callable
 from typing import Any, TextIO
 
@@ -12,6 +13,8 @@ from robrain.protocol.wire.clock import Clock, to_ns
 LINES_PER_S = 100
 """Lines of one plugin that are accepted in a second (chosen)."""
 SECOND_NS = to_ns(1.0)
+PAUSE_S = 0.0002
+"""Pause of a thread for each line that is dropped, so that it does not keep Python's lock from the other plugins."""
 
 WriteLine = Callable[[str, str, str], None]
 """Gets the plugin, the level and the line."""
@@ -48,6 +51,7 @@ class PluginOutput:
             second.begin_ns, second.accepted = now_ns, 0
         if second.accepted >= LINES_PER_S:
             second.dropped += 1
+            time.sleep(PAUSE_S)
             return False
         second.accepted += 1
         self.write(plugin, level, cut(line.encode(errors="replace").decode(), TEXT_MAX))

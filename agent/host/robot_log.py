@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import chain
 from types import FrameType
 from typing import TextIO, cast
 
@@ -21,7 +22,8 @@ from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.topics import ROBOT_LOG
 
-KEPT_LINES = 500
+KEPT_LINES = 200
+"""Lines that are kept of each plugin or part."""
 
 
 class RobotLog:
@@ -36,7 +38,7 @@ class RobotLog:
     def __init__(self, wire: Endpoint, robot: str) -> None:
         self._robot, self._clock = robot, wire.clock
         self._publisher = wire.publisher(ROBOT_LOG, robot=robot)
-        self._kept: deque[LogRecord] = deque(maxlen=KEPT_LINES)
+        self._kept: dict[str, deque[LogRecord]] = {}
         self._putting = threading.Lock()
 
     def put(self, source: str, level: str, text: str) -> None:
@@ -44,13 +46,14 @@ class RobotLog:
         record = LogRecord(robot=self._robot, level=level, source=source, text=cut(text, TEXT_MAX))
         with self._putting, suppress(zenoh.ZError):  # the session is closing
             stamp_ns = self._clock.now_ns()
-            self._kept.append(msgspec.structs.replace(record, stamp_ns=stamp_ns))
+            kept = self._kept.setdefault(source, deque(maxlen=KEPT_LINES))
+            kept.append(msgspec.structs.replace(record, stamp_ns=stamp_ns))
             self._publisher.put(record, stamp_ns)
 
     def kept(self, _request: Request[None]) -> list[LogRecord]:
-        """The last lines, oldest first."""
+        """The last lines of each plugin and part, oldest first."""
         with self._putting:
-            return list(self._kept)
+            return sorted(chain(*self._kept.values()), key=lambda record: record.stamp_ns)
 
     @contextmanager
     def plugin_output(self) -> Iterator[PluginOutput]:

@@ -234,3 +234,43 @@ def test_a_plugin_that_does_not_start_leaves_the_robot_as_it_was(robot) -> None:
     assert "no such lamp" in refusal
     assert 'File "lamp/lamp.py", line 15, in activate' in refusal
     robot.comes_to(before)
+
+
+BAD = """
+from robrain import Device
+
+class Hang(Device):
+    period_s = 0.1
+    def step(self):
+        while True: pass
+
+class Flood(Device):
+    period_s = 0.1
+    def step(self):
+        while True: print("again")
+"""
+
+
+@pytest.mark.slow
+def test_no_stock_plugin_faults_beside_one_that_hangs_and_one_that_floods_the_log(robot: Robot) -> None:
+    folder = robot.commands.folder / "bad"
+    folder.mkdir()
+    (folder / "bad.py").write_text(BAD)
+    bad = ("hang", "flood")
+    for name in bad:
+        (folder / f"{name}.toml").write_text(f'[plugin]\nclass = "bad:{name.title()}"\n')
+    robot.settled()
+
+    def log() -> set[str]:
+        return set(robot.commands.run_here("log", "r1", ROBRAIN_CONNECT=robot.endpoint).stdout.splitlines())
+
+    before = log()
+    for name in bad:
+        robot.told("load", "r1", str(folder / f"{name}.toml"))
+    until(lambda: {name: robot.states()[name] for name in bad} == dict.fromkeys(bad, "faulted"))
+    lines = log() - before
+    assert {line.split()[1] for line in lines if " error: does not run" in line} == set(bad)
+    assert any("lines dropped" in line for line in lines)
+    for name in bad:
+        robot.told("unload", "r1", name)
+    assert robot.settled()
