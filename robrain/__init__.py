@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from robrain.deploy.fork.fork_result import ForkResult
     from robrain.deploy.sweep.sweep import SweepResult, sweep
     from robrain.plugins.behavior.errand import Errand, Failed
+    from robrain.plugins.device.scan.interface import ScanInterface
+    from robrain.plugins.unit.driver.interface import DriverInterface
     from robrain.protocol.model.energy.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
     from robrain.protocol.model.tasks.objective import Objective
@@ -70,6 +72,7 @@ __all__ = [
     "ChargerSpec",
     "Device",
     "DisturbanceSpec",
+    "DriverInterface",
     "Environment",
     "Errand",
     "ErrorCode",
@@ -106,6 +109,7 @@ __all__ = [
     "RobotState",
     "RobrainError",
     "RunResult",
+    "ScanInterface",
     "Scenario",
     "ScenarioError",
     "Skill",
@@ -162,6 +166,8 @@ _NAMES = {
     "robrain.protocol.model.geometry": ("Point2D", "Pose2D", "Twist2D"),
     "robrain.protocol.model.tasks.objective": ("Objective",),
     "robrain.plugins.behavior.errand": ("Errand", "Failed"),
+    "robrain.plugins.device.scan.interface": ("ScanInterface",),
+    "robrain.plugins.unit.driver.interface": ("DriverInterface",),
     "robrain.protocol.model.energy.energy_model": ("Work",),
     "robrain.protocol.model.tasks.stock_kinds": ("TaskParameters",),
     "robrain.protocol.model.tasks.task": ("Task", "TaskState"),

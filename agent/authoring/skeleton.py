@@ -20,9 +20,10 @@ TAKEN_CLASS_NAMES = {
 class Example(NamedTuple):
     """What a plugin of one level does, as an example."""
 
-    source: str
-    """Imports, and the class up to its docstring."""
+    imported: str
+    """Names of robrain that it imports."""
     body: str
+    """The class below its docstring."""
     requires: tuple[str, ...]
     called: str
     """External function that the test calls; empty if it looks at the task's kind."""
@@ -30,18 +31,30 @@ class Example(NamedTuple):
     """What the test expects: operator and value."""
 
 
-HEAD = '''\
+CLASS = Template('''\
 """What is $name for? Say it here."""
 
-'''
-CLASS_HEAD = '''
+${before}from robrain import $imported
 
+$parameters
 class $class_name($base):
     """What does $name do? Say it here; the team reads the first line."""
-$active'''
+$active$body''')
+BEFORE_BEHAVIOR = """\
+from collections.abc import Generator
+from typing import Any
+
+"""
+TASK_PARAMETERS = Template('''
+class ${class_name}Task(TaskParameters, frozen=True, kw_only=True):
+    """Wait at the task's place. Result: `waited_s`."""
+
+    wait_s: float = 1.0
+
+''')
 EXAMPLES = {
     Level.DEVICE: Example(
-        f"{HEAD}from robrain import Device, external\n{CLASS_HEAD}",
+        "Device, external",
         '''
     @external
     def read(self) -> float:
@@ -53,9 +66,7 @@ EXAMPLES = {
         "== 21.5",
     ),
     Level.UNIT: Example(
-        f"""{HEAD}from robrain import Unit, external
-from robrain.plugins.device.scan.interface import ScanInterface
-{CLASS_HEAD}""",
+        "ScanInterface, Unit, external",
         '''
     def activate(self) -> None:
         self.scan = self.env.use("scan", ScanInterface)
@@ -71,9 +82,7 @@ from robrain.plugins.device.scan.interface import ScanInterface
         "is None",
     ),
     Level.SKILL: Example(
-        f"""{HEAD}from robrain import Skill, external
-from robrain.plugins.unit.driver.interface import DriverInterface
-{CLASS_HEAD}""",
+        "DriverInterface, Skill, external",
         '''
     def activate(self) -> None:
         self.driver = self.env.use("driver", DriverInterface)
@@ -88,17 +97,7 @@ from robrain.plugins.unit.driver.interface import DriverInterface
         '== "drive-1"',
     ),
     Level.BEHAVIOR: Example(
-        f'''{HEAD}from collections.abc import Generator
-from typing import Any
-
-from robrain import Errand, Task, TaskParameters, Work
-
-
-class ${{class_name}}Task(TaskParameters, frozen=True, kw_only=True):
-    """Wait at the task's place. Result: `waited_s`."""
-
-    wait_s: float = 1.0
-{CLASS_HEAD}''',
+        "Errand, Task, TaskParameters, Work",
         '''
     kind = "$name"
 
@@ -182,24 +181,29 @@ def write_skeleton(name: str, level: str, folder: Path, *, active: bool = False,
         known = ", ".join(each.name.lower() for each in Level)
         raise PluginError(name, f"unknown level {level!r}: expected one of {known}")
     example = EXAMPLES[Level[level.upper()]]
-    steps = active and example.called != ""
     call = f'bench.plugin("{name}").{example.called}()' if hidden else f'bench.call("{name}", "{example.called}")'
+    is_task = not example.called
+    steps = active and not is_task
+    names = {"name": name, "class_name": class_name}
     values = {
-        "name": name,
-        "class_name": class_name,
-        "base": level.title() if example.called else f"Errand[{class_name}Task]",
+        **names,
+        "before": BEFORE_BEHAVIOR if is_task else "",
+        "imported": example.imported,
+        "parameters": TASK_PARAMETERS.substitute(names) if is_task else "",
+        "base": f"Errand[{class_name}Task]" if is_task else level.title(),
+        "body": Template(example.body).substitute(names),
         "active": ACTIVE if steps else "",
         "visibility": "" if hidden else f'"{COMMAND}"',
         "requires": ", ".join(f'"{each}"' for each in example.requires),
-        "call": call if example.called else f'bench.info("{name}").task_kind.kind',
-        "result": Template(example.result).substitute(name=name),
+        "call": f'bench.info("{name}").task_kind.kind' if is_task else call,
+        "result": Template(example.result).substitute(names),
         "active_test": ACTIVE_TEST.substitute(name=name) if steps else "",
     }
     return _write(
         name,
         folder / name,
         {
-            f"{name}.py": Template(example.source + example.body).substitute(values),
+            f"{name}.py": CLASS.substitute(values),
             f"{name}.toml": MANIFEST.substitute(values),
             f"test_{name}.py": TEST.substitute(values),
         },

@@ -30,7 +30,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import NobodyThere, WireError
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, wrong_team
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_WHO, HALT, ROBOT_CALL, ROBOT_LOG
+from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_WHO, HALT, ROBOT_CALL, ROBOT_LOG, ROBOT_LOG_KEPT
 from tests.system.conftest import Commands
 from tests.system.routers import start_router
 from tests.waiting import PATIENCE_S, until
@@ -422,7 +422,8 @@ def test_plugin_in_a_process_of_its_own_connects_with_its_robots_certificate(
     commands: Commands, pki: Path, router: SecuredRouter
 ) -> None:
     folder = commands.folder
-    manifest = write_skeleton("tool", "skill", folder / "plugins")[1]
+    source, manifest, _ = write_skeleton("tool", "device", folder / "plugins")
+    source.write_text(source.read_text().replace("return 21.5", 'print("measured")\n        return 21.5'))
     manifest.write_text(manifest.read_text().replace("[tag]", '[tag]\nisolation = "process"'))
     (folder / "r1.toml").write_text(
         f'[robot]\nname = "r1"\nteam = "{TEAM}"\nplaces = ["plugins"]\nload = ["tool", "command"]\n'
@@ -430,7 +431,9 @@ def test_plugin_in_a_process_of_its_own_connects_with_its_robots_certificate(
     )
     commands.line_with(commands.start("agent", "r1.toml"), "r1 is up with 2 plugins")
     ann = _wire(pki, router, ANN)
-    assert ann.ask(ROBOT_CALL, b'["Ada"]', robot="r1", plugin="tool", function="hello") == b'"hello Ada"'
+    assert ann.ask(ROBOT_CALL, robot="r1", plugin="tool", function="read") == b"21.5"
+    logged = [(record.source, record.text) for record in ann.ask(ROBOT_LOG_KEPT, robot="r1")]
+    assert ("tool", "measured") in logged
     _close(ann)
 
 

@@ -51,7 +51,7 @@ class SecuredTeam:
                 issue(self.pki, member_named(name, team), now)
         revoke(self.pki, member_named(REVOKED))
         (folder / "r1.toml").write_text(ROBOT_FILE)
-        manifest = write_skeleton("tool", "skill", folder / "plugins")[1]
+        manifest = write_skeleton("tool", "device", folder / "plugins")[1]
         manifest.write_text(manifest.read_text().replace("[tag]", EXCLUSIVE))
         self._sessions: dict[Member, zenoh.Session] = {}
         self._wires: list[Endpoint] = []

@@ -151,8 +151,8 @@ def test_plugin_is_held_in_the_name_of_the_certificate(team: SecuredTeam, ann: E
         bob.ask(HOST_HOLD, hold, robot="r1")
     assert caught.value.code is ErrorCode.BUSY
     with pytest.raises(CallError, match="operator:ann"):
-        bob.ask(ROBOT_CALL, robot="r1", plugin="tool", function="hello")
-    assert ann.ask(ROBOT_CALL, robot="r1", plugin="tool", function="hello") is not None
+        bob.ask(ROBOT_CALL, robot="r1", plugin="tool", function="read")
+    assert ann.ask(ROBOT_CALL, robot="r1", plugin="tool", function="read") is not None
     assert not bob.ask(HOST_RELEASE, HOST_RELEASE.request(plugin="tool", by="ann"), robot="r1")
     assert ann.ask(HOST_RELEASE, HOST_RELEASE.request(plugin="tool", by="ann"), robot="r1")
 
@@ -188,7 +188,7 @@ def test_flood_of_a_robot_keeps_nobody_from_another(team: SecuredTeam, ann: Endp
     began_s = time.monotonic()
     for _ in range(FLOOD):
         session.put(f"{T}/robot/r2/state", b'{"robot": "r2"}')
-    assert ann.ask(ROBOT_CALL, robot="r1", plugin="tool", function="hello") is not None
+    assert ann.ask(ROBOT_CALL, robot="r1", plugin="tool", function="read") is not None
     assert time.monotonic() - began_s < 10.0
 
 
@@ -200,7 +200,7 @@ def test_flood_of_questions_keeps_nobody_from_a_robot(team: SecuredTeam, ann: En
         """A robot refuses in words while as many questions wait as it keeps, and is asked again."""
         try:
             plugins = ann.ask(ROBOT_PLUGINS, robot="r1")
-            return bool(plugins) and ann.ask(ROBOT_CALL, robot="r1", plugin="tool", function="hello") is not None
+            return bool(plugins) and ann.ask(ROBOT_CALL, robot="r1", plugin="tool", function="read") is not None
         except CallError:
             return False
 
