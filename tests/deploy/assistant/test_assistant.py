@@ -263,12 +263,6 @@ def test_a_halt_waits_neither_for_other_calls_nor_for_the_log(
     team.resume()
 
 
-def test_the_token_is_told_however_long_the_rehearsal_is(desk: Desk) -> None:
-    asked = {"robot": "r1", "plugin": "snw_exploration", "function": "set_duty"}
-    found = desk.call("call_plugin", {**asked, "arguments": {"mote": "m" * 100, "period_s": 1.0}})
-    assert found.words.splitlines()[1] == f"confirm={found.values['confirm']}"
-
-
 def test_a_mistake_in_the_code_is_logged_before_it_is_raised(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> None:
         raise ZeroDivisionError("oops")

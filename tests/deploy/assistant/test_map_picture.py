@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from robrain.coordinator.drawing.map_view import MapView
-from robrain.coordinator.drawing.palette import FREE, FRONTIER, HALTED, OCCUPIED, UNKNOWN, look_of
-from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, DrawnTask, map_png
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.coordinator.drawing.palette import FREE, OCCUPIED, UNKNOWN
+from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, map_png
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping import grid_geometry
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
@@ -52,25 +52,6 @@ def test_floor_walls_and_unknown_lie_where_they_are_in_the_arena(floor: MapView)
     assert pixel(png, 12.53, 3.53, bounds) == UNKNOWN
     with Image.open(io.BytesIO(png)) as image:
         assert max(image.size) == pytest.approx(min(SIDE_PX, 60 * (WIDTH_M + 2 * MARGIN_M)), abs=1)
-
-
-def test_robots_and_tasks_are_drawn_at_their_places(floor: MapView) -> None:
-    robots = [
-        DrawnRobot("r1", Pose2D(3.3, 1.4, math.pi / 2), 0.3, halted=False),
-        DrawnRobot("r2", Pose2D(8.3, 1.4, 0.0), 0.3, halted=True),
-    ]
-    tasks = [DrawnTask("t1", Point2D(5.3, 4.4), begun=True), DrawnTask("t2", Point2D(7.3, 4.4), begun=False)]
-    png, bounds = map_png(floor, robots, tasks), (0.0, 0.0, WIDTH_M, HEIGHT_M)
-    assert pixel(png, 3.3, 1.25, bounds) == look_of(0).color  # below the middle: the nose points upwards
-    assert pixel(png, 8.15, 1.4, bounds) == HALTED
-    assert pixel(png, 5.3, 4.4, bounds) == FRONTIER
-    assert pixel(png, 7.3, 4.4, bounds) not in (FREE, FRONTIER)
-
-
-def test_an_empty_map_is_a_picture_too() -> None:
-    for robots in ([], [DrawnRobot("r1", Pose2D(500.0, -3.0, 0.0), 0.2, halted=False)]):
-        with Image.open(io.BytesIO(map_png(MapView(), robots, []))) as image:
-            assert image.size[0] == image.size[1] > 50
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])

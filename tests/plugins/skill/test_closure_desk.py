@@ -188,16 +188,6 @@ def test_offsets_within_the_slack_are_taken_for_none(slack_m: float, left: tuple
     assert off(lies, TRUE) == pytest.approx(left, abs=0.012)
 
 
-def test_a_turn_the_other_way_round_has_the_same_slack() -> None:
-    for yaw_rad in (math.pi - 0.005, -math.pi + 0.005):
-        scene = Scene(MATE, slack_m=0.05)
-        true = Pose2D(TRUE.x_m, TRUE.y_m, yaw_rad)
-        assert scene.look(true, beside(true, 0.0, 0.0, -0.02))
-        (closure,) = scene.desk.found
-        found_rad = yaw_rad - 0.02 - closure.at.yaw_rad
-        assert math.remainder(found_rad - yaw_rad, math.tau) == pytest.approx(-0.01, abs=0.005)
-
-
 def closure_on(mate: str, number: int = 3, information: tuple[float, ...] = EVEN) -> Closures:
     closure = Closure(
         submap=7, at=IDENTITY, mate=mate, mate_submap=number, at_mate=Pose2D(0.1, 0.0, 0.0), information=information
@@ -210,23 +200,6 @@ def test_a_mates_scan_on_its_own_submap_moves_it() -> None:
     scene.desk.hear(closure_on("r1"))
     assert scene.graph.rests_on("r2")
     assert scene.solved().x_m == pytest.approx(-0.1, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        closure_on("r3"),  # on the submap of somebody else
-        closure_on("r1", 99),  # of which it knows nothing
-        closure_on("r1", information=(-1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
-        closure_on("r1", information=(1.0, 2.0, 0.0, 1.0, 0.0, 1.0)),
-        closure_on("r1", information=(0.0,) * 6),
-        closure_on("r1", information=(1e12, 0.0, 0.0, 1e12, 0.0, 1e12)),
-    ],
-)
-def test_closures_that_are_not_its_own_or_make_no_sense_are_left_out(message: Closures) -> None:
-    scene = Scene(MATE)
-    scene.desk.hear(message)
-    assert not scene.graph.has_news
 
 
 def told(number: int, *, robot: str = "r2", variances: tuple[float, float] = (0.04, 0.01), **how: bool) -> MapPatch:
@@ -244,14 +217,6 @@ def test_a_mate_tells_how_sure_it_is_of_where_its_submaps_lie() -> None:
     assert desk.variances_of(("r2", 8)) == (0.04, 0.04, 0.01)
     desk.hear_places(told(7, variances=(0.0, 0.0)))
     assert desk.variances_of(MATE) == (0.09, 0.09, 0.02), "a message of cells alone says nothing of it"
-
-
-def test_nobody_is_believed_to_be_surer_than_what_one_takes_for_granted() -> None:
-    desk = Scene().desk
-    desk.hear_places(told(7, variances=(0.0, 0.01)))
-    assert desk.variances_of(MATE) == (UNSAID[0], UNSAID[1], 0.01)
-    desk.hear_places(told(7, variances=(0.04, 0.0)))
-    assert desk.variances_of(MATE) == (0.04, 0.04, UNSAID[2])
 
 
 def test_what_a_mate_says_of_others_submaps_and_of_withdrawn_ones_is_left_out() -> None:
@@ -272,14 +237,6 @@ def test_memory_for_mates_submaps_is_bounded(monkeypatch: pytest.MonkeyPatch) ->
     assert desk.variances_of(("r2", 2)) == (0.09, 0.09, 0.02)
 
 
-def test_submaps_that_do_not_exist_do_not_take_the_memory_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closures, "MATE_SUBMAPS_MAX", 3)
-    desk = Scene(("r2", 4)).desk
-    for number in (4, 1, 2, 3):
-        desk.hear_places(told(number))
-    assert [desk.variances_of(("r2", number)) == UNSAID for number in (4, 1, 2, 3)] == [False, True, True, False]
-
-
 @pytest.mark.parametrize(
     ("robot", "cells", "is_news"),
     [("r2", b"", True), ("r2", b"cells", False), ("r3", b"", False)],
@@ -293,16 +250,6 @@ def test_a_mates_submap_that_was_moved_is_news_if_the_robot_goes_by_it(robot: st
     parts = [patch if not cells else MapPatch(**{**patch_fields(patch), "cells": cells})]
     scene.desk.hear_places(joined_message(robot, GEOMETRY, parts))
     assert scene.graph.has_news == is_news
-
-
-def test_one_submap_of_several_that_was_moved_is_news_enough() -> None:
-    for order in (1, -1):
-        scene = Scene(MATE)
-        scene.desk.hear(closure_on("r1"))
-        scene.solved()
-        parts = [told(7), MapPatch(**{**patch_fields(told(8)), "cells": b"cells"})][::order]
-        scene.desk.hear_places(joined_message("r2", GEOMETRY, parts))
-        assert scene.graph.has_news
 
 
 def patch_fields(patch: MapPatch) -> dict[str, object]:

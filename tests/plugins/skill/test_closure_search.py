@@ -35,14 +35,6 @@ def searching(atlas: SubmapAtlas, own: Iterable[int] = ()) -> ClosureSearch:
     return ClosureSearch("r1", graph, atlas)
 
 
-def test_without_submaps_there_is_nothing_to_try() -> None:
-    assert searching(atlas_of()).candidate(MIDDLE) is None
-
-
-def test_a_finished_submap_of_a_mate_is_tried() -> None:
-    assert searching(atlas_of(MATE)).candidate(MIDDLE) == MATE
-
-
 def test_a_submap_that_is_not_finished_is_not_tried() -> None:
     atlas = atlas_of()
     atlas.take(MATE, 0, 0, np.full((64, 64), OCCUPIED, np.int8), 1)

@@ -40,16 +40,6 @@ def told(**fields):
     return Closures(robot="r2", closures=[Closure(**(closure | fields))])
 
 
-def moved_m(graph):
-    graph.solve(lambda _key, _frame: IDENTITY, lambda _key: UNSAID)
-    return graph.own[5].T_arena_local.distance_m(IDENTITY)
-
-
-def test_a_mates_closure_moves_the_robots_submap(desk, graph):
-    assert desk.hear(told()) == ""
-    assert moved_m(graph) > 0.2
-
-
 @pytest.mark.parametrize(
     ("fields", "why"),
     [
@@ -86,9 +76,3 @@ def test_submaps_that_do_not_exist_displace_no_variances_of_others(desk, atlas, 
 def test_no_mate_is_surer_of_its_place_than_a_scan_can_make_it(desk, variances):
     desk.hear_places(pose_message("r2", GEOMETRY, 7, IDENTITY, variances=variances))
     assert desk.variances_of(("r2", 7)) == UNSAID
-
-
-def test_a_mate_does_not_say_how_sure_others_are(desk):
-    other = pose_message("r3", GEOMETRY, 7, IDENTITY, variances=(9.0, 9.0))
-    desk.hear_places(joined_message("r2", GEOMETRY, [other]))
-    assert desk.variances_of(("r3", 7)) == UNSAID

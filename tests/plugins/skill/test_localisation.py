@@ -1,8 +1,6 @@
 import math
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement
 from robrain.protocol.can.frames import codec
@@ -15,7 +13,6 @@ from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_MAP, ROBOT_STATE
 BASE = OmniBase()
 WHEELS = ("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")
 MOTES = [Point2D(x, y) for x in (-2.0, 3.0, 9.0, 15.0) for y in (-5.0, 4.0)]
-COORDINATE_M = st.floats(-50.0, 50.0)
 
 
 def roll(one, bus, displacement):
@@ -55,20 +52,6 @@ def test_the_velocity_of_the_state_is_that_of_the_wheels(stage):
     velocities = [received.message.velocity for received in states.drain()]
     driving = velocities[len(velocities) // 2]
     assert (driving.forward_m_s, driving.left_m_s, driving.yaw_rad_s) == pytest.approx((0.3, 0.1, 0.2), abs=0.03)
-
-
-@pytest.mark.slow
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(x_m=COORDINATE_M, y_m=COORDINATE_M, yaw_rad=st.floats(-3.1, 3.1), point=st.tuples(COORDINATE_M, COORDINATE_M))
-def test_a_point_in_the_odom_frame_is_the_same_place(stage, x_m, y_m, yaw_rad, point):
-    one = stage()
-    host = one.host("localisation", localisation={"x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad})
-    localisation = host.manager.get("localisation").plugin
-    (moved,) = localisation.to_odom([Point2D(*point)])
-    back = Pose2D(x_m, y_m, yaw_rad).compose(Pose2D(moved.x_m, moved.y_m, 0.0))
-    assert (back.x_m, back.y_m) == pytest.approx(point, abs=1e-9)
-    one.hosts.remove(host)
-    host.close()
 
 
 def biased(one, bus, metres, *, each=None):
@@ -171,13 +154,6 @@ def test_a_robot_whose_motes_contradict_its_wheels_says_that_it_is_lost_and_leav
     assert frames[-1].robot == "r1"
 
 
-def test_a_robot_without_a_base_station_is_localised_all_the_same(stage):
-    one = stage()
-    host = one.host("localisation")
-    assert "mote_ranges" not in host.manager.plugins
-    assert one.infos()["localisation"].state == "active"
-
-
 def test_signals_reach_localisation_through_the_sensor_network(stage):
     one = stage()
     host = one.host("localisation", "mote_ranges", "snw_exploration")
@@ -186,17 +162,6 @@ def test_signals_reach_localisation_through_the_sensor_network(stage):
         network.measured.notify(RssiMeasurement(mote="m1", place=place, rssi_dbm=-78.0, stamp_ns=0))
     one.run(0.3)
     assert one.call("localisation", "health")["signals"] == 1
-
-
-def test_signals_that_nobody_takes_are_bounded_and_counted(stage):
-    one = stage()
-    host = one.host("mote_ranges")
-    network = host.manager.get("snw_exploration").plugin
-    for number in range(300):
-        network.measured.notify(RssiMeasurement(mote="m1", place=Point2D(4.0, 0.0), rssi_dbm=-78.0, stamp_ns=number))
-        one.run(0.02)
-    assert len(host.board.mote_ranges) == 256
-    assert one.call("mote_ranges", "dropped") == 44
 
 
 @pytest.mark.slow

@@ -85,16 +85,6 @@ def test_a_start_that_nobody_has_said_makes_a_robot_lost_unless_it_was_there_bef
     assert is_known_from_before or "nobody has said where it starts" in host.board.lost
 
 
-def test_before_anything_was_seen_health_is_that_of_the_start(stage):
-    _, host, localisation = localised(stage, start_sigma_m=0.05, start_sigma_rad=0.02)
-    health = localisation.health()
-    assert (health.lost, health.mean_nis, health.signals, health.signals_refused) == ("", 0.0, 0, 0)
-    assert (health.matches, health.last_fit) == (0, 0.0)
-    assert (health.sigma_m, health.sigma_rad) == (pytest.approx(0.05), pytest.approx(0.02))
-    assert (health.scale_error, health.curve_rad_per_m, health.turn_error) == (0.0, 0.0, 0.0)
-    assert host.board.map_agreement is None
-
-
 MOVED = Pose2D(0.3, -0.2, 0.4)
 
 
@@ -209,15 +199,6 @@ def test_parameters_have_to_be_above_zero(name):
             Localisation.Parameters(**{name: value})
 
 
-@pytest.mark.parametrize(("cells", "is_refused"), [(-0.1, True), (0.0, False), (1.0, False), (1.1, True)])
-def test_slack_is_at_most_a_cell(cells, is_refused):
-    if not is_refused:
-        assert Localisation.Parameters(wall_slack_cells=cells).wall_slack_cells == cells
-        return
-    with pytest.raises(ValueError, match="wall_slack_cells from 0 to 1"):
-        Localisation.Parameters(wall_slack_cells=cells)
-
-
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.2])
 def test_a_frame_of_its_own_begins_in_the_middle_of_the_map_so_that_there_is_room_on_all_sides(stage, yaw_rad):
     one, host, localisation = localised(stage, "mapper", x_m=7.0, y_m=-6.5, yaw_rad=yaw_rad)
@@ -230,13 +211,6 @@ def test_a_frame_of_its_own_begins_in_the_middle_of_the_map_so_that_there_is_roo
     assert off(localisation.pose(), Pose2D(0.0, 0.0, yaw_rad)) == pytest.approx((0.0, 0.0, 0.0), abs=0.12)
     view = host.manager.get("mapper").plugin.view()
     assert np.count_nonzero(view.classes == OCCUPIED) > 120, "all four walls"
-
-
-def test_a_map_frame_that_was_found_stays_where_it_is(stage):
-    one, host, localisation = localised(stage, "mapper", x_m=7.0, y_m=-6.5)
-    standing(one, 1.0)
-    assert host.board.frame == ARENA
-    assert localisation.pose().x_m == pytest.approx(7.0, abs=0.05)
 
 
 def test_a_robot_whose_map_lies_wrong_begins_another(stage):

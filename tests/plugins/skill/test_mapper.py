@@ -63,26 +63,6 @@ def test_a_room_of_known_size_is_mapped_as_such(stage):
         assert class_at(seen, *place) == UNKNOWN
 
 
-def test_only_what_was_sensed_is_known(stage):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
-    one.run(0.6, lambda: one.stand_and_scan([3.0]))  # one ray, backwards
-    rows, columns = np.nonzero(view(host).classes != UNKNOWN)
-    places = [view(host).geometry.center_of(int(row), int(column)) for row, column in zip(rows, columns, strict=True)]
-    assert len(places) == pytest.approx(31, abs=1)
-    assert all(-3.1 <= place.x_m <= 0.1 and abs(place.y_m) <= 0.1 for place in places)
-
-
-def test_where_no_ray_returned_the_way_is_free_and_nothing_is_occupied(stage):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
-    one.run(0.6, lambda: one.stand_and_scan([0.0] * 360, range_max_m=3.0))
-    seen = view(host)
-    assert class_at(seen, 2.5, 0.0) == FREE
-    assert class_at(seen, 3.5, 0.0) == UNKNOWN
-    assert not np.any(seen.classes == OCCUPIED)
-
-
 def test_a_robot_that_does_not_know_where_it_is_maps_nothing(stage):
     one = stage()
     one.host("mapper", mapper=GRID)
@@ -172,14 +152,6 @@ def test_teammates_that_drive_about_leave_no_ghosts(stage, room):
     assert one.truth("r2").distance_m > 4.0
 
 
-def test_a_robot_of_which_nothing_is_known_is_an_obstacle_on_the_map(stage, room):
-    plan = room(6.0, 4.0)
-    one = stage(plan, r1=Pose2D(1.5, 2.0, 0.0), r2=Pose2D(3.0, 2.0, 0.0))
-    host = one.host("mapper", "localisation")
-    one.run(3.0)
-    assert ghosts(view(host), plan)
-
-
 def test_one_who_joins_late_has_the_whole_map(stage, room):
     plan = room(8.0, 4.0, (3.9, 0.0, 4.1, 2.6))
     one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(7.0, 1.0, 0.0))
@@ -235,20 +207,6 @@ def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog
         ("robot_map", "not_plausible", 3)
     ]
     assert one.infos()["mapper"].state == "active"
-
-
-def test_its_own_patches_do_not_come_back_to_it(stage):
-    """A robot that was told its own old word as news would undo what it has seen since."""
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
-    one.run(1.0, lambda: one.stand_and_scan([2.0] * 360))
-    own = view(host).classes
-    grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
-    other = OccupancyGrid(grid)
-    other.merge_patch(0, 0, np.full(grid.shape, OCCUPIED, np.int8), 900_000)
-    one.publisher(ROBOT_MAP, robot="r1").put(to_message("r1", grid, other.full_patch()))
-    one.run(0.6)
-    assert np.array_equal(view(host).classes, own)
 
 
 def test_scans_are_left_out_while_the_place_is_not_sure_and_taken_in_again_later(stage):

@@ -102,23 +102,6 @@ def test_a_robot_that_drives_fast_lays_one_scan_a_second_on_the_submaps_of_other
     assert scene.closures == 3
 
 
-def test_the_same_submap_is_tried_again_only_from_elsewhere(stage):
-    scene = Scene(stage, "r2")
-    closures = []
-    for x_m in (0.0, 0.5, 0.75):
-        scene.scan(x_m, 1.2)
-        closures.append(scene.closures)
-    assert closures == [1, 1, 2]
-
-
-def test_a_robot_that_was_found_again_tries_what_it_had_tried_before(stage):
-    """It may be anywhere now: what it laid its scans on before says nothing of where it is."""
-    scene = Scene(stage, "r2")
-    scene.scan(0.0, 1.2)
-    scene.scan(0.5, 1.2, trajectory=1)
-    assert scene.closures == 2
-
-
 def test_a_robot_that_comes_back_lays_its_scans_on_its_own_old_submaps(stage):
     scene = Scene(stage, submap={"way_m": 0.5})
     for x_m in (0.0, 0.6, 1.2, 0.6, 0.0):

@@ -63,37 +63,6 @@ def test_a_mapper_that_has_paused_goes_on_only_when_the_place_is_clearly_surer(s
     assert paused == [False, True, True, True, False, False]
 
 
-def test_while_it_is_paused_the_reason_says_how_sure_the_place_has_to_be(stage):
-    one, host = mapping(stage)
-    host.board.local_pose = lies_at(sigma_m=3.0)
-    scanned(one, 0.02)
-    assert "above 2 m" in one.call("mapper", "counters")["why_left_out"]
-    scanned(one, 0.02)
-    assert "above 1.6 m" in one.call("mapper", "counters")["why_left_out"]
-    host.board.lost = "it was carried"
-    scanned(one, 0.02)
-    assert one.call("mapper", "counters")["why_left_out"].endswith("it was carried")
-
-
-def test_how_unsure_it_is_where_its_map_lies_in_the_arena_is_no_reason_to_pause(stage):
-    one, host = mapping(stage)
-    host.board.pose_covariance = covariance(3.0, 3.0)
-    scanned(one, 0.1)
-    assert one.call("mapper", "counters")["why_left_out"] == ""
-    assert one.call("mapper", "counters")["scans"] > 0
-
-
-def test_a_scan_that_does_not_lie_on_the_robots_own_map_is_not_drawn(stage):
-    one, host = mapping(stage)
-    host.board.local_pose = lies_at(fits=False)
-    scanned(one)
-    counters = one.call("mapper", "counters")
-    assert counters["scans"] == 0
-    assert counters["scans_left_out"] > 10
-    assert counters["why_left_out"] == ""
-    assert not np.any(view(host).classes != UNKNOWN)
-
-
 def test_scans_wait_until_localisation_has_laid_them_on_its_map(stage):
     one, host = mapping(stage)
     host.board.local_pose = lies_at(until_ns=0)
@@ -102,15 +71,6 @@ def test_scans_wait_until_localisation_has_laid_them_on_its_map(stage):
     host.board.local_pose = lies_at()
     scanned(one, 0.02)
     assert 5 < one.call("mapper", "counters")["scans"] <= 16
-
-
-def test_nobody_is_told_in_the_first_half_second(stage):
-    one, _ = mapping(stage)
-    patches = one.inbox(ROBOT_MAP)
-    scanned(one, 0.48)
-    assert patches.drain() == []
-    scanned(one, 0.6)
-    assert len(patches.drain()) == 1
 
 
 def test_a_submap_begins_with_the_first_scan_and_another_after_five_metres(stage):
@@ -325,15 +285,6 @@ def test_nothing_that_was_not_told_yet_is_told_of_a_withdrawn_submap(stage):
     assert all(not message.cells or message.submap > 300 for message in told)
 
 
-def test_a_robot_without_submaps_has_nothing_to_withdraw(stage):
-    one, host = mapping(stage)
-    patches = one.inbox(ROBOT_MAP)
-    host.board.local_pose = None
-    host.board.false_start = True
-    scanned(one, 1.2)
-    assert patches.drain() == []
-
-
 def test_the_whole_map_has_the_submaps_of_robots_that_have_gone(stage, room):
     one = stage(room(), r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(3.0, 3.0, 0.0))
     hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
@@ -355,11 +306,3 @@ def test_parameters_that_are_no_size_are_refused_by_name(name):
         with pytest.raises(ValueError, match=f"{name} > 0"):
             Mapper.Parameters(**{name: value})
     assert getattr(Mapper.Parameters(**{name: 0.5}), name) == 0.5
-
-
-@pytest.mark.parametrize(("side_m", "cells"), [(4.0, 40), (4.04, 40), (4.06, 41), (0.01, 1)])
-def test_the_grid_covers_the_area_that_was_asked_for(side_m, cells):
-    geometry = Mapper.Parameters(width_m=side_m, height_m=2.0 * side_m).geometry()
-    assert geometry.width == cells
-    assert geometry.height == max(1, round(20.0 * side_m))
-    assert (geometry.origin_x_m, geometry.origin_y_m, geometry.resolution_m) == (-20.0, -20.0, 0.1)

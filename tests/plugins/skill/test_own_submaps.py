@@ -172,13 +172,6 @@ def test_a_patch_is_on_the_lattice_of_the_teams_grid_and_may_leave_it() -> None:
     assert own.take_patch() is None, "it is told once"
 
 
-def test_the_map_reaches_beyond_the_teams_grid_by_the_margin_on_all_sides() -> None:
-    own = mapper(margin_m=0.95)
-    geometry = own.grid.geometry
-    assert (geometry.origin_x_m, geometry.origin_y_m) == pytest.approx((-1.0, -1.0))
-    assert geometry.shape == (80 + 20, 120 + 20)
-
-
 def test_what_a_robot_saw_in_the_submap_before_is_told_of_the_new_one_once_it_sees_it_again() -> None:
     own = begun()
     scan(own, START)

@@ -1,10 +1,6 @@
-import math
-
-import pytest
-
 from robrain.plugins.unit.teammates import teammates
 from robrain.plugins.unit.teammates.interface import Doing
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
 from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
@@ -40,14 +36,6 @@ def test_a_robot_is_no_teammate_of_its_own(stage):
     assert names(one) == []
 
 
-def test_a_robot_that_does_not_know_where_it_is_is_none_to_avoid(stage):
-    one = stage()
-    one.host("teammates")
-    one.say_state("r2", None)
-    one.run(0.3)
-    assert names(one) == []
-
-
 def test_mates_that_do_not_know_where_they_are_are_counted_while_they_are_heard(stage):
     one = stage()
     teammates = one.host("teammates").manager.get("teammates").plugin
@@ -74,16 +62,6 @@ def test_a_teammate_that_is_silent_for_two_seconds_is_forgotten_and_comes_back(s
     assert names(one) == ["r2"]
 
 
-def test_only_the_latest_word_of_a_teammate_counts(stage):
-    one = stage()
-    one.host("teammates")
-    for x_m in (1.0, 2.0, 3.0):
-        one.say_state("r2", Pose2D(x_m, 0.0, 0.0))
-    one.run(0.3)
-    (mate,) = one.call("teammates", "others")
-    assert mate["pose"]["x_m"] == 3.0
-
-
 HERE = Point2D(1.0, 2.0)
 PATH = [Point2D(1.0, 2.0), Point2D(4.0, 2.0)]
 
@@ -106,21 +84,6 @@ def test_a_mate_with_a_path_is_under_way_along_what_is_left_of_it(stage):
     assert tuple(mate.track.positions[0]) == (2.0, 2.0)
     assert abs(mate.track.positions[-1][0] - 4.0) < 0.05
     assert mate.track.positions.shape[0] in (21, 22)
-
-
-def test_a_mate_that_waits_is_held_where_it_says(stage):
-    one = stage()
-    host = one.host("teammates")
-    say_path(one, "r2", PATH, held_at_m=1.5)
-    one.say_state("r2", Pose2D(2.0, 2.0, 0.0))
-    assert mates(host)[0].track.held_at == 5
-
-
-def test_a_mate_without_a_path_only_stands(stage):
-    one = stage()
-    host = one.host("teammates")
-    one.say_state("r2", POSE)
-    assert mates(host)[0].doing is Doing.STANDING
 
 
 def test_a_lost_mate_is_an_obstacle_where_it_was_last_seen_and_forgotten_much_later(stage):
@@ -152,49 +115,6 @@ def test_one_that_does_not_know_where_it_is_is_kept_away_from_by_half_a_metre_mo
     one.publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2", pose=POSE, radius_m=0.2, lost="no idea"))
     (mate,) = mates(host)
     assert (mate.doing, mate.radius_m, mate.track.keep_m) == (Doing.OBSTACLE, 0.7, 0.7)
-
-
-def test_a_mate_that_has_stood_for_long_is_under_way_as_soon_as_it_has_a_path(stage):
-    one = stage()
-    host = one.host("teammates")
-    one.run(10.0, lambda: one.say_state("r2", POSE))
-    say_path(one, "r2", PATH)
-    one.say_state("r2", POSE)
-    one.run(0.3)
-    assert mates(host)[0].doing is Doing.UNDER_WAY
-
-
-def test_a_mate_that_moves_without_a_path_is_taken_to_go_straight_on(stage):
-    one = stage()
-    host = one.host("teammates")
-    state = RobotState(robot="r2", pose=Pose2D(1.0, 2.0, math.pi / 2), radius_m=0.2, velocity=Twist2D(0.4, 0.0, 0.0))
-    one.publisher(ROBOT_STATE, robot="r2").put(state)
-    track = mates(host)[0].track
-    assert track.speed_m_s == 0.4
-    assert track.positions[-1] == pytest.approx((1.0, 2.6), abs=0.11)
-
-
-def test_a_mate_that_should_move_and_does_not_is_an_obstacle_unless_it_waits_for_others(stage):
-    one = stage()
-    host = one.host("teammates")
-    say_path(one, "r2", PATH)
-    say_path(one, "r3", PATH, held_at_m=0.0)
-
-    def speak():
-        one.say_state("r2", POSE)
-        one.say_state("r3", POSE)
-
-    one.run(5.0, speak)
-    assert [mate.doing for mate in mates(host)] == [Doing.OBSTACLE, Doing.UNDER_WAY]
-
-
-def test_mates_that_are_far_and_go_elsewhere_are_left_out(stage):
-    one = stage()
-    host = one.host("teammates")
-    one.say_state("r2", Pose2D(20.0, 2.0, 0.0))
-    one.say_state("r3", Pose2D(20.0, 2.0, 0.0))
-    say_path(one, "r3", [Point2D(20.0, 2.0), Point2D(4.0, 2.0)])
-    assert [mate.name for mate in mates(host)] == ["r3"]
 
 
 def test_robots_beyond_the_most_are_not_followed_and_those_known_still_are(stage, monkeypatch):
@@ -279,13 +199,3 @@ def test_states_that_come_faster_than_they_are_needed_are_taken_in_seven_times_a
     one.run(3.0, each)
     assert 15 <= len(heard) <= 21
     assert max(heard) > 140
-
-
-class SetClock:
-    """A clock that a test sets."""
-
-    def __init__(self, now_s):
-        self.now_s = now_s
-
-    def now_ns(self):
-        return round(self.now_s * 1e9)

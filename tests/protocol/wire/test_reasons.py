@@ -1,9 +1,7 @@
 """Every reason has a code and a sentence, passes the wire as a value, and none can hold another without end."""
 
-import ast
 import inspect
 import re
-from itertools import pairwise
 from typing import Any, get_args
 
 import msgspec
@@ -12,7 +10,6 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.reasons import idle, offers, plans, robots, tasks, wire
-from robrain.protocol.wire.reasons import words as words_module
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.reasons.reason import Reason, Said
 from robrain.protocol.wire.reasons.words import AnyReason, told, words
@@ -30,48 +27,6 @@ UNIONS = (
 )
 NESTED_MOST = 6
 """Reasons within reasons, at the most: of a task that waits for one that was left out for a robot that refused."""
-
-EXAMPLES = [
-    (idle.ExplorationOff(), "idle because the team explores only if a task tells it to"),
-    (idle.NothingUnknown(), "idle because nothing unknown is left"),
-    (
-        idle.NoWay(frontiers=1, needed_m=0.44),
-        "idle because no way of at least 0.44 m leads to the border of the known floor",
-    ),
-    (
-        idle.TooNarrow(frontiers=3, needed_m=0.44, gap_m=0.391, place=Point2D(4.0, -1.5)),
-        (
-            "idle because the way to the 3 borders of the known floor is 0.39 m wide at x 4.0, y -1.5 "
-            "and the robot needs 0.44 m"
-        ),
-    ),
-    (
-        idle.TriedInVain(frontiers=2),
-        "idle because it has just tried without success to get to the 2 borders of the known floor",
-    ),
-    (
-        idle.OthersExplore(frontiers=2),
-        "idle because other robots go to the 2 borders of the known floor",
-    ),
-    (
-        idle.LacksRange(frontiers=2, reach_m=24.0),
-        "idle because its energy lasts for 24 m: too little for the 2 borders of the known floor and a charger",
-    ),
-    (idle.PlanPending(), "idle because tasks are being planned"),
-    (idle.TaskSoon(), "idle because its next task begins soon"),
-    (idle.TeamHalted(), "idle because the team is halted"),
-    (idle.PlaceUnknown(), "idle because its position is unknown"),
-]
-
-
-@pytest.mark.parametrize(("reason", "said"), EXAMPLES, ids=[type(reason).__name__ for reason, _ in EXAMPLES])
-def test_a_reason_has_words_and_passes_the_wire_as_a_value(reason, said):
-    assert words(reason) == said
-    assert msgspec.json.decode(msgspec.json.encode(reason), type=IdleReason) == reason
-
-
-def test_every_reason_to_be_idle_has_an_example():
-    assert {type(reason) for reason, _ in EXAMPLES} == set(IdleReason.__args__)
 
 
 def test_a_reason_names_itself_by_a_code():
@@ -130,16 +85,6 @@ def test_a_code_is_the_name_of_its_type_and_is_given_once():
     codes = [kind.__struct_config__.tag for kind in KINDS]
     assert codes == [re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower() for kind in KINDS]
     assert len(set(codes)) == len(codes)
-
-
-def test_the_words_are_sorted_by_code():
-    tree = ast.parse(inspect.getsource(words_module.words))
-    names = [ast.unparse(node.pattern).partition("(")[0].rpartition(".")[2] for node in ast.walk(tree)
-             if isinstance(node, ast.match_case)]  # fmt: skip
-    tags = {kind.__name__: kind.__struct_config__.tag for kind in KINDS}
-    unsorted = [(one, other) for one, other in pairwise(names) if tags[one] > tags[other]]
-    assert unsorted == []
-    assert len(names) == len(KINDS)
 
 
 def test_a_code_of_a_newer_peer_is_no_reason():
