@@ -77,7 +77,7 @@ def test_a_process_whose_parent_hangs_up_before_it_was_told_what_to_run_ends_in_
 
 def environment_in_its_process(connect: Sequence[str] = ()) -> ChildEnvironment:
     """What the plugin has at hand in its own process; its parent is not asked for anything."""
-    begin = Begin("r1", "default", "vision", "vision.toml", "vision:Vision", b"", (), list(connect), 0, [], 0, 0)
+    begin = Begin("r1", "default", "vision", "vision.toml", "vision:Vision", b"", (), list(connect), 0, [], 0)
     nobody: Any = None
     return ChildEnvironment(begin, nobody, threading.RLock())
 
