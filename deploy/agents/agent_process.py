@@ -10,6 +10,7 @@ import msgspec
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
+from robrain.agent.host.robot_log import plugin_here
 from robrain.agent.lifecycle.plugin_info import plugin_faults
 from robrain.deploy.agents.witness_file import WitnessFile, witness_path
 from robrain.deploy.observability.json_logs import CONTEXT
@@ -63,7 +64,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
         memory = WitnessFile(witness_path(table.team, table.name))
         host = AgentHost(robot_file, robot.parent, session, LiveClock(), Drive.LIVE, memory=memory)
-        CONTEXT.robot, CONTEXT.task = host.name, host.task_and_trace
+        CONTEXT.robot, CONTEXT.plugin, CONTEXT.task = host.name, plugin_here, host.task_and_trace
 
         def tell_plugins() -> None:
             claim.settle()

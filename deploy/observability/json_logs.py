@@ -19,9 +19,6 @@ FORMAT_VARIABLE = "ROBRAIN_LOG_FORMAT"
 OPTION = "--log-format"
 FORMATS = ("text", "json")
 TEXT = "%(levelname)s %(name)s: %(message)s"
-PLUGIN_THREAD = "plugin-"
-"""A thread that is in a plugin has this before the plugin's name; see `agent/host/live_drive.py`."""
-IDLE_THREAD = "plugin-thread-"
 
 
 class LogContext:
@@ -30,6 +27,8 @@ class LogContext:
     def __init__(self) -> None:
         self.robot = ""
         """Name of the robot whose process it is; empty for other processes."""
+        self.plugin: Callable[[], str] = str
+        """Name of the plugin whose code runs on the calling thread; empty if none."""
         self.task: Callable[[], tuple[str, str]] = lambda: ("", "")
         """Id and trace of the task that the robot is at; both empty if none."""
 
@@ -59,7 +58,7 @@ class JsonLines(logging.Formatter):
             "logger": record.name,
             "message": record.getMessage(),
             "robot": self._context.robot,
-            "plugin": plugin_of(record.threadName or ""),
+            "plugin": getattr(record, "plugin", "") or self._context.plugin(),
             "task": task,
             "trace": trace,
             "process": record.process,
@@ -75,17 +74,6 @@ class SafeLines(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """The line and the traceback."""
         return safe_lines(super().format(record), "  ")
-
-
-def plugin_of(thread: str) -> str:
-    """The plugin that a thread is in, by the thread's name; empty if it is in none.
-
-    >>> plugin_of("plugin-driver"), plugin_of("plugin-thread-3"), plugin_of("MainThread")
-    ('driver', '', '')
-    """
-    if not thread.startswith(PLUGIN_THREAD) or thread.startswith(IDLE_THREAD):
-        return ""
-    return thread.removeprefix(PLUGIN_THREAD)
 
 
 def set_up_logs(words: list[str]) -> list[str]:

@@ -12,17 +12,15 @@ from robrain.deploy.observability import json_logs
 from robrain.deploy.observability.json_logs import FORMAT_VARIABLE, JsonLines, LogContext, set_up_logs
 
 
-def record(thread="MainThread", error=None):
+def record(error=None):
     exc_info = (type(error), error, None) if error is not None else None
-    one = logging.LogRecord("robrain.x", logging.WARNING, "x.py", 1, "%s is late", ("r1",), exc_info)
-    one.threadName = thread
-    return one
+    return logging.LogRecord("robrain.x", logging.WARNING, "x.py", 1, "%s is late", ("r1",), exc_info)
 
 
 def test_line_has_robot_plugin_and_task():
     context = LogContext()
-    context.robot, context.task = "r1", lambda: ("visit-1", "4bf92f35")
-    line = JsonLines(context).format(record("plugin-driver"))
+    context.robot, context.plugin, context.task = "r1", lambda: "driver", lambda: ("visit-1", "4bf92f35")
+    line = JsonLines(context).format(record())
     assert "\n" not in line
     found = json.loads(line)
     assert (found["level"], found["logger"], found["message"]) == ("warning", "robrain.x", "r1 is late")
@@ -32,7 +30,7 @@ def test_line_has_robot_plugin_and_task():
 
 
 def test_what_is_not_known_is_left_out_and_an_error_has_its_traceback():
-    found = json.loads(JsonLines(LogContext()).format(record("plugin-thread-3", ValueError("a\nb"))))
+    found = json.loads(JsonLines(LogContext()).format(record(ValueError("a\nb"))))
     assert not {"robot", "plugin", "task", "trace"} & set(found)
     assert found["traceback"].startswith("ValueError: a")
 
