@@ -249,12 +249,6 @@ def test_of_many_findings_of_a_kind_the_first_are_told_and_the_rest_counted(tmp_
 # -- diff -------------------------------------------------------------------------------------------------------
 
 
-def test_equal_runs_do_not_differ(run: Path) -> None:
-    difference, same = first_difference(run, run)
-    assert difference is None
-    assert str(same) == recording_info(run).summary["messages"]
-
-
 @pytest.mark.parametrize(
     ("other", "what", "path", "first", "second"),
     [

@@ -17,17 +17,6 @@ IMU = {"bias_rad_s": 0.05, "noise_rad_s": 0.005}
 
 
 @pytest.mark.slow
-def test_a_unit_that_is_as_the_file_says_is_right_and_its_bias_is_told(tmp_path: Path) -> None:
-    report = BroughtUp(tmp_path, {}, {"imu": IMU}).run(Wanted(air=False))
-    assert wrong(report) == set()
-    steps = [finding.step for finding in report.findings]
-    assert steps.index(Step.TURN) < steps.index(Step.IMU) < steps.index(Step.SQUARE)
-    (imu,) = [finding for finding in report.findings if finding.step is Step.IMU]
-    assert imu.values["by_imu_rad"] == pytest.approx(imu.values["by_scan_rad"], rel=0.02)
-    assert imu.values["bias_rad_s"] == pytest.approx(0.05, abs=0.002)
-
-
-@pytest.mark.slow
 def test_a_unit_upside_down_is_named_and_corrected_and_does_not_spoil_the_wheels(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {"imu": {"upside_down": False}}, {"imu": {**IMU, "upside_down": True}})
     first = robot.run(NO_SQUARES)

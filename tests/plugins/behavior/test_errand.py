@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath, Unexplored
-from robrain.protocol.wire.topics import HALT, ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.wire.topics import HALT, ROBOT_PATH
 from tests.plugins.behavior.errands import START, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)
@@ -297,11 +297,3 @@ def test_a_second_visit_that_is_refused_leaves_the_first_as_it_is(errands):
     assert not run.offer(Task(id="second", kind="visit", place=WALLED)).accepted
     run.run(20.0)
     assert (run.status().id, run.status().state) == ("first", TaskState.DONE)
-
-
-def test_the_result_travels_with_the_state(errands):
-    run = errands("visit")
-    states = run.inbox(ROBOT_STATE, robot="r1")
-    status = run.finish(Task(id="v", kind="visit", place=Point2D(2.0, 1.5)))
-    run.run(0.2)
-    assert states.drain()[-1].message.task.result == status.result

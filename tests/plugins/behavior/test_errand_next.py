@@ -68,19 +68,6 @@ def test_the_wheels_are_told_of_the_next_task_in_the_step_in_which_they_stop(err
     assert wheels.standing_s() == [0.0]
 
 
-@pytest.mark.slow
-def test_two_runs_of_the_same_are_the_same(errands):
-    stamps = []
-    for _ in range(2):
-        run = errands("visit")
-        wheels = Wheels(run)
-        run.offer(Task(id="a", kind="visit", place=NEAR))
-        run.offer(Task(id="b", kind="visit", place=FAR), after="a")
-        until_ended(run, "b")
-        stamps.append(wheels.told)
-    assert stamps[0] == stamps[1]
-
-
 def test_an_errand_goes_on_as_soon_as_the_wheels_stand(errands):
     """Its own step comes four times a second."""
     run = errands("visit")

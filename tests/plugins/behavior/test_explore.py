@@ -9,9 +9,7 @@ from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.navigation.frontier import find_frontiers, frontier_mask
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskWithdrawal
-from robrain.protocol.wire.reasons.offers import EpochOld, NoPath
-from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE, ROBOT_WITHDRAW
+from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))
 
@@ -80,13 +78,6 @@ def test_a_robot_that_is_done_stands_and_is_idle(explorer):
     assert one.truth().pose == before
 
 
-def test_the_goal_can_be_asked_for(explorer):
-    one, host = explorer
-    goal = frontiers(host)[0]
-    one.offer(goal)
-    assert one.call("explore", "goal") == {"x_m": goal.x_m, "y_m": goal.y_m}
-
-
 @pytest.mark.parametrize("goal", [Point2D(9.0, 0.5), Point2D(-30.0, 2.0), Point2D(4.0, 3.99 + 2.0)])
 def test_an_unreachable_goal_is_refused_with_the_reason(explorer, goal):
     one, host = explorer
@@ -122,24 +113,6 @@ def test_a_goal_with_absurd_numbers_is_refused_and_the_robot_goes_on(explorer, x
     one.run(0.3)
     assert status(host).id == "good"
     assert host.manager.get("explore").state is PluginState.ACTIVE
-
-
-@pytest.mark.parametrize("goal", [Point2D(1e6, 0.0), Point2D(0.0, -1e6)])
-def test_the_farthest_goal_that_can_be_said_is_refused_in_words(explorer, goal):
-    one, host = explorer
-    answer = one.offer(goal)
-    assert (answer.accepted, answer.reason) == (False, NoPath())
-    assert host.manager.get("explore").state is PluginState.ACTIVE
-
-
-def test_an_offer_of_an_older_epoch_is_refused(explorer):
-    one, host = explorer
-    goal = frontiers(host)[0]
-    assert one.offer(goal, task="new", epoch=5).accepted
-    answer = one.offer(goal, task="old", epoch=4)
-    assert not answer.accepted
-    assert answer.reason == EpochOld(4, 5)
-    assert status(host).id == "new"
 
 
 def test_a_frontier_that_walls_hide_is_done_without_going_there(explorer):
@@ -291,18 +264,6 @@ def test_a_coordinator_that_speaks_renews_the_lease(explorer):
     assert status(host).state is not TaskState.CANCELLED
 
 
-def test_a_task_that_is_withdrawn_is_let_go(explorer):
-    one, host = explorer
-    one.offer(frontiers(host)[0], epoch=2)
-    one.run(0.5)
-    one.wire.ask(ROBOT_WITHDRAW, TaskWithdrawal(id="t1", epoch=2, why="changed its mind"), robot="r1")
-    assert (status(host).state, status(host).why) == (TaskState.CANCELLED, "changed its mind")
-    one.run(1.5)
-    before = one.truth().pose
-    one.run(1.0)
-    assert one.truth().pose == before
-
-
 def test_a_halted_robot_gives_its_task_back_refuses_offers_and_works_again_when_resumed(explorer):
     one, host = explorer
     goal = frontiers(host)[0]
@@ -323,16 +284,3 @@ def test_a_halted_robot_gives_its_task_back_refuses_offers_and_works_again_when_
     assert one.offer(goal, task="t3", epoch=3).accepted
     one.run_until(lambda: status(host).state.ended, 60.0)
     assert (status(host).id, status(host).state) == ("t3", TaskState.DONE)
-
-
-def test_a_robot_goes_around_a_teammate_that_stands_in_its_way(stage, room):
-    one = stage(room(8.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0), r2=Pose2D(3.0, 2.0, 0.0))
-    one.coordinator_speaks = True
-    host = one.host("explore")
-    one.host("localisation", robot="r2")
-    one.run(1.0)
-    goal = max(frontiers(host), key=lambda place: place.x_m)
-    assert one.offer(goal).accepted
-    one.run_until(lambda: status(host).state.ended, 60.0)
-    assert status(host).state is TaskState.DONE
-    assert (one.truth("r1").collisions, one.truth("r2").distance_m) == (0, 0.0)

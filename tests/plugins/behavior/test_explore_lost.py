@@ -87,14 +87,6 @@ def test_one_that_has_been_found_waits_for_the_coordinator(lost):
     assert explore(host).goal() is None
 
 
-def test_one_in_the_arena_frame_does_not_roam(stage, room):
-    one = stage(room(*TWO_ROOMS), r1=START)
-    host = one.host("explore")
-    one.run(1.0)
-    assert host.board.frame == ARENA
-    assert not explore(host)._may_roam()
-
-
 @pytest.mark.parametrize("charging", [True, False])
 def test_one_that_charges_stays(lost, charging):
     one, host = lost

@@ -6,7 +6,6 @@ planner's margin allow; there the lidars are without noise, because one wrong re
 
 import math
 
-import numpy as np
 import pytest
 
 from robrain.plugins.behavior.travel import Progress
@@ -131,16 +130,3 @@ def test_one_that_nobody_hears_of_is_not_run_into(cross):
     one.run_until_all_arrived(30.0)
     assert one.courier("r1").progress is Progress.ARRIVED
     assert one.collisions == 0
-
-
-@pytest.mark.slow
-def test_equal_runs_give_way_equally(session):
-    poses = []
-    for _ in range(2):
-        one = Crossing(session, floor(*CROSSING), [(P(1.0, 4.5), P(8.0, 4.5)), (P(4.5, 1.0), P(4.5, 8.0))])
-        one.go()
-        one.run(8.0)
-        poses.append([one.pose(name) for name in one.goals])
-        one.close()
-    assert poses[0] == poses[1]
-    assert np.isfinite(one.nearest_m)

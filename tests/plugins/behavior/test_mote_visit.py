@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
 from robrain.sim.motes.field import Field, FieldSpec
-from robrain.sim.motes.mote import ArenaMote, MoteSpec
+from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.motes.radio import RadioModel
 
@@ -123,23 +123,3 @@ def test_a_duty_that_somebody_wants_reaches_the_mote_at_the_next_visit(air):
     sent = visit.one.call("snw_exploration", "counters")["duties"]
     visit.run(60.0)
     assert visit.one.call("snw_exploration", "counters")["duties"] == sent
-
-
-def test_strengths_tell_near_from_far(air):
-    visit = air(motes=4, network=SensorNetwork(radio=RadioModel(shadowing_db=0.0)))
-    visit.places = [Point2D(2.0, 0.5)]
-    visit.run(20.0)
-    means_dbm = [row["mean_rssi_dbm"] for row in visit.heard()]
-    assert means_dbm == sorted(means_dbm, reverse=True)
-
-
-def test_equal_seeds_give_equal_readings(air):
-    runs = []
-    for _ in range(2):
-        visit = air(motes=3, network=SensorNetwork(motes=MoteSpec(quantities=("temperature", "light"))))
-        visit.run(50.0)
-        visit.places = [Point2D(4.0, 1.0)]
-        visit.run(20.0)
-        runs.append([(each.mote, each.sequence, each.value, each.rssi_dbm) for each in visit.readings()])
-        visit.one.close()
-    assert runs[0] == runs[1]

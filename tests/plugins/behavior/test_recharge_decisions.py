@@ -192,16 +192,6 @@ def test_other_behavior_that_is_firm_keeps_the_robot():
     assert robot.it.run is None
 
 
-def test_each_way_home_has_a_name_of_its_own():
-    robot = BareRecharge(CHARGER)
-    names = []
-    for _ in range(2):
-        robot.it._ask("home")
-        names.append(robot.it.doing())
-        robot.it.drop()
-    assert names == ["home-r5-1", "home-r5-2"]
-
-
 def test_halted_robot_does_not_want_home_any_more():
     robot = BareRecharge(CHARGER)
     robot.work_at_a_task()

@@ -88,27 +88,3 @@ def test_without_a_board_motes_that_are_heard_are_not_enough_here_and_it_says_so
     status = run.finish(seek(), 120.0)
     assert status.state is TaskState.FAILED
     assert status.why.startswith("nothing tells temperature_c")
-
-
-def test_a_robot_that_is_called_off_forgets_the_climb(errands):
-    run = errands("seek")
-    heat(run)
-    run.offer(seek())
-    run.run(12.0)
-    run.withdraw("s")
-    run.run(2.0)
-    before = run.pose()
-    run.run(3.0)
-    assert run.pose().distance_m(Point2D(before.x_m, before.y_m)) < 0.05
-    assert run.status().state is TaskState.CANCELLED
-
-
-@pytest.mark.slow
-def test_equal_seeds_climb_alike(errands):
-    digests = []
-    for _ in range(2):
-        run = errands("seek", seed=3)
-        heat(run)
-        run.finish(seek(), 240.0)
-        digests.append(run.recorder.digest)
-    assert digests[0] == digests[1]

@@ -42,13 +42,6 @@ def charging(run: Errands) -> set[int]:
     return {robot for robot in run.arena.chargers.docked if robot is not None}
 
 
-def test_two_robots_that_have_to_charge_go_to_two_of_five_chargers(team):
-    run = team(2, 5, 0.3)
-    run.run(60.0)
-    assert charging(run) == {0, 1}
-    assert run.arena.collisions == 0
-
-
 def test_the_second_of_two_robots_that_are_told_the_same_charger_takes_the_next(team):
     run = team(2, 2, 0.5)
     run.run(1.0)

@@ -22,7 +22,7 @@ def test_a_robot_does_not_wander_before_it_is_told_to(errands):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1])
 def test_a_robot_that_wanders_gets_about_and_runs_into_nothing(errands, seed):
     run = errands(seed=seed)
     assert run.call("wander", "start", 60.0) is True

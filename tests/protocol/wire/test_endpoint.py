@@ -133,12 +133,6 @@ def test_teams_on_one_session_do_not_hear_each_other(wire):
     assert inbox.drain() == []
 
 
-def test_a_closed_publisher_can_be_closed_before_its_endpoint(wire):
-    wire.robot.publisher(HALT).close()
-    wire.robot.close()
-    wire.robot.close()
-
-
 def test_after_closing_nothing_is_heard_any_more(wire):
     inbox = Inbox()
     wire.other.subscribe(inbox, HALT)
@@ -399,12 +393,6 @@ def test_a_run_that_another_process_answers_cannot_be_repeated():
         wire.close()
         elsewhere.close()
         run.close()
-
-
-def test_where_nobody_answers_nobody_is_there(wire):
-    wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
-    with pytest.raises(NobodyThere, match="nobody answers robrain/t/robot/r2/plugins"):
-        wire.other.ask(ROBOT_PLUGINS, robot="r2")
 
 
 def test_a_wildcard_query_for_one_key_of_many_is_answered_with_an_error(wire):

@@ -12,8 +12,7 @@ from robrain.protocol.wire.inbox import LARGE_BYTES, Inbox
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.topic import Delivery
-from robrain.protocol.wire.topics import ARENA_CAN, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.wire.topics import HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 
 LOG_KEY = ROBOT_LOG.key("t", robot="r1")
 
@@ -111,19 +110,6 @@ def test_no_payload_breaks_an_inbox(payload):
     assert len(inbox.drain()) + inbox.refused == 1
 
 
-def test_bytes_of_foreign_protocols_stay_bytes():
-    inbox = Inbox()
-    inbox.append(ARENA_CAN, ARENA_CAN.key("t", robot="r1", channel="can0"), b"\x00frame")
-    assert inbox.drain()[0].message == b"\x00frame"
-
-
-def test_samples_from_outside_are_counted():
-    inbox = Inbox()
-    inbox.append(ROBOT_LOG, LOG_KEY, log(1), outside=True)
-    inbox.append(ROBOT_LOG, LOG_KEY, log(2))
-    assert inbox.outside == 1
-
-
 @given(
     st.integers(1, 5),
     st.lists(st.one_of(st.just("drain"), st.tuples(st.booleans(), st.sampled_from("abcdefg"))), max_size=40),
@@ -180,11 +166,6 @@ def test_an_owner_that_drains_in_the_midst_of_an_append_harms_nothing(line):
     drained += inbox.drain()
     assert drained[-1].message.text == "second"
     assert inbox.received == 2
-
-
-def test_the_topics_used_here_are_delivered_as_these_tests_assume():
-    assert ROBOT_STATE.delivery is Delivery.LATEST
-    assert ROBOT_LOG.delivery is not Delivery.LATEST
 
 
 def test_large_samples_are_bounded_by_their_bytes_and_small_ones_by_their_number():

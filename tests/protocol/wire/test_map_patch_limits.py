@@ -11,7 +11,6 @@ from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.model.slam.submap import IDENTITY, SURFACE, SURFACES_MAX
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.messages.maps import map_patch
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.maps.map_patch import (
     is_near_grid,
@@ -102,19 +101,6 @@ def test_surfaces_that_are_too_many_or_cut_off_are_refused(surfaces: bytes) -> N
     with pytest.raises(ValueError, match=f"at most {SURFACES_MAX} surfaces of 11 bytes"):
         take_message(atlas, finished(surfaces))
     assert atlas.submaps[KEY].surfaces is None
-
-
-@pytest.mark.parametrize(("cells", "is_taken"), [(100, True), (101, False)])
-def test_the_cells_of_all_parts_count_together(monkeypatch: pytest.MonkeyPatch, cells: int, is_taken: bool) -> None:
-    monkeypatch.setattr(map_patch, "MESSAGE_CELLS_MAX", 100)
-    atlas = SubmapAtlas(GRID)
-    message = joined_message("r2", GRID, [floor(cells=40), floor(row=9, cells=cells - 40)])
-    if is_taken:
-        assert take_message(atlas, message) > 0
-        return
-    with pytest.raises(ValueError, match="at most 100 cells in a message"):
-        take_message(atlas, message)
-    assert not atlas.submaps
 
 
 def test_of_several_places_in_one_message_the_last_one_counts() -> None:

@@ -163,24 +163,3 @@ def test_a_killed_coordinator_with_links_ends_the_task_that_it_had_accepted():
         team.go(9.0)
         record = team.team.wait(task, timeout_s=100.0)
         assert record.state is TaskState.DONE
-
-
-FAULTS = (
-    fault(FaultKind.LOSE, "r1", 1.0, share=0.3),
-    fault(FaultKind.REORDER, "r3", 1.5, late_s=(0.0, 0.4)),
-    fault(FaultKind.HANG, "r2", 2.0, until_s=3.0, within_s=1.0),
-    fault(FaultKind.KILL, "r3", 3.0, until_s=5.0),
-    fault(FaultKind.PARTITION, COORDINATOR, 5.0, until_s=7.0),
-)
-
-
-def test_equal_seeds_give_equal_runs_with_faults_on_top_of_the_radio():
-    def digest(seed):
-        with team_of(*FAULTS, links=f"{RANGE}\nloss = 0.1\ndelay_s = 0.02", seed=seed) as team:
-            team.go(1.0)
-            team.team.submit("visit", id="far", place=(28.0, 2.0))
-            team.go(9.0)
-            return team.run.digest
-
-    assert digest(1) == digest(1)
-    assert digest(1) != digest(2)

@@ -45,16 +45,6 @@ def test_image_is_what_the_script_draws(name, drawing):
 
 
 @pytest.mark.slow
-def test_script_writes_these_very_files(drawing, tmp_path, monkeypatch):
-    monkeypatch.setattr(drawing, "FOLDER", tmp_path)
-    drawing.main()
-    for name in NAMES:
-        text = (tmp_path / f"{name}.yaml").read_text(encoding="utf-8")
-        assert text == (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
-        assert np.array_equal(load_map(tmp_path / f"{name}.yaml").occupied, load_map(FOLDER / f"{name}.yaml").occupied)
-
-
-@pytest.mark.slow
 def test_all_free_floor_is_reached_by_a_robot_from_anywhere_on_it(plan):
     _, regions = ndimage.label(~plan.occupied)
     assert regions == 1

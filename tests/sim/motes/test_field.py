@@ -46,18 +46,6 @@ def test_each_quantity_has_its_own_levels(quantity):
     assert still().value(quantity, ORIGIN, 0.0) == levels.base
 
 
-def test_the_same_seed_draws_the_same_field_and_another_another():
-    places = [Point2D(x_m, 1.0) for x_m in (6.0, 12.0, 20.0)]
-    values = [
-        [
-            Field.draw(FieldSpec(), PLAN, np.random.default_rng(seed)).value(Quantity.TEMPERATURE, place, 30.0)
-            for place in places
-        ]
-        for seed in (1, 1, 2)
-    ]
-    assert values[0] == values[1] != values[2]
-
-
 def test_drawn_plumes_start_on_the_floor():
     for seed in range(20):
         field = Field.draw(FieldSpec(plumes=1), PLAN, np.random.default_rng(seed))

@@ -296,17 +296,6 @@ def test_the_charge_used_is_the_time_in_each_state_times_its_current(wire):
     assert used_mas - 3600 * fresh.used_mah == pytest.approx(expected_mas)
 
 
-def test_a_slower_duty_makes_batteries_last_longer(wire):
-    used = []
-    for period_s in (4.0, 60.0):
-        network = SensorNetwork(motes=MoteSpec(period_s=period_s), radio=STEADY_RADIO)
-        battery = Floor(wire, [HERE], [Point2D(2.0, 0.0)], network)
-        before_mah = battery.field.motes[0].battery.used_mah
-        battery.run(3600.0)
-        used.append(battery.field.motes[0].battery.used_mah - before_mah)
-    assert used[0] > 4 * used[1]
-
-
 def test_a_mote_whose_batteries_are_flat_falls_silent(wire):
     network = SensorNetwork(motes=MoteSpec(capacity_mah=0.5, used_at_start_max=0.0), radio=STEADY_RADIO)
     floor = Floor(wire, [HERE], [Point2D(2.0, 0.0)], network)

@@ -80,13 +80,6 @@ def test_what_does_not_arrive_is_counted_as_broken_or_as_lost():
     assert counters.heard + counters.crc_errors + counters.lost == 3000
 
 
-def test_the_same_seed_draws_the_same_field_and_another_another():
-    xs_m, ys_m = np.linspace(0.0, 20.0, 5), np.zeros(5)
-    one, same, other = (ShadowField(4.0, 3.0, np.random.default_rng(seed)).at(xs_m, ys_m) for seed in (1, 1, 2))
-    assert (one == same).all()
-    assert (one != other).any()
-
-
 def test_stronger_packets_cost_more_current():
     currents_ma = [send_ma(power_dbm) for power_dbm in (-30.0, -20.0, -10.0, 0.0, 10.0)]
     assert currents_ma == sorted(currents_ma)

@@ -41,17 +41,6 @@ def test_without_the_tables_everything_is_as_usual(tmp_path):
     assert scenario(tmp_path, "").network == SensorNetwork()
 
 
-@pytest.mark.slow
-def test_the_digest_follows_the_seed_and_the_tables_and_nothing_else(tmp_path):
-    def digest(tables, seed):
-        return scenario(tmp_path, tables).replace(seed=seed).run(time_limit_s=6.0, until_explored=1.0).digest
-
-    first = digest(TABLES, 3)
-    assert digest(TABLES, 3) == first
-    assert digest(TABLES, 4) != first
-    assert digest(TABLES.replace("base = 100.0", "base = 101.0"), 3) != first
-
-
 @pytest.mark.parametrize(
     ("tables", "key", "sentence"),
     [

@@ -51,17 +51,6 @@ def test_one_task_is_made_and_the_source_found(run):
     assert (told.name, told.made, told.alarms) == ("heat", 1, 1)
 
 
-def test_equal_seeds_have_equal_digests(run):
-    digests = []
-    for seed in (1, 1, 2):
-        begun = run(seed)
-        while begun.sim_time_s < 16.0:
-            begun.tick()
-        assert begun.coordinator.tasks.journal.select(TaskFilter(by="rule:heat"))
-        digests.append(begun.digest)
-    assert digests[0] == digests[1] != digests[2]
-
-
 def test_the_run_goes_on_until_the_task_of_the_rule_has_ended():
     result = Scenario.builtin("plume").replace(seed=2).run(until_explored=0.5)
     assert result.ended == "explored"

@@ -99,13 +99,6 @@ def test_the_team_does_its_tasks_in_spite_of_a_fault_that_changes_the_run(fault)
     assert said(with_faults(fault), COORDINATOR_STATE, ROBOT_STATE) != said(TEAM, COORDINATOR_STATE, ROBOT_STATE)
 
 
-@pytest.mark.slow
-def test_equal_scripts_give_equal_runs():
-    first, second = (said(draw_script(2), TASK_EVENT, ROBOT_STATE) for _ in range(2))
-    assert len(first) > 500
-    assert first == second
-
-
 def test_a_robot_that_could_not_know_of_a_halt_is_told_by_the_coordinator():
     halt = HaltOrder(at_s=5.0, until_s=15.0)
     cut = FaultSpec(robot="r1", kind=FaultKind.PARTITION, at_s=4.0, until_s=6.0)

@@ -130,15 +130,6 @@ def test_a_base_station_that_floods_is_named_and_the_robot_goes_on(broken):
     assert [fault.plugin for fault in run.state.faulted] in ([], ["mote_base"], ["mote_base", "snw_exploration"])
 
 
-@pytest.mark.slow
-def test_equal_seeds_break_equally(broken):
-    runs = [broken(FaultKind.CAN_CUT) for _ in range(2)]
-    for run in runs:
-        run.go(BREAKS_S + 2.0)
-    assert runs[0].words == runs[1].words
-    assert runs[0].poses == runs[1].poses
-
-
 def test_a_fault_of_a_robot_that_there_is_not_is_refused():
     fault = FaultSpec(robot="r9", kind=FaultKind.CAN_CUT, at_s=1.0)
     with pytest.raises(ScenarioError, match="depot: faults: no robot 'r9'; there are r1 to r2"):

@@ -74,12 +74,6 @@ def test_yaw_by_the_gyroscope_is_far_better_than_by_such_wheels(spec: dict[str, 
     assert abs(by_gyro.error_rad) < 0.03
 
 
-def test_equal_runs_with_a_unit_have_equal_digests_and_others_have_others() -> None:
-    noisy, again, noisier = (drive({"noise_rad_s": sigma}, 8.0).digest for sigma in (0.005, 0.005, 0.006))
-    assert noisy == again
-    assert noisy != noisier
-
-
 def test_a_unit_that_hangs_upside_down_unsaid_is_a_fault_and_the_wheels_count() -> None:
     unsaid = drive({**IMU, "upside_down": True}, plugins={"imu": {"upside_down": False}})
     assert any("times as far as the wheels turn the robot: the unit is upside down" in why for why in unsaid.whys)

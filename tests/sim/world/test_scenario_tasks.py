@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import pytest
 
 from robrain import Scenario
@@ -67,15 +65,6 @@ def test_a_task_is_submitted_at_its_time_by_the_scenario_and_recorded():
     assert (first.task.priority, first.task.service_s, first.task.deadline_ns) == (2.0, 1.0, 53_000_000_000)
     assert records["second"].task.after == ("first",)
     assert records["inspect-1"].task.parameters == {"look_at": {"x_m": 2.0, "y_m": 2.0}}
-
-
-@pytest.mark.slow
-def test_a_run_with_tasks_is_recorded_and_repeats(tmp_path: Path):
-    scenario = Scenario.from_toml(HALL + VISITS)
-    one, other = (scenario.run(record=tmp_path / f"{name}.mcap") for name in ("one", "other"))
-    assert one.digest == other.digest
-    assert one.outside_messages == 0
-    assert one.digest != scenario.replace(tasks=()).run().digest
 
 
 @pytest.mark.slow
