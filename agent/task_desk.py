@@ -34,9 +34,8 @@ from robrain.protocol.wire.reasons.offers import (
     Occupied,
     OfferRefusal,
 )
-from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.wire.reasons.reason import Said, told
 from robrain.protocol.wire.reasons.robots import NotHeard
-from robrain.protocol.wire.reasons.words import told
 
 FIRST_SUMMARIES = 2
 """Those of the first second of a coordinator."""

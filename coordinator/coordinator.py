@@ -54,8 +54,8 @@ from robrain.protocol.wire.messages.team.standing_messages import LeadReply, Lea
 from robrain.protocol.wire.messages.team.team_messages import FrontierSummary, StandByStatus, TeamState
 from robrain.protocol.wire.reasons.idle import IdleReason, TeamHalted
 from robrain.protocol.wire.reasons.offers import OfferRefusal, PositionLost
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.tasks import MinorityHeard, NotLeading, TakesOver
-from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,

@@ -6,7 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.protocol.wire.reasons import words as words_module
+from robrain.protocol.wire.reasons.idle import BordersLeft
+from robrain.protocol.wire.reasons.reason import Reason
 
 MISLEADING = (
     "reserve", "lacks 7 J", "not the energy", "waits until r1 has charged", "no visit", "it is back", "r1", "refused",
@@ -27,8 +28,15 @@ def speak_at_random(monkeypatch: pytest.MonkeyPatch, seed: int, vocabulary: tupl
         said.append(" ".join(vocabulary[index] for index in rng.integers(len(vocabulary), size=rng.integers(4))))
         return said[-1]
 
-    monkeypatch.setattr(words_module, "words", at_random)
+    for kind in [Reason, *reason_types()]:
+        monkeypatch.setattr(kind, "__str__", at_random)
     return said
+
+
+def reason_types(kind: type[Reason] = Reason) -> list[type[Reason]]:
+    """All types of reasons, sorted by code."""
+    below = [one for child in kind.__subclasses__() for one in (child, *reason_types(child))]
+    return sorted((one for one in below if one is not BordersLeft), key=lambda one: str(one.__struct_config__.tag))
 
 
 def wordless(value: Any) -> Any:

@@ -22,9 +22,9 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge
 from robrain.protocol.wire.reasons.plans import ChargerWait, HolderLacksEnergy, LeftOut, NearestOut, WaitsForCharger
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.robots import BelowReserve, LacksEnergy
 from robrain.protocol.wire.reasons.tasks import ChargedEnough, ChargedForTasks, TaskReason, WaitsForCharge
-from robrain.protocol.wire.reasons.words import told
 from robrain.protocol.wire.topics import COORDINATOR_CHARGES
 
 MOVED_NS, MOVED_SHARE = to_ns(10.0), 0.1

@@ -11,7 +11,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.reasons.plans import NothingElse, ToCharge
-from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.reasons.reason import told
 
 DETOUR = 1.5
 """Assumed ratio of path length to straight line where the length is unknown (chosen; robots assume the same)."""

@@ -13,8 +13,8 @@ from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Snapshot
 from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem, TaskDecision
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.reasons.plans import LeftOut
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.tasks import TaskReason
-from robrain.protocol.wire.reasons.words import told
 
 if TYPE_CHECKING:
     from robrain.coordinator.allocation.explain import Decision

@@ -28,7 +28,7 @@ from robrain.protocol.wire.errors import BadName
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.messages.message import JsonSchema
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.reason import said
+from robrain.protocol.wire.reasons.reason import said, told
 from robrain.protocol.wire.reasons.tasks import (
     AfterEnded,
     DeadlinePassed,
@@ -37,7 +37,6 @@ from robrain.protocol.wire.reasons.tasks import (
     TeamLacks,
     TooFewRobots,
 )
-from robrain.protocol.wire.reasons.words import told
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid

@@ -11,7 +11,7 @@ from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskRecord
-from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.reasons.reason import told
 
 
 class DryRuns:

@@ -18,10 +18,9 @@ from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.reason import said
+from robrain.protocol.wire.reasons.reason import said, told
 from robrain.protocol.wire.reasons.robots import Failed, Refused
 from robrain.protocol.wire.reasons.tasks import DoneBefore, RobotOut, TaskReason, Unreadable
-from robrain.protocol.wire.reasons.words import told
 
 ATTEMPTS = 3
 """Robots that must fail at a submitted task before it counts as failed (chosen)."""

@@ -16,6 +16,7 @@ from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord, TaskWhy
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.robots import AtTask, Halted, LacksPlugins, RobotReason
 from robrain.protocol.wire.reasons.tasks import (
     AfterOpen,
@@ -32,7 +33,6 @@ from robrain.protocol.wire.reasons.tasks import (
     TaskReason,
     WaitsForRobot,
 )
-from robrain.protocol.wire.reasons.words import told
 
 KEPT_VERDICTS = 1000
 TOLD_MAX = 8

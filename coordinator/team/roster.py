@@ -10,8 +10,8 @@ from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.reasons.idle import IdleReason
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard, Unavailable
-from robrain.protocol.wire.reasons.words import told
 
 ROBOTS_MAX = 4096
 """Maximum number of robots ever seen; further ones are rejected."""

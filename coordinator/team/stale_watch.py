@@ -4,8 +4,7 @@ import logging
 
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.reasons.wire import TopicStale
-from robrain.protocol.wire.reasons.words import words
+from robrain.protocol.wire.reasons.reason import TopicStale
 from robrain.protocol.wire.topics import ROBOT_STATE
 
 logger = logging.getLogger(__name__)
@@ -42,7 +41,7 @@ class StaleWatch:
         fresh = [found for found in self.found if found.sender not in before]
         if fresh and (self._logged_ns is None or not 0 <= now_ns - self._logged_ns < LOGGED_NS):
             self._logged_ns = now_ns
-            logger.warning("stale: %s", "; ".join(map(words, fresh)))
+            logger.warning("stale: %s", "; ".join(map(str, fresh)))
         gone, robots = self._gone, self._roster.robots
         self._gone = {found.sender for found in self.found if not robots[found.sender].is_up(now_ns)}
         return bool(fresh) or len(self.found) < len(before) or self._gone != gone

@@ -21,7 +21,6 @@ from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind
 from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.reasons.idle import NothingUnknown
-from robrain.protocol.wire.reasons.words import words
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.driving import Progress as RunProgress
 from robrain.sim.world.floor_left import GapTooNarrow
@@ -114,7 +113,7 @@ def show_result(result: RunResult) -> None:
     if result.ended == "nothing_left":
         for robot in result.per_robot:
             if robot.idle is not None and not isinstance(robot.idle, NothingUnknown):
-                print_line(f"{robot.name} is {words(robot.idle)}")
+                print_line(f"{robot.name} is {robot.idle!s}")
     tell_recorded(result.recording)
 
 

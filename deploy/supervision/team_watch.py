@@ -14,7 +14,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.topics import (
     ARENA_TRUTH,
     COORDINATOR_ALIVE,

@@ -18,7 +18,7 @@ from robrain.plugins.skill.planner.interface import PlannerInterface
 from robrain.plugins.unit.teammates.interface import Mate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.reasons.offers import NeedsEnergy
-from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.reasons.reason import told
 
 CONFIDENCE = 0.95
 NEAREST = 3

@@ -24,7 +24,7 @@ from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath
 from robrain.protocol.wire.reasons.offers import PositionLost
-from robrain.protocol.wire.reasons.words import told
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.topics import ROBOT_PATH
 
 REQUIRES = ("driver", "teammates", "localisation", "mapper", "planner")

@@ -7,8 +7,7 @@ from robrain.coordinator.dashboard.state.robot_view import Condition, Contact, R
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.wire import TopicStale
-from robrain.protocol.wire.reasons.words import words
+from robrain.protocol.wire.reasons.reason import TopicStale
 from robrain.protocol.wire.topics import COORDINATOR_STATE
 
 LOW_SOC = 0.2
@@ -76,11 +75,11 @@ def _of_stale(view: TeamView, team: TeamState, now_s: float) -> list[Alert]:
         age_s = now_s - view.team_heard_s
         if age_s > deadline_s:
             stale = TopicStale(COORDINATOR_STATE.name, "coordinator", age_s, deadline_s)
-            found.append(Alert(Level.WARN, "Coordinator", words(stale)))
+            found.append(Alert(Level.WARN, "Coordinator", str(stale)))
     for each in team.stale or ():
         robot = view.robots.get(each.sender)
         if robot is None or robot.contact(now_s) is Contact.UP:
-            found.append(Alert(Level.WARN, each.sender, words(each)))
+            found.append(Alert(Level.WARN, each.sender, str(each)))
     return found
 
 

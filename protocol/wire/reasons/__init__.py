@@ -2,8 +2,8 @@
 
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.reasons.offers import OfferRefusal
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.robots import Unavailable
 from robrain.protocol.wire.reasons.tasks import TaskReason
-from robrain.protocol.wire.reasons.words import told
 
 __all__ = ["IdleReason", "OfferRefusal", "TaskReason", "Unavailable", "told"]

@@ -27,8 +27,8 @@ from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
 from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.wire.messages.team.witness_messages import Lead
+from robrain.protocol.wire.reasons.reason import TopicStale
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
-from robrain.protocol.wire.reasons.wire import TopicStale
 from robrain.protocol.wire.topics import RECORDER_STATE
 
 PLACE = Point2D(0.0, 0.0)

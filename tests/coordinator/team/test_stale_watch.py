@@ -7,8 +7,7 @@ import pytest
 from robrain.coordinator.team.roster import Roster
 from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.reasons.wire import TopicStale
-from robrain.protocol.wire.reasons.words import words
+from robrain.protocol.wire.reasons.reason import TopicStale
 from robrain.protocol.wire.topics import COORDINATOR_STATE, RECORDER_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.coordinator.team.test_roster import comes, goes, says
 
@@ -34,7 +33,7 @@ def test_robot_whose_state_is_older_than_three_periods_is_named_until_it_speaks_
     says(roster, "r2", 1.35)
     assert watch.look(to_ns(1.41))
     assert watch.found == [TopicStale("robot_state", "r1", 0.41, 0.3)]
-    assert words(watch.found[0]) == "robot_state of r1 is 0.4 s old, more than 0.3 s"
+    assert str(watch.found[0]) == "robot_state of r1 is 0.4 s old, more than 0.3 s"
     assert not watch.look(to_ns(1.52))
     assert watch.found[0].age_s == 0.52
     says(roster, "r1", 1.6)

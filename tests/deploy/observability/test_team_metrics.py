@@ -19,7 +19,7 @@ from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.wire import TopicStale
+from robrain.protocol.wire.reasons.reason import TopicStale
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,

@@ -9,12 +9,12 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.reasons import idle, offers, plans, robots, tasks, wire
+from robrain.protocol.wire.reasons import idle, offers, plans, robots, tasks
 from robrain.protocol.wire.reasons.idle import IdleReason
-from robrain.protocol.wire.reasons.reason import Reason, Said
-from robrain.protocol.wire.reasons.words import AnyReason, told, words
+from robrain.protocol.wire.reasons.reason import Reason, Said, TopicStale, told
+from tests.random_words import reason_types
 
-KINDS = sorted(get_args(AnyReason), key=lambda kind: kind.__struct_config__.tag)
+KINDS = reason_types()
 UNIONS = (
     IdleReason,
     offers.OfferRefusal,
@@ -23,7 +23,7 @@ UNIONS = (
     plans.Chosen,
     plans.ChargerWait,
     tasks.TaskReason,
-    wire.TopicStale,
+    TopicStale,
 )
 NESTED_MOST = 6
 """Reasons within reasons, at the most: of a task that waits for one that was left out for a robot that refused."""
@@ -66,7 +66,7 @@ def depth(value: Any) -> int:
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__struct_config__.tag)
 def test_each_reason_has_words_passes_the_wire_and_is_small(kind):
     reason = example(kind)
-    assert told(reason) == words(reason) != ""
+    assert told(reason) == str(reason) != ""
     for union in UNIONS:
         if kind in (get_args(union) or (union,)):
             assert msgspec.json.decode(msgspec.json.encode(reason), type=union) == reason
@@ -74,10 +74,6 @@ def test_each_reason_has_words_passes_the_wire_and_is_small(kind):
 
 
 def test_every_reason_belongs_to_a_union():
-    def below(kind):
-        return {kind, *(one for child in kind.__subclasses__() for one in below(child))}
-
-    assert below(Reason) - {Reason} == set(KINDS)
     assert set(KINDS) == {kind for union in UNIONS for kind in get_args(union) or (union,)}
 
 

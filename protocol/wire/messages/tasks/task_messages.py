@@ -22,9 +22,9 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.robots import RobotReason
 from robrain.protocol.wire.reasons.tasks import TaskReason
-from robrain.protocol.wire.reasons.words import told
 
 Limit = Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
 

@@ -23,9 +23,8 @@ from robrain.protocol.wire.messages.robots.robot_messages import Faults
 from robrain.protocol.wire.messages.tasks.rule_messages import Rules
 from robrain.protocol.wire.messages.team.witness_messages import Lead
 from robrain.protocol.wire.reasons import IdleReason, Unavailable
+from robrain.protocol.wire.reasons.reason import TopicStale, told
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
-from robrain.protocol.wire.reasons.wire import TopicStale
-from robrain.protocol.wire.reasons.words import told
 
 
 class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
