@@ -11,8 +11,7 @@ import msgspec
 
 from robrain.protocol.model.ranges import Count, Name, Stamp
 from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.messages.team.witness_messages import (
+from robrain.protocol.wire.messages.robots.witness_messages import (
     Holders,
     Led,
     WitnessRefusal,
@@ -20,6 +19,7 @@ from robrain.protocol.wire.messages.team.witness_messages import (
     WitnessRequest,
     WitnessWish,
 )
+from robrain.protocol.wire.messages.team.team_messages import TeamState
 
 logger = logging.getLogger(__name__)
 

@@ -7,6 +7,7 @@ from operator import attrgetter
 from msgspec import UNSET, UnsetType
 
 from robrain.coordinator.charging.charge_desk import ChargeDesk
+from robrain.coordinator.frontier_desk import FrontierDesk
 from robrain.coordinator.journal.backup_desk import BackupDesk
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
@@ -30,7 +31,6 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
 from robrain.coordinator.tasks.team_intake import take_in
 from robrain.coordinator.team.capabilities import Capabilities
-from robrain.coordinator.team.frontier_desk import FrontierDesk
 from robrain.coordinator.team.halt_watch import HaltWatch
 from robrain.coordinator.team.left_desk import LeftDesk
 from robrain.coordinator.team.roster import Robot, Roster

@@ -47,11 +47,11 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links.thinning import Thinning
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.robots.robot_messages import PluginFault, RobotState
+from robrain.protocol.wire.messages.robots.witness_messages import WitnessReply, WitnessRequest
 from robrain.protocol.wire.messages.tasks.consensus_messages import DropTaken, TaskTaken
 from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.wire.messages.team.witness_messages import WitnessReply, WitnessRequest
 from robrain.protocol.wire.reasons.offers import RobotHalted, StoodStill
 from robrain.protocol.wire.standing_topics import ROBOT_WITNESS
 from robrain.protocol.wire.topics import (

@@ -53,7 +53,7 @@ LARGE = 500
 """From this many visits on, memory is shorter and steps are smaller, so that one step stays short."""
 
 
-class Way(NamedTuple):
+class SearchParameters(NamedTuple):
     """Parameters of a search."""
 
     perturbation: PerturbationParams
@@ -64,7 +64,7 @@ class Way(NamedTuple):
     large_history: int
 
 
-WARM = Way(
+WARM = SearchParameters(
     PerturbationParams(20, 40),
     (J_UNITS, 30.0 * J_UNITS / S_UNITS, 30.0),
     PenaltyParams(solutions_between_updates=200, min_penalty=1e-4, max_penalty=1e4),
@@ -72,7 +72,7 @@ WARM = Way(
     50,
 )
 """From a plan: large steps, and small violations are soon tolerated."""
-COLD = Way(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParams(max_penalty=MAX_PENALTY), 300, 50)
+COLD = SearchParameters(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParams(max_penalty=MAX_PENALTY), 300, 50)
 """From a random start, as PyVRP's defaults: small steps, and violations are not tolerated for a long time. Each of the
 two sometimes finds what the other does not."""
 

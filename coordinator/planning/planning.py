@@ -13,6 +13,7 @@ import msgspec
 
 from robrain.coordinator.charging.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import PLENTY_J, profile_of
+from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.plan_in_force import PlanInForce, Planner, Step
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
 from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, Member, Snapshot
@@ -24,7 +25,6 @@ from robrain.coordinator.planning.snapshot_builder import (
     is_ending,
     why_out,
 )
-from robrain.coordinator.planning.worker.live_planner import LivePlanner
 from robrain.coordinator.tasks.backoff import Backoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_costs import TaskCosts

@@ -47,7 +47,7 @@ USUAL_PERIOD_S = 4.0
 say how often it senses."""
 
 
-class Cause(NamedTuple):
+class TaskCause(NamedTuple):
     """What makes a task."""
 
     source: str
@@ -198,7 +198,7 @@ class RuleDesk:
             "robot": reading.via,
             **where,
         }
-        self._make(watch, Cause(source, track.newest_ns, place, values, reason))
+        self._make(watch, TaskCause(source, track.newest_ns, place, values, reason))
 
     def _take_event(self, event: Event) -> None:
         state = self._roster.robots.get(event.robot)
@@ -218,7 +218,7 @@ class RuleDesk:
             values = {"robot": event.robot, "plugin": event.plugin, "event": event.event, "value": value, **where}
             number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
             reason = RuleEvent(watch.rule.name, event.robot, event.plugin, event.event, event.stamp_ns, number)
-            self._make(watch, Cause(source, event.stamp_ns, place, values, reason))
+            self._make(watch, TaskCause(source, event.stamp_ns, place, values, reason))
 
     # -- making tasks ---------------------------------------------------------------------------------------
 
@@ -231,7 +231,7 @@ class RuleDesk:
             return
         watch.alarms[alarm.source] = armed
 
-    def _make(self, watch: RuleWatch, cause: Cause) -> None:
+    def _make(self, watch: RuleWatch, cause: TaskCause) -> None:
         if not watch.may_make(self._now_ns, self._is_open):
             return
         rule, now_ns = watch.rule, self._now_ns
@@ -247,7 +247,7 @@ class RuleDesk:
             return
         watch.made(record.task.id, alarm)
 
-    def _task(self, rule: Rule, cause: Cause) -> Task:
+    def _task(self, rule: Rule, cause: TaskCause) -> Task:
         """The task that a rule makes; ValueError if what it needs is not known."""
         order, fixed_m = rule.task, rule.task.place_m
         if cause.place is None and order.needs_place:

@@ -30,7 +30,7 @@ class Class(IntEnum):
     HOLDS = 1
 
 
-class Run:
+class ReadingSpan:
     """A time without a break in which all readings known were of one class.
 
     Args:
@@ -60,7 +60,7 @@ class LevelTrack:
 
     def __init__(self, condition: ReadingCondition) -> None:
         self._condition = condition
-        self._runs: list[Run] = []
+        self._runs: list[ReadingSpan] = []
         self._rates: list[tuple[int, float]] = []
         self.newest_ns = -1
         """When the latest reading was taken."""
@@ -114,11 +114,11 @@ class LevelTrack:
             if before.of is of:
                 return
             # Where the readings within the run were is not known any more: only its ends are certain.
-            parts = [Run(at_ns, at_ns, of)]
+            parts = [ReadingSpan(at_ns, at_ns, of)]
             if before.first_ns < at_ns:
-                parts.insert(0, Run(before.first_ns, before.first_ns, before.of))
+                parts.insert(0, ReadingSpan(before.first_ns, before.first_ns, before.of))
             if before.last_ns > at_ns:
-                parts.append(Run(before.last_ns, before.last_ns, before.of))
+                parts.append(ReadingSpan(before.last_ns, before.last_ns, before.of))
             runs[index - 1 : index] = parts
         else:
             after = runs[index] if index < len(runs) else None
@@ -132,7 +132,7 @@ class LevelTrack:
             elif after is not None and joins_after:
                 after.first_ns = at_ns
             else:
-                runs.insert(index, Run(at_ns, at_ns, of))
+                runs.insert(index, ReadingSpan(at_ns, at_ns, of))
         del runs[:-RUNS_MAX]
 
     def _rate_with(self, taken_ns: int, value: float) -> float | None:

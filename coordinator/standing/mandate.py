@@ -22,7 +22,7 @@ from robrain.coordinator.team.roster import Roster
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.team.witness_messages import Lead, Led, WitnessRequest, WitnessWish
+from robrain.protocol.wire.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
 from robrain.protocol.wire.reasons.tasks import NotLeading, TakesOver
 from robrain.protocol.wire.topics import COORDINATOR_STATE
 

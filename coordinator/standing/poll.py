@@ -7,7 +7,7 @@ from robrain.protocol.wire.answers.later import Later
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
-from robrain.protocol.wire.messages.team.witness_messages import WitnessRefusal, WitnessReply, WitnessRequest
+from robrain.protocol.wire.messages.robots.witness_messages import WitnessRefusal, WitnessReply, WitnessRequest
 from robrain.protocol.wire.standing_topics import ROBOT_WITNESS
 
 ASK_TIMEOUT_S = 0.5

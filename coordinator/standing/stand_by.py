@@ -22,13 +22,13 @@ from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.robots.witness_messages import Led
 from robrain.protocol.wire.messages.team.standing_messages import (
     CopyRequest,
     JournalChanges,
     JournalPage,
     StandByState,
 )
-from robrain.protocol.wire.messages.team.witness_messages import Led
 from robrain.protocol.wire.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
 
 logger = logging.getLogger(__name__)

@@ -79,7 +79,7 @@ class Template(NamedTuple):
     """What its skill `home` answers, by function."""
 
 
-class Look(NamedTuple):
+class ProcessSample(NamedTuple):
     """The coordinator's process at one moment."""
 
     at_s: float
@@ -156,7 +156,7 @@ def _await_all(summaries: Inbox, robots: int) -> None:
         time.sleep(0.1)
 
 
-def _watch(pid: int, summaries: Inbox, for_s: float) -> tuple[list[Look], list[float], int]:
+def _watch(pid: int, summaries: Inbox, for_s: float) -> tuple[list[ProcessSample], list[float], int]:
     """Look at the process once a second; the ages in all summaries, and how often a robot was not up in one."""
     looks, ages_s, unseen = [_look(pid)], [], 0
     while looks[-1].at_s - looks[0].at_s < for_s:
@@ -168,11 +168,11 @@ def _watch(pid: int, summaries: Inbox, for_s: float) -> tuple[list[Look], list[f
     return looks, ages_s, unseen
 
 
-def _look(pid: int) -> Look:
+def _look(pid: int) -> ProcessSample:
     # The name, in brackets, may hold blanks: fields are counted behind it. utime and stime are the 14th and 15th.
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    return Look(time.monotonic(), (int(fields[11]) + int(fields[12])) / TICKS_PER_S, pages * PAGE_MB)
+    return ProcessSample(time.monotonic(), (int(fields[11]) + int(fields[12])) / TICKS_PER_S, pages * PAGE_MB)
 
 
 def _ages_s(summary: TeamState) -> list[float]:
@@ -180,7 +180,7 @@ def _ages_s(summary: TeamState) -> list[float]:
     return [(now_s - robot.soc * CYCLE_S) % CYCLE_S for robot in summary.robots if robot.soc is not None]
 
 
-def _figures(robots: int, looks: list[Look], ages_s: np.ndarray[Any, Any], unseen: int) -> Iterator[Figure]:
+def _figures(robots: int, looks: list[ProcessSample], ages_s: np.ndarray[Any, Any], unseen: int) -> Iterator[Figure]:
     span_s = looks[-1].at_s - looks[0].at_s
     cpu = 100.0 * (looks[-1].cpu_s - looks[0].cpu_s) / span_s
     what, watched = f"{robots} agents at {RATE_HZ:g} Hz", f"{span_s / 60:.1f} min"
@@ -208,7 +208,7 @@ def _figures(robots: int, looks: list[Look], ages_s: np.ndarray[Any, Any], unsee
     )
 
 
-def growth_in_ten_minutes_mb(looks: Sequence[Look]) -> float | None:
+def growth_in_ten_minutes_mb(looks: Sequence[ProcessSample]) -> float | None:
     """Ten times the least-squares slope of the medians of the whole minutes after `WARM_UP_S`; None if they are few."""
     minutes: dict[int, list[float]] = {}
     began_s = looks[0].at_s + WARM_UP_S

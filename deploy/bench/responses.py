@@ -68,7 +68,7 @@ EVENT_RULES = tuple(
 )
 
 
-class Wheels:
+class WheelMessages:
     """What passes on a robot's CAN bus about its wheels, with the time at which it arrived here.
 
     Args:
@@ -178,7 +178,7 @@ def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
 
     """
     with live_room((READING_RULE, *EVENT_RULES)) as team, live_endpoint(team.hub, team.team) as wire:
-        wheels = Wheels(ZenohBus(f"{ROBOT}/can0", session=team.hub, team=team.team))
+        wheels = WheelMessages(ZenohBus(f"{ROBOT}/can0", session=team.hub, team=team.team))
         try:
             _await_explored(wire)
             with Team.connect(team.endpoint, team=team.team, by="bench") as client:
@@ -209,7 +209,7 @@ def _await_explored(wire: Endpoint) -> None:
         time.sleep(0.1)
 
 
-def _calls(client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _calls(client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
     pause = np.random.default_rng(1)
     for number in range(rounds):
         way_m = 0.3 if number % 2 else -0.3
@@ -217,14 +217,14 @@ def _calls(client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, f
         client.call(ROBOT, "driver", "stop")
 
 
-def _wanders(client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _wanders(client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
     pause = np.random.default_rng(2)
     for _ in range(rounds):
         yield _react(wheels, pause, partial(client.call, ROBOT, "wander", "start", 30.0))
         client.call(ROBOT, "wander", "stop")
 
 
-def _submits(client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _submits(client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
     pause = np.random.default_rng(3)
     for number in range(rounds):
         task = f"go-{number}"
@@ -232,7 +232,7 @@ def _submits(client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float,
         client.cancel(task)
 
 
-def _readings(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _readings(wire: Endpoint, client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
     """From a reading, put on the wire as by a gateway, to the motion; the one after it arms the rule again."""
     pause = np.random.default_rng(4)
     publisher = wire.publisher(MOTE_READING, mote="bench")
@@ -250,7 +250,7 @@ def _readings(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> Iter
         _cancel_all(client)
 
 
-def _events(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _events(wire: Endpoint, client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
     """From an event, put on the wire as by its plugin, to the motion."""
     pause = np.random.default_rng(5)
     publisher = wire.publisher(ROBOT_EVENT, robot=ROBOT, plugin="monitor", event="changed")
@@ -265,7 +265,7 @@ def _cancel_all(client: Team) -> None:
         client.cancel(record.task.id)
 
 
-def _successions(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _successions(wire: Endpoint, client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
     """From the robot's word that a task is done, and from its stop, to the first wheel command of the next."""
     states = Inbox(every=True)
     wire.subscribe(states, ROBOT_STATE, robot=ROBOT)
@@ -277,7 +277,7 @@ def _successions(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> I
         yield _start_after(states, wheels, f"step-{number}")
 
 
-def _next_tasks(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> Iterator[tuple[float, float]]:
+def _next_tasks(wire: Endpoint, client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
     """The same, for tasks that wait for nothing: each is submitted while the robot is on its way to the one before."""
     states = Inbox(every=True)
     wire.subscribe(states, ROBOT_STATE, robot=ROBOT)
@@ -289,7 +289,7 @@ def _next_tasks(wire: Endpoint, client: Team, wheels: Wheels, rounds: int) -> It
         yield _start_after(states, wheels, f"next-{number}")
 
 
-def _start_after(states: Inbox, wheels: Wheels, task_id: str) -> tuple[float, float]:
+def _start_after(states: Inbox, wheels: WheelMessages, task_id: str) -> tuple[float, float]:
     _await(states, task_id, TaskState.DONE)
     done_s = time.perf_counter()
     stopped_s, started_s = wheels.start()
@@ -309,7 +309,7 @@ def _is(state: RobotState, task_id: str, how: TaskState) -> bool:
     return any(status is not None and (status.id, status.state) == (task_id, how) for status in told)
 
 
-def _react(wheels: Wheels, pause: np.random.Generator, event: Callable[[], object]) -> tuple[float, float]:
+def _react(wheels: WheelMessages, pause: np.random.Generator, event: Callable[[], object]) -> tuple[float, float]:
     wheels.stand()
     time.sleep(pause.uniform(0.0, PAUSE_MAX_S))  # in no step with the robot's own periods
     wheels.arm()

@@ -10,9 +10,9 @@ from robrain.deploy.bringup.bench import LIDAR, Bench
 from robrain.deploy.bringup.findings import Finding, Found, Patch, Step
 from robrain.deploy.bringup.motions import Record, Rest, Straight, TurnOnSpot
 from robrain.deploy.bringup.wheel_table import base_patch
-from robrain.plugins.device.lidar_mount import Mount
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.scan.interface import LaserScan
+from robrain.plugins.device.scan.lidar_mount import Mount
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.scan_match import beam_ends
 from robrain.protocol.model.localization.scan_motion import followed, still_points

@@ -20,8 +20,8 @@ from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.robots.witness_messages import Lead
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
-from robrain.protocol.wire.messages.team.witness_messages import Lead
 from robrain.protocol.wire.reasons.robots import Gone
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.messages.team.witness_messages import WITNESSES_MAX
+from robrain.protocol.wire.messages.robots.witness_messages import WITNESSES_MAX
 
 
 class Standing(NamedTuple):

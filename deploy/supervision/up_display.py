@@ -46,7 +46,7 @@ class ForwarderEvent(msgspec.Struct, frozen=True, tag_field="event", tag="serial
     """`host:port`."""
 
 
-class JsonLines:
+class JsonEvents:
     """One event per line on stdout, as it occurs; the last is the result."""
 
     def __init__(self) -> None:
@@ -164,7 +164,7 @@ class DrawnTable(PlainLines):
 def up_display(*, as_json: bool) -> Iterator[UpDisplay]:
     """Choose the display of `robrain up` for the duration of the block."""
     if as_json:
-        yield JsonLines()
+        yield JsonEvents()
     elif console.is_terminal:
         with Live(console=console, refresh_per_second=5, redirect_stdout=False) as live:
             yield DrawnTable(live)

@@ -3,8 +3,8 @@
 import msgspec
 
 from robrain.agent.plugin import external
-from robrain.plugins.device.lidar_mount import Mount, Placed, ScanMaker
 from robrain.plugins.device.scan.lidar_device import LidarDevice
+from robrain.plugins.device.scan.lidar_mount import Mount, Placed, ScanMaker
 from robrain.protocol.lidar.points import LidarDecoder, LineCounts, Piece, Point
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.localization.pose_track import PoseTrack

@@ -29,10 +29,10 @@ class JournalDisk:
         """The journal as the last coordinator left it."""
         disk = self
 
-        class Connection(_Connection):
+        class DiskConnection(_Connection):
             of: ClassVar[JournalDisk] = disk
 
-        return Journal(factory=Connection, new_name=self._new_name)
+        return Journal(factory=DiskConnection, new_name=self._new_name)
 
     def pull(self) -> None:
         """The coordinator is killed: what it has committed stays, and nobody writes any more."""

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.plugins.device.lidar_mount import Mount
+from robrain.plugins.device.scan.lidar_mount import Mount
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays_of

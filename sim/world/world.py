@@ -15,7 +15,7 @@ from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.coordinator.recording.writer.provenance import MAP_ATTACHMENT
-from robrain.plugins.device.lidar_mount import Mount
+from robrain.plugins.device.scan.lidar_mount import Mount
 from robrain.protocol.exploration.strategies import NO_EXPLORATION
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial_lines.serial_line import SIMULATED

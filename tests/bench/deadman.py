@@ -25,7 +25,7 @@ from robrain.client.team import Team
 from robrain.deploy.agents.robot_files import write_robot_files
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.deploy.bench.live_team import await_ready
-from robrain.deploy.bench.responses import Wheels
+from robrain.deploy.bench.responses import WheelMessages
 from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub
 from robrain.protocol.can.zenoh_bus import ZenohBus
@@ -56,7 +56,7 @@ class Course(NamedTuple):
     """A robot in a room that only a hand drives."""
 
     endpoint: str
-    wheels: Wheels
+    wheels: WheelMessages
 
 
 def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
@@ -90,7 +90,7 @@ def course() -> Iterator[Course]:
         ]
         for child in started:
             await_ready(child)
-        wheels = Wheels(ZenohBus(f"{ROBOT}/can0", session=hub, team=TEAM))
+        wheels = WheelMessages(ZenohBus(f"{ROBOT}/can0", session=hub, team=TEAM))
         try:
             yield Course(endpoint, wheels)
         finally:

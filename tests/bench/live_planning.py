@@ -22,13 +22,13 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
+from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.path_lengths import DETOUR
 from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Member, Snapshot
-from robrain.coordinator.planning.worker.live_planner import LivePlanner
-from robrain.coordinator.planning.worker.worker_link import PlanRequest, RequestReader, RequestWriter
+from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.model.energy.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D

@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 import pytest
 
-from robrain.deploy.bench.agents import GROWTH_BOUND_MB, WARM_UP_S, Look, growth_in_ten_minutes_mb
+from robrain.deploy.bench.agents import GROWTH_BOUND_MB, WARM_UP_S, ProcessSample, growth_in_ten_minutes_mb
 
 
-def looks(minutes: float, resident_mb: Callable[[float], float]) -> list[Look]:
-    return [Look(1000.0 + at_s, 0.0, resident_mb(at_s)) for at_s in range(round(60 * minutes) + 1)]
+def looks(minutes: float, resident_mb: Callable[[float], float]) -> list[ProcessSample]:
+    return [ProcessSample(1000.0 + at_s, 0.0, resident_mb(at_s)) for at_s in range(round(60 * minutes) + 1)]
 
 
 def wavy_mb(at_s: float) -> float:

@@ -14,6 +14,7 @@ import pytest
 from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.task_desk import TaskDesk
 from robrain.client.team import Team
+from robrain.coordinator import frontier_desk
 from robrain.coordinator.recording.invariants.findings import (
     ChargedAway,
     DeliveredFell,
@@ -33,7 +34,6 @@ from robrain.coordinator.recording.invariants.findings import (
 from robrain.coordinator.recording.invariants.judging import Judging
 from robrain.coordinator.tasks import task_lifecycle
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.team import frontier_desk
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.plugins.behavior.recharge.recharge import RechargeBehavior

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan as LaserScanMessage
 
-from robrain.plugins.device.lidar_mount import Mount
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
 from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
@@ -16,6 +15,7 @@ from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.ros2_base.odometry_message import Header
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, LidarFault
+from robrain.plugins.device.scan.lidar_mount import Mount
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 

@@ -2,9 +2,9 @@
 
 import msgspec
 
-from robrain.plugins.device.lidar_mount import Mount, ScanMaker
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice
+from robrain.plugins.device.scan.lidar_mount import Mount, ScanMaker
 from robrain.protocol.lidar.points import Point
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import check_positive

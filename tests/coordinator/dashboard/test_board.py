@@ -20,13 +20,13 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.refusals import Refusal
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
+from robrain.protocol.wire.messages.robots.witness_messages import Lead
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
 from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
-from robrain.protocol.wire.messages.team.witness_messages import Lead
 from robrain.protocol.wire.reasons.reason import TopicStale
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.topics import RECORDER_STATE

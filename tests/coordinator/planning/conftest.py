@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from robrain.coordinator.planning.worker.live_planner import LivePlanner
+from robrain.coordinator.planning.live_planner import LivePlanner
 
 
 @pytest.fixture

@@ -2,12 +2,12 @@
 
 import pytest
 
+from robrain.coordinator.planning.live_planner import TRIES, LivePlanner
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.coordinator.planning.snapshot import Member
-from robrain.coordinator.planning.worker.live_planner import TRIES, LivePlanner
-from robrain.coordinator.planning.worker.worker_link import Done
+from robrain.coordinator.planning.worker_link import Done
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from tests.coordinator.planning.snapshots import open_floor_snapshot

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Floor
-from robrain.coordinator.planning.worker.live_planner import LivePlanner
-from robrain.coordinator.planning.worker.worker_link import PlanRequest, RequestReader, RequestWriter
-from robrain.coordinator.planning.worker.worker_process import PlannerProcess
+from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
+from robrain.coordinator.planning.worker_process import PlannerProcess
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until
@@ -27,7 +27,7 @@ LONG = PlanningPolicy(deadline_s=600.0, iterations=10**9)
 SHORT = PlanningPolicy(deadline_s=0.2)
 PARENT = """
 import threading
-from robrain.coordinator.planning.worker.live_planner import LivePlanner
+from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 
@@ -77,7 +77,7 @@ def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_ag
     stopped = planner.pid
     os.kill(stopped, signal.SIGSTOP)
     with monkeypatch.context() as patch:  # for the stopped one alone: the next may be slow, and is to stay
-        patch.setattr("robrain.coordinator.planning.worker.live_planner.GRACE_S", 2.0)
+        patch.setattr("robrain.coordinator.planning.live_planner.GRACE_S", 2.0)
         for number in range(2, 5):
             planner.ask(open_floor_snapshot(number, 3), SHORT)
         until(lambda: planner.pid not in (stopped, None))
@@ -98,7 +98,7 @@ class Poison(str):
 
 @pytest.mark.slow
 def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answered(planner, made, caplog, monkeypatch):
-    monkeypatch.setattr("robrain.coordinator.planning.worker.live_planner.FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr("robrain.coordinator.planning.live_planner.FIRST_PAUSE_S", 0.01)
     monkeypatch.setattr(planner, "_pause_s", 0.01)
     poisoned = open_floor_snapshot(1, 3)
     poisoned.told[Poison("t1")] = ()
@@ -222,7 +222,7 @@ def _fields(snapshot):
 @pytest.mark.slow
 def test_a_planner_that_cannot_be_started_is_tried_again_and_says_so(planner, made, caplog, monkeypatch):
     caplog.set_level(logging.WARNING)
-    monkeypatch.setattr("robrain.coordinator.planning.worker.live_planner.FIRST_PAUSE_S", 0.01)
+    monkeypatch.setattr("robrain.coordinator.planning.live_planner.FIRST_PAUSE_S", 0.01)
     monkeypatch.setattr(planner, "_pause_s", 0.01)
     with monkeypatch.context() as patch:
         patch.setattr(sys, "executable", "/nonexistent/python")

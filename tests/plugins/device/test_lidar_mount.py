@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from robrain.plugins.device.lidar_mount import Mount, ScanMaker
 from robrain.plugins.device.scan.interface import LaserScan
+from robrain.plugins.device.scan.lidar_mount import Mount, ScanMaker
 from robrain.protocol.lidar.points import Point
 from robrain.protocol.model.geometry import Pose2D
 

@@ -17,9 +17,9 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
 from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.wire.messages.team.standing_messages import JournalChanges, StandByState
-from robrain.protocol.wire.messages.team.witness_messages import Lead, Led, WitnessRequest, WitnessWish
 from robrain.protocol.wire.reasons.tasks import NotLeading
 from robrain.protocol.wire.topics import TASK_SUBMIT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec

@@ -28,7 +28,7 @@ from robrain.protocol.model.ranges import (
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.refusals import Refused
 from robrain.protocol.wire.messages.message import COVARIANCE_LENGTHS, Covariance, Message, Result, SharedMessage
-from robrain.protocol.wire.messages.team.witness_messages import Led
+from robrain.protocol.wire.messages.robots.witness_messages import Led
 from robrain.protocol.wire.reasons import OfferRefusal
 
 

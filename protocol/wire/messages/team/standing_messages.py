@@ -11,8 +11,8 @@ from msgspec import Meta
 
 from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Stamp, Text
 from robrain.protocol.wire.messages.message import Message
+from robrain.protocol.wire.messages.robots.witness_messages import Lead, Led
 from robrain.protocol.wire.messages.tasks.task_messages import TaskChange, TaskRecord
-from robrain.protocol.wire.messages.team.witness_messages import Lead, Led
 
 ENTRIES_MAX = 64
 PAGE_TASKS = 64

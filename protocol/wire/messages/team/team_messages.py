@@ -20,8 +20,8 @@ from robrain.protocol.wire.border.refusals import Refused
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.robots.robot_messages import Faults
+from robrain.protocol.wire.messages.robots.witness_messages import Lead
 from robrain.protocol.wire.messages.tasks.rule_messages import Rules
-from robrain.protocol.wire.messages.team.witness_messages import Lead
 from robrain.protocol.wire.reasons import IdleReason, Unavailable
 from robrain.protocol.wire.reasons.reason import TopicStale, told
 from robrain.protocol.wire.reasons.tasks import MinorityHeard

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Snapshot
-from robrain.coordinator.planning.worker.worker_link import Done, Failed, Made, PlanRequest, Ready, Said
-from robrain.coordinator.planning.worker.worker_process import PlannerProcess
+from robrain.coordinator.planning.worker_link import Done, Failed, Made, PlanRequest, Ready, Said
+from robrain.coordinator.planning.worker_process import PlannerProcess
 
 logger = logging.getLogger(__name__)
 

@@ -11,11 +11,11 @@ from collections.abc import Callable
 
 import msgspec
 
-from robrain.coordinator.planning.worker.worker_link import PlanRequest, RequestWriter, Said, decode_said, receive, send
+from robrain.coordinator.planning.worker_link import PlanRequest, RequestWriter, Said, decode_said, receive, send
 
 logger = logging.getLogger(__name__)
 
-MODULE = "robrain.coordinator.planning.worker.worker_main"
+MODULE = "robrain.coordinator.planning.worker_main"
 JOIN_S = 20.0
 """Time limit for a process that is about to end, and for its reader thread to notice."""
 

@@ -1,4 +1,4 @@
-"""`python -m robrain.coordinator.planning.worker.worker_main`: the planning process, started by `PlannerProcess`.
+"""`python -m robrain.coordinator.planning.worker_main`: the planning process, started by `PlannerProcess`.
 
 It has lower priority than the coordinator and ends with it in every case. One thread computes; between two rounds of a
 search it checks for a new request.
@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from robrain.coordinator.planning.worker.worker_link import (
+from robrain.coordinator.planning.worker_link import (
     Done,
     Failed,
     Made,
