@@ -3,7 +3,8 @@
 from types import NoneType
 
 from robrain.protocol.wire.errors import ErrorCode
-from robrain.protocol.wire.messages.team import standing_messages, witness_messages
+from robrain.protocol.wire.messages.robots import witness_messages
+from robrain.protocol.wire.messages.team import standing_messages
 from robrain.protocol.wire.topic import Delivery, Query, Role, Topic, Urgency
 
 COORDINATOR_JOURNAL = Topic(
