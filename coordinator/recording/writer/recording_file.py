@@ -6,18 +6,18 @@ so that a file whose writer was killed still says what it is and holds all but t
 
 import contextlib
 import logging
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from functools import cache
 from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, cast
 
 import msgspec
-from mcap.writer import LIBRARY_IDENTIFIER
+from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.writer.chunk_writer import ChunkWriter
 from robrain.coordinator.recording.writer.plain_schema import plain_schema
 from robrain.coordinator.recording.writer.provenance import (
     FORK_METADATA,
@@ -94,7 +94,8 @@ class RecordingFile:
             self._stream = _Stream(open_file(path))
         except OSError as error:
             raise _cannot_write(path, error) from error
-        self._writer = ChunkWriter(self._stream)
+        # A chunk ends with `flush` and nowhere else.
+        self._writer = Writer(cast(IO[bytes], self._stream), chunk_size=sys.maxsize)
         try:
             self._write_front(provenance, part)
         except OSError as error:
@@ -203,18 +204,18 @@ class RecordingFile:
         writer.add_metadata(HOST_METADATA, host_description())
         if part is not None:
             writer.add_metadata(PART_METADATA, dict(part))
-        writer.add_attachment(SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
+        writer.add_attachment(0, 0, SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
         if provenance.map_png is not None:
-            writer.add_attachment(MAP_ATTACHMENT, "image/png", provenance.map_png)
+            writer.add_attachment(0, 0, MAP_ATTACHMENT, "image/png", provenance.map_png)
         if provenance.setup is not None:
             self._write_setup(provenance.setup)
         if provenance.manifests:
             writer.add_metadata(MANIFESTS_METADATA, provenance.manifest_metadata())
 
     def _write_setup(self, setup: RunSetup) -> None:
-        self._writer.add_attachment(SETUP_ATTACHMENT, "application/toml", setup.toml.encode())
+        self._writer.add_attachment(0, 0, SETUP_ATTACHMENT, "application/toml", setup.toml.encode())
         if setup.map_yaml:
-            self._writer.add_attachment(MAP_YAML_ATTACHMENT, "application/yaml", setup.map_yaml.encode())
+            self._writer.add_attachment(0, 0, MAP_YAML_ATTACHMENT, "application/yaml", setup.map_yaml.encode())
         if setup.fork:
             self._writer.add_metadata(FORK_METADATA, setup.fork)
 
@@ -266,6 +267,9 @@ class _Stream:
 
     def tell(self) -> int:
         return self.size_bytes
+
+    def flush(self) -> None:
+        self._file.flush()
 
     def cut(self, size_bytes: int) -> None:
         self._file.truncate(size_bytes)
