@@ -11,13 +11,13 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 `wait`, `wait_all`, `run_for`, `act`, `events`, `readings`, `halt` and `resume`.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Self, overload
 
 import msgspec
 
 from robrain.client.coordinator_answers import CoordinatorAnswers
-from robrain.client.fresh_ids import FreshIds
 from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.listening import Listening
 from robrain.client.members import team_found
@@ -25,7 +25,6 @@ from robrain.client.requests import Requests
 from robrain.client.robot_calls import RobotCalls
 from robrain.client.standing import Standing
 from robrain.client.submission import TaskName, asked_task, id_of
-from robrain.client.task_stream import TaskStream
 from robrain.client.transport import PATIENCE_S, LiveTransport, Transport, operator_name
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
@@ -33,7 +32,8 @@ from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
@@ -55,12 +55,118 @@ from robrain.protocol.wire.topics import (
     COORDINATOR_PLANNING,
     HALT,
     MOTE_READING,
+    TASK_EVENT,
     TASK_GET,
     TASK_KINDS,
     TASK_LIST,
     TASK_SUBMIT,
     TASK_WHY,
 )
+
+
+class FreshIds:
+    """Counts on, for each kind of task, from the largest number that the team has.
+
+    Args:
+        known: ids of the tasks of a kind that the coordinator knows.
+        is_known: whether the coordinator knows a task of an id, of whatever kind.
+
+    """
+
+    def __init__(self, known: Callable[[str], Iterable[str]], is_known: Callable[[str], bool]) -> None:
+        self._known = known
+        self._is_known = is_known
+        self._next: dict[str, int] = {}
+
+    def submit(self, kind: str, submit: Callable[[str], TaskRecord], by: str) -> TaskRecord:
+        """Submit a task under the next id that is free.
+
+        Another client may take an id at the same moment: then it is refused, or, if that client has asked for the very
+        same, its record is the answer, with its name.
+
+        Args:
+            kind: of the task.
+            submit: submits the task under an id.
+            by: who submits it.
+
+        Raises:
+            CallError: the task is refused for another reason.
+
+        """
+        if kind not in self._next:
+            self._next[kind] = 1 + max((_number(kind, task) for task in self._known(kind)), default=0)
+        while True:
+            task_id = f"{kind}-{self._next[kind]}"
+            try:
+                record = submit(task_id)
+            except CallError as error:
+                if error.code is not ErrorCode.REFUSED or not self._is_known(task_id):
+                    raise
+                self._next[kind] += 1
+                continue
+            self._next[kind] += 1
+            if record.by == by:
+                return record
+
+
+def _number(kind: str, task_id: str) -> int:
+    found = re.fullmatch(rf"{re.escape(kind)}-([0-9]{{1,9}})", task_id)
+    return int(found[1]) if found else 0
+
+
+STREAM_LOOK_S = 1.0
+"""Period of the query for missed changes, in addition to the subscription."""
+
+
+class TaskStream:
+    """Each change of some tasks, once; listens from when it is made.
+
+    Args:
+        transport: to the team.
+        wire: a new endpoint of this stream's own.
+        get: how a task stands.
+        tasks: ids; of all tasks if there are none.
+
+    """
+
+    def __init__(
+        self, transport: Transport, wire: Endpoint, get: Callable[[str], TaskRecord], tasks: Sequence[str]
+    ) -> None:
+        self._transport = transport
+        self._get = get
+        self._tasks = tasks
+        self._inbox = Inbox(4096)
+        wire.subscribe(self._inbox, TASK_EVENT)
+
+    def events(self, timeout_s: float | None) -> Iterator[TaskEvent]:
+        """The changes, beginning with how the tasks stand, until all of them have ended.
+
+        Raises:
+            TimeoutError: they have not all ended in time.
+
+        """
+        transport = self._transport
+        last: dict[str, int] = {}
+        running = set(self._tasks)
+        look_s = began_s = transport.elapsed_s()
+        while True:
+            heard = [received.message for received in self._inbox.drain()]
+            events = [event for event in heard if not self._tasks or event.task.id in self._tasks]
+            if transport.elapsed_s() >= look_s:
+                events += [self._get(task).event for task in sorted(running)]
+                look_s = transport.elapsed_s() + STREAM_LOOK_S
+            for event in events:
+                if event.change > last.get(event.task.id, 0):
+                    last[event.task.id] = event.change
+                    yield event
+                if event.state.ended:
+                    running.discard(event.task.id)
+            if self._tasks and not running:
+                return
+            if timeout_s is not None and transport.elapsed_s() - began_s >= timeout_s:
+                raise TimeoutError(f"not ended after {timeout_s:g} s: {', '.join(sorted(running)) or 'all tasks'}")
+            transport.pass_time(POLL_S)
+
 
 # The method `list` hides the built-in within the class.
 Names = list[str]

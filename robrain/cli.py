@@ -242,8 +242,7 @@ def coordinator(
     lead_anyway: LeadAnywayOption = False,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
-    from robrain.deploy.coordination.coordinator_command import coordinator_command
-    from robrain.deploy.coordination.standing import Standing
+    from robrain.deploy.coordination.coordinator_command import Standing, coordinator_command
     from robrain.deploy.processes.live_process import place_of
 
     where = place_of(connect, listen)

@@ -12,13 +12,14 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
 from robrain.agent.host.robot_log import plugin_here
 from robrain.agent.lifecycle.plugin_info import plugin_faults
-from robrain.deploy.agents.witness_file import WitnessFile, witness_path
+from robrain.agent.witness import Kept
 from robrain.deploy.observability.json_logs import CONTEXT
 from robrain.deploy.processes.compiler_pages import CompilerPages
 from robrain.deploy.processes.live_process import LiveStop, note, open_when_there, tell
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
+from robrain.protocol.state_folder import state_folder
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.clock import LiveClock
@@ -26,6 +27,53 @@ from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.session import listening_at
+
+STATE_VARIABLE = "STATE_DIRECTORY"
+"""Set by systemd for a unit with `StateDirectory=`; several folders are separated by colons."""
+
+
+def witness_path(team: str, robot: str) -> Path:
+    """The file of a robot: in the unit's state folder, else in the user's."""
+    folder = os.environ.get(STATE_VARIABLE, "").partition(":")[0]
+    return (Path(folder) if folder else state_folder()) / f"witness-{team}-{robot}.json"
+
+
+class WitnessFile:
+    """Stores it in a file, which is replaced as a whole.
+
+    Args:
+        path: of the file; made, with its folder, by the first answer.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def read(self) -> Kept:
+        """What was stored last; nothing if there is no file (OSError, ValueError)."""
+        try:
+            data = self._path.read_bytes()
+        except FileNotFoundError:
+            return Kept()
+        try:
+            return msgspec.json.decode(data, type=Kept)
+        except msgspec.MsgspecError as error:
+            raise ValueError(f"{self._path}: {error}; if no coordinator was ever elected, remove it") from error
+
+    def write(self, kept: Kept) -> None:
+        """Replace the file, on the disk when this returns (OSError)."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        new = self._path.with_name(f"{self._path.name}.new")
+        with new.open("wb") as file:
+            file.write(msgspec.json.encode(kept))
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(self._path)
+        descriptor = os.open(self._path.parent, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def agent_command(robot: Path, connect: str | None, team: str | None) -> None:

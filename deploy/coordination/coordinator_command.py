@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import zenoh
@@ -15,15 +16,110 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.standing.candidate import Candidate, Elected, Lost
 from robrain.coordinator.standing.stand_by import Following, StandBy
-from robrain.deploy.coordination.following import GONE, PERIOD_S, WORDS, follow_journal
-from robrain.deploy.coordination.standing import Standing
+from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, note, open_hub, open_when_there, tell
 from robrain.deploy.processes.name_claim import LOOK_PERIOD_S, NameClaim, NameWatch, claim_coordinator
 from robrain.deploy.processes.secured_start import check_certificate, check_rights
 from robrain.protocol.model.ranges import NAME_MAX, cut
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.access.member import MemberRole
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
+from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.wire.messages.robots.witness_messages import WITNESSES_MAX
+from robrain.protocol.wire.topics import COORDINATOR_ALIVE
+
+PERIOD_S = 0.01
+LOOK_S = 1.0
+"""How long is listened for a coordinator before there seems to be none."""
+
+WORDS = {
+    Following.COPYING: "copying the coordinator's journal",
+    Following.BEHIND: "the copy of the journal may lack what was acknowledged last",
+    Following.IN_STEP: "in step: nothing is acknowledged that is not in the copy of the journal",
+}
+GO_ON = "; if it will not return, end this process and start robrain coordinator --journal {path}"
+GONE = {
+    Following.ALONE: "it was in step when that was heard last",
+    Following.BEHIND: "it may lack what was acknowledged last",
+    Following.COPYING: "it is not whole, so no coordinator can go on from it",
+}
+
+
+def follow_journal(
+    wire: Endpoint, path: Path, process: ProcessInfo, should_stop: Callable[[], bool], note: Callable[[str], None]
+) -> bool:
+    """Keep a copy of the journal of the coordinator there is, in a file of this process.
+
+    Returns:
+        Whether to stand by as one that shares the coordinator's journal does: the file is locked by that, or no
+        coordinator is there and the file is no copy. False if `should_stop` came.
+
+    Raises:
+        JournalError: the file cannot be used.
+
+    """
+    try:
+        journal = Journal(path, lock_timeout_s=0.0)
+    except JournalLocked:
+        return True
+    with closing(journal):
+        if not journal.copied and not wire.present(COORDINATOR_ALIVE):
+            time.sleep(LOOK_S)
+            if not wire.present(COORDINATOR_ALIVE):
+                return True
+        stand_by = StandBy(wire, journal, cut(f"{process.host}-{process.pid}", NAME_MAX))
+        note(f"standing by with a copy of the journal in {path}")
+        told: Following | None = None
+        is_gone = False
+        look_s = time.monotonic() + LOOK_S
+        while not should_stop():
+            stand_by.step()
+            if time.monotonic() > look_s:
+                look_s += LOOK_S
+                if not journal.copied and not wire.present(COORDINATOR_ALIVE):
+                    return True  # the file has never become a copy, and the coordinator has gone
+            now = stand_by.following(wire.clock.now_ns())
+            if now is not told and now in WORDS:
+                note(WORDS[now])
+            was_gone, is_gone = is_gone, stand_by.is_silent(wire.clock.now_ns())
+            if is_gone and not was_gone and now in GONE:
+                end = "" if now is Following.COPYING else GO_ON.format(path=path)
+                note(f"the coordinator is silent. The copy of its journal: {GONE[now]}{end}")
+            told = now
+            time.sleep(PERIOD_S)
+    return False
+
+
+class Standing(NamedTuple):
+    """How a coordinator comes to lead."""
+
+    stands_by: bool = False
+    """It waits for as long as another coordinator is there."""
+    witnesses: tuple[str, ...] = ()
+    """Names of the robots that elect one of several coordinators; none if there is no election."""
+    is_forced: bool = False
+    """An operator says that no other journal has more."""
+
+    @classmethod
+    def of(cls, witnesses: str | None, *, stands_by: bool, leads_anyway: bool) -> "Standing":
+        """From options such as `--witnesses r1,r2,r3` (UsageError if they have another form).
+
+        With witnesses each coordinator stands by until it is elected, so `stands_by` adds nothing.
+        """
+        if witnesses is None:
+            if leads_anyway:
+                raise UsageError("--lead-anyway without --witnesses: expected both")
+            return cls(stands_by)
+        names = [check_name("robot", name) for name in witnesses.split(",")]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise UsageError(f"--witnesses {witnesses}: expected each robot once, got {twice[0]} more often")
+        if len(names) > WITNESSES_MAX:
+            raise UsageError(f"--witnesses: expected at most {WITNESSES_MAX} robots, got {len(names)}")
+        return cls(witnesses=tuple(names), is_forced=leads_anyway)
+
 
 WHY_PERIOD_S = 5.0
 """Minimum time from the start, and between two notes, before a note says why the process is not elected."""

@@ -1,13 +1,17 @@
 """What a lockstep run has to do for its robots' radios: `[links]` of a scenario."""
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.wire.clock import Clock, to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.links.radio_network import COORDINATOR
@@ -15,10 +19,242 @@ from robrain.protocol.wire.messages.team.arena_messages import ArenaLinks, LinkC
 from robrain.protocol.wire.topics import ARENA_LINKS
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.faults.wire_faults import WireFaults
-from robrain.sim.links.team_radio import TeamRadio
+from robrain.sim.links.link_spec import LinkSpec
+from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.gateway import gateway_motes
 from robrain.sim.robot.robot_body import RobotBody
 from robrain.sim.world.world import World
+
+STEPS_PER_CELL = 2.0
+"""Samples of a line for each cell that it is long; a wall that is thinner than a cell at its corner may be missed."""
+
+
+def walls_between(plan: FloorPlan, from_m: tuple[float, float], to_m: tuple[float, float]) -> int:
+    """How often the straight line between two places, metres, arena frame, enters a wall; outside the plan is none."""
+    length_m = math.sqrt((to_m[0] - from_m[0]) ** 2 + (to_m[1] - from_m[1]) ** 2)
+    steps = max(1, math.ceil(STEPS_PER_CELL * length_m / plan.resolution_m))
+    along = np.arange(steps + 1) / steps
+    columns = np.floor((from_m[0] + along * (to_m[0] - from_m[0]) - plan.origin_x_m) / plan.resolution_m).astype(int)
+    rows = np.floor((from_m[1] + along * (to_m[1] - from_m[1]) - plan.origin_y_m) / plan.resolution_m).astype(int)
+    height, width = plan.occupied.shape
+    within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    is_wall = np.zeros(steps + 1, dtype=bool)
+    is_wall[within] = plan.occupied[rows[within], columns[within]]
+    return int(np.count_nonzero(is_wall[1:] & ~is_wall[:-1]))
+
+
+LOOK_PERIOD_NS = to_ns(0.1)
+"""Period in which distances and walls are measured."""
+RESEND_NS = to_ns(0.1)
+"""After which a request or reply that was lost is sent again."""
+_RNG_OF_LINKS = 5
+
+Place = tuple[float, float]
+"""Metres, arena frame."""
+Places = Callable[[], NDArray[np.float64]]
+"""(N, 2): where the robots are, metres, arena frame."""
+
+
+class _Dropped(Enum):
+    LOST = "lost"
+    CROWDED = "crowded"
+
+
+class TeamRadio:
+    """A `RadioNetwork` on a floor plan.
+
+    Args:
+        spec: the table `[links]`.
+        plan: the floor and its walls.
+        robots: their names.
+        starts_m: (N, 2), where they start, metres, arena frame.
+        seed: of the run.
+        standing: names and places of further radios, which do not move.
+        faults: of the wire; a message must pass them on each hop, as it must pass the radio. None for none.
+
+    """
+
+    def __init__(
+        self,
+        spec: LinkSpec,
+        plan: FloorPlan,
+        robots: Sequence[str],
+        starts_m: NDArray[np.float64],
+        seed: int,
+        standing: Mapping[str, Place] | None = None,
+        faults: WireFaults | None = None,
+    ) -> None:
+        self.counters = LinkCounters()
+        self._standing = dict(standing or {})
+        self.parties: Sequence[str] = (COORDINATOR, *robots, *self._standing)
+        self.where: Places = lambda: starts_m
+        """Says where the robots are; the starts until it is set."""
+        own_m = spec.coordinator_m
+        self._own_m = (float(starts_m[0, 0]), float(starts_m[0, 1])) if own_m is None else own_m
+        self._spec = spec
+        self._faults = faults
+        self._hung: set[str] = set()
+        self._plan = plan
+        self._rng = np.random.default_rng([seed, _RNG_OF_LINKS])
+        self._in_range: dict[tuple[str, str], tuple[Place, Place, bool]] = {}
+        """Places of each pair when it was measured last, and whether they were in range of each other."""
+        self._hears: dict[str, list[str]] = {party: [] for party in self.parties}
+        self._ways: dict[str, dict[str, list[str]]] = {}
+        """From a party to each that it reaches: the radios that send, and the hearer."""
+        self._looked_ns: int | None = None
+        self._on: Collection[str] = ()
+        self._free_ns: dict[str, int] = {}
+        """When each radio has sent all that it has to send."""
+
+    @property
+    def places_m(self) -> dict[str, Place]:
+        """Where the radios are, metres, arena frame."""
+        robots = [(float(x_m), float(y_m)) for x_m, y_m in self.where()]
+        return dict(zip(self.parties, [self._own_m, *robots, *self._standing.values()], strict=True))
+
+    def look(self, now_ns: int, on: Collection[str]) -> bool:
+        """See `RadioNetwork`."""
+        if on == self._on and self._looked_ns is not None and now_ns < self._looked_ns + LOOK_PERIOD_NS:
+            return False
+        self._looked_ns, self._on = now_ns, on
+        hears = self._measure(to_seconds(now_ns))
+        if hears != self._hears:
+            self._hears = hears
+            self._ways.clear()
+        return True
+
+    def set_hung(self, party: str, *, is_hung: bool) -> None:
+        """Whether a party's process stands still; if so, it relays nothing."""
+        if is_hung != (party in self._hung):
+            self._hung.symmetric_difference_update({party})
+            self._ways.clear()
+
+    def hears(self, party: str) -> list[str]:
+        """Those whom a party hears without a relay, in the order of `parties`."""
+        return self._hears[party]
+
+    def hops(self, speaker: str, hearer: str) -> int | None:
+        """Number of hops from one party to another; None if there is no way."""
+        way = self._ways_of(speaker).get(hearer)
+        return None if way is None else len(way) - 1
+
+    def reaches(self, speaker: str, hearer: str) -> bool:
+        """See `RadioNetwork`."""
+        return hearer in self._ways_of(speaker)
+
+    def spread(self, speaker: str, hearers: Sequence[str], size: int, now_ns: int) -> dict[str, int]:
+        """See `RadioNetwork`."""
+        ways, counters = self._ways_of(speaker), self.counters
+        took: dict[str, int | _Dropped] = {speaker: 0}
+        arrived = {}
+        for hearer in hearers:
+            way = ways.get(hearer)
+            if way is None:
+                counters.out_of_reach += 1
+                continue
+            end = self._along(way, took, size, now_ns)
+            if isinstance(end, _Dropped):
+                counters.lost += end is _Dropped.LOST
+                counters.crowded += end is _Dropped.CROWDED
+            else:
+                arrived[hearer] = end
+        return arrived
+
+    def overtakes(self, speaker: str, hearer: str) -> bool:
+        """See `RadioNetwork`."""
+        faults = self._faults
+        way = self._ways_of(speaker).get(hearer) if faults else None
+        return faults is not None and way is not None and any(faults.reorders(*hop) for hop in pairwise(way))
+
+    def carry(self, speaker: str, hearer: str, size: int, now_ns: int, limit_ns: int) -> int | None:
+        """See `RadioNetwork`."""
+        way = self._ways_of(speaker).get(hearer)
+        if way is None:
+            return None
+        total_ns = 0
+        for sender, receiver in pairwise(way):
+            self.counters.relayed += sender != speaker
+            while isinstance(hop := self._send(sender, receiver, size, now_ns), _Dropped):
+                total_ns += RESEND_NS
+                if total_ns > limit_ns:
+                    return None
+            total_ns += hop
+        return total_ns if total_ns <= limit_ns else None
+
+    def _along(self, way: list[str], took: dict[str, int | _Dropped], size: int, now_ns: int) -> int | _Dropped:
+        """Send a sample along a way, as far as that was not done for other hearers."""
+        for sender, receiver in pairwise(way):
+            before = took[sender]
+            if isinstance(before, _Dropped):
+                return before
+            if receiver not in took:
+                hop = self._send(sender, receiver, size, now_ns)
+                self.counters.relayed += sender != way[0]
+                took[receiver] = hop if isinstance(hop, _Dropped) else before + hop
+        return took[way[-1]]
+
+    def _send(self, sender: str, receiver: str, size: int, now_ns: int) -> int | _Dropped:
+        """One hop; returns how long it takes."""
+        spec = self._spec
+        free_ns = max(now_ns, self._free_ns.get(sender, 0))
+        if free_ns - now_ns > to_ns(spec.queue_s):
+            return _Dropped.CROWDED
+        free_ns += to_ns(size / spec.bandwidth_bytes_s)
+        self._free_ns[sender] = free_ns
+        if spec.loss and self._rng.random() < spec.loss:
+            return _Dropped.LOST
+        late_ns = self._faults.fate(sender, receiver) if self._faults else 0
+        if self._faults is not None and late_ns is None:
+            self._faults.lost += 1
+        return _Dropped.LOST if late_ns is None else free_ns - now_ns + to_ns(spec.delay_s) + late_ns
+
+    def _measure(self, sim_time_s: float) -> dict[str, list[str]]:
+        places = self.places_m
+        cuts = [one for one in self._spec.partitions if one.covers(sim_time_s)]
+        groups = {party: [one.group_of(party) for one in cuts] for party in self.parties}
+        faults = self._faults
+        hears: dict[str, list[str]] = {party: [] for party in self.parties}
+        on = [party for party in self.parties if party in self._on]
+        for number, one in enumerate(on):
+            for other in on[number + 1 :]:
+                if faults and not faults.is_linked(one, other):
+                    continue
+                if groups[one] == groups[other] and self._are_in_range(one, other, places):
+                    hears[one].append(other)
+                    hears[other].append(one)
+        return hears
+
+    def _are_in_range(self, one: str, other: str, places: dict[str, Place]) -> bool:
+        from_m, to_m = places[one], places[other]
+        known = self._in_range.get((one, other))
+        if known is None or known[:2] != (from_m, to_m):
+            known = self._in_range[one, other] = from_m, to_m, self._is_in_range(from_m, to_m)
+        return known[2]
+
+    def _is_in_range(self, from_m: Place, to_m: Place) -> bool:
+        spec = self._spec
+        square_m2 = (to_m[0] - from_m[0]) ** 2 + (to_m[1] - from_m[1]) ** 2
+        if square_m2 > spec.range_m**2:
+            return False
+        if not spec.walls_block and not spec.wall_db:
+            return True
+        return square_m2 <= spec.reach_m(walls_between(self._plan, from_m, to_m)) ** 2
+
+    def _ways_of(self, speaker: str) -> dict[str, list[str]]:
+        """The shortest ways from a party, of equal ones the one by the radios that come first in `parties`."""
+        ways = self._ways.get(speaker)
+        if ways is None:
+            ways, edge = {speaker: [speaker]}, [speaker]
+            while edge:
+                reached = []
+                for sender in edge:
+                    if sender == speaker or (self._spec.relays_by(sender) and sender not in self._hung):
+                        new = [party for party in self._hears[sender] if party not in ways]
+                        ways.update((party, [*ways[sender], party]) for party in new)
+                        reached += new
+                edge = sorted(reached, key=self.parties.index)
+            self._ways[speaker] = ways
+        return ways
 
 
 class RadioFaults:

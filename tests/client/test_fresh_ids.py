@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.client.fresh_ids import FreshIds
+from robrain.client.team import FreshIds
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.deploy.bench.exploration.exploration_page import times_table, write_page
+from robrain.deploy.bench.exploration.exploration import times_table, write_page
 from robrain.deploy.bench.exploration.exploration_runs import FULL, IDEAL, ExplorationCase, ExplorationRun
 from robrain.deploy.errors import UsageError
 

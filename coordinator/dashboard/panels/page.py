@@ -7,22 +7,85 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import viser
 
+from robrain.coordinator.dashboard.html.charts import add_chart
+from robrain.coordinator.dashboard.html.field_html import field_html, rules_html
 from robrain.coordinator.dashboard.html.html_words import text
-from robrain.coordinator.dashboard.html.panel_html import motes_html, strip_html
+from robrain.coordinator.dashboard.html.left_html import left_html
+from robrain.coordinator.dashboard.html.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
 from robrain.coordinator.dashboard.layers.floor_layers import FieldLayer
 from robrain.coordinator.dashboard.layers.layer_switches import LayerSwitch, switches_of, troubles_of
 from robrain.coordinator.dashboard.panels.gui_values import set_html, set_value, set_visible
 from robrain.coordinator.dashboard.panels.page_context import Page, PageContext
 from robrain.coordinator.dashboard.panels.robot_tab import RobotTab
 from robrain.coordinator.dashboard.panels.task_tab import TaskTab
-from robrain.coordinator.dashboard.panels.team_tab import TeamTab
 from robrain.coordinator.dashboard.scene.selection import SelectionMark, floor_hit, mote_near, robot_near
 from robrain.coordinator.dashboard.server.retry import Retry
 from robrain.coordinator.dashboard.state.focus import Focus
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import HEAT, css
+
+CHART_PERIOD_S = 2.0
+MANY_ROWS = 25
+LIST_PERIOD_S = 2.5
+"""Period of a longer table, which costs a browser more than the picture."""
+
+
+class TeamTab:
+    """The tab of one page; built within the tab's context."""
+
+    def __init__(self, page: Page) -> None:
+        gui = page.client.gui
+        self._page = page
+        self._summary = gui.add_html("")
+        self._robots = gui.add_html("")
+        self._folder = gui.add_folder("Explored over time", visible=False)
+        with self._folder:
+            self._chart = add_chart(gui, "Explored (%)", ["explored"], (0.0, 100.0))
+        self._left_folder = gui.add_folder("Left to explore", visible=False)
+        with self._left_folder:
+            self._left = gui.add_html("")
+        self._field_folder = gui.add_folder("Mote field", visible=False)
+        with self._field_folder:
+            self._field = gui.add_html("")
+        self._rules_folder = gui.add_folder("Rules", visible=False)
+        with self._rules_folder:
+            self._rules = gui.add_html("")
+        with gui.add_folder("Log", expand_by_default=False):
+            self._log = gui.add_html("")
+        self._charted_s: float | None = None
+        self._listed_s: float | None = None
+        self._listed: tuple[str, int] | None = None
+
+    def hurry(self) -> None:
+        """Update everything at the next `draw`, even if that is before it is due."""
+        self._charted_s = self._listed_s = None
+
+    def draw(self, now_s: float) -> None:
+        """Show the current state."""
+        view = self._page.context.view
+        set_html(self._summary, summary_html(view, now_s))
+        shown = (self._page.selected, len(view.robots))
+        due = self._listed_s is None or now_s - self._listed_s >= LIST_PERIOD_S
+        if due or shown != self._listed or len(view.robots) <= MANY_ROWS:
+            self._listed_s, self._listed = now_s, shown
+            set_html(self._robots, robots_html(view, now_s, self._page.selected))
+        for folder, shown_html, html in (
+            (self._left_folder, self._left, left_html(view)),
+            (self._field_folder, self._field, field_html(view)),
+            (self._rules_folder, self._rules, rules_html(view)),
+        ):
+            set_visible(folder, bool(html))
+            set_html(shown_html, html)
+        set_html(self._log, log_html(view))
+        if len(view.explored) > 1 and (self._charted_s is None or now_s - self._charted_s >= CHART_PERIOD_S):
+            self._charted_s = now_s
+            self._folder.visible = True
+            time_s, fraction = np.array(view.explored).T
+            self._chart.data = (time_s, 100 * fraction)
+
 
 OVERVIEW, TOP = "Overview", "Top view"
 MOTES_PERIOD_S = 3.0

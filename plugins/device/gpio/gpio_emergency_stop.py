@@ -5,7 +5,7 @@ operator has resumed it. This is no safety function in the sense of ISO 13850: a
 """
 
 import threading
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import msgspec
 from msgspec import Meta
@@ -13,7 +13,24 @@ from msgspec import Meta
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.gpio.input_lines import DEBOUNCE_S_MAX, ChipPath, GpioAbsent, InputLines, LineName, Pull
-from robrain.plugins.device.gpio.interface import ButtonChange, EmergencyStopInterface
+
+
+class ButtonChange(msgspec.Struct, frozen=True):
+    """The button was pressed, or released."""
+
+    stamp_ns: int
+    why: str
+    """Why the robot stops, in words; empty if nothing speaks against its driving any more."""
+
+
+class EmergencyStopInterface(Protocol):
+    """The button. Nothing needs to call it: pressed, it halts the robot by itself."""
+
+    changed: Event[ButtonChange]
+
+    def why_pressed(self) -> str:
+        """Why the robot has to stand, in words; empty if the button is released."""
+
 
 CONTACTS_MAX = 4
 

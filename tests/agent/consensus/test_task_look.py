@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from robrain.agent.consensus.consensus_desk import ASK_AGAIN_NS, GRACE_NS, OPEN, TaskLook
 from robrain.agent.consensus.known_tasks import TASKS_MAX, KnownTasks
-from robrain.agent.consensus.task_look import AGAIN_NS, GRACE_NS, OPEN, TaskLook
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -76,7 +76,7 @@ def test_who_has_heard_of_all_changes_in_whatever_order_asks_nothing(looking: Lo
     for change in (2, 1, 3, 3):
         looking.hear(f"t{change}", change)
     looking.summary(3)
-    looking.run(5 * AGAIN_NS)
+    looking.run(5 * ASK_AGAIN_NS)
     assert looking.asked == []
     assert looking.look.behind_since_ns is None
 
@@ -86,7 +86,7 @@ def test_an_event_that_comes_after_the_summary_that_counts_it_is_waited_for(look
     assert looking.look.behind_since_ns == 0
     looking.run(GRACE_NS // 2)
     looking.hear("t1", 1)
-    looking.run(5 * AGAIN_NS)
+    looking.run(5 * ASK_AGAIN_NS)
     assert looking.asked == []
 
 
@@ -97,7 +97,7 @@ def test_who_began_later_is_told_of_the_open_tasks(looking: Looking) -> None:
     assert looking.asked == [TaskFilter(states=OPEN, limit=TASKS_MAX)]
     assert sorted(looking.known.open) == ["t4", "t7"]
     assert looking.look.behind_since_ns is None
-    looking.run(5 * AGAIN_NS)
+    looking.run(5 * ASK_AGAIN_NS)
     assert len(looking.asked) == 1
 
 
@@ -146,11 +146,11 @@ def test_a_task_that_robots_have_accepted_stays_though_the_coordinator_does_not_
 def test_a_refused_question_is_asked_again_after_a_second(looking: Looking) -> None:
     looking.refuses = True
     looking.summary(1)
-    looking.run(GRACE_NS + 2 * AGAIN_NS)
+    looking.run(GRACE_NS + 2 * ASK_AGAIN_NS)
     assert len(looking.asked) == 3
     assert looking.look.behind_since_ns == 0
     looking.refuses = False
-    looking.run(AGAIN_NS)
+    looking.run(ASK_AGAIN_NS)
     assert looking.look.behind_since_ns is None
 
 

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robrain.coordinator.planning.live_planner import LivePlanner
+from robrain.coordinator.planning.live_planner import LivePlanner, PlannerProcess
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Floor
 from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
-from robrain.coordinator.planning.worker_process import PlannerProcess
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until

@@ -16,8 +16,8 @@ from robrain.coordinator.recording.report.figures import (
     mote_figure,
     traffic_figure,
 )
+from robrain.coordinator.recording.report.report import comparison_figure, totals
 from robrain.coordinator.recording.report.run_data import Happening, MoteRun, RunData, TaskRun
-from robrain.coordinator.recording.report.run_totals import comparison_figure, totals
 from robrain.coordinator.recording.report.two_runs import outcome_of
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas

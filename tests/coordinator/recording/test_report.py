@@ -13,9 +13,8 @@ from PIL import Image
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.replay.html_player import write_html
 from robrain.coordinator.recording.report.mean_interval import mean_interval
-from robrain.coordinator.recording.report.report import FIGURES, group_runs, write_report
+from robrain.coordinator.recording.report.report import FIGURES, group_runs, totals, write_report
 from robrain.coordinator.recording.report.run_data import Happenings, read_run
-from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft

@@ -11,8 +11,8 @@ import pytest
 from mcap.writer import Writer
 
 from robrain.coordinator.drawing.robot_history import model_power_w
+from robrain.coordinator.recording.report.report import totals
 from robrain.coordinator.recording.report.run_data import RunData, read_run
-from robrain.coordinator.recording.report.run_totals import totals
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry

@@ -7,8 +7,7 @@ import msgspec
 
 from robrain.agent.host.robot_file import read_robot_file
 from robrain.deploy.bringup.findings import Found, Step
-from robrain.plugins.device.mocdevice.mocdevice import MocDevice
-from robrain.plugins.device.mocdevice.wheel_frames import WheelFrames
+from robrain.plugins.device.mocdevice.mocdevice import MocDevice, WheelFrames
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "your-robot.md").read_text(encoding="utf-8")

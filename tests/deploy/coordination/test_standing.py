@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.coordination.standing import Standing
+from robrain.deploy.coordination.coordinator_command import Standing
 from robrain.protocol.wire.errors import RobrainError
 
 

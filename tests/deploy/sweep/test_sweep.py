@@ -17,9 +17,8 @@ from robrain import Scenario
 from robrain.deploy.errors import SweepError, UsageError
 from robrain.deploy.sweep.execution import DIED
 from robrain.deploy.sweep.folder import JOURNAL
-from robrain.deploy.sweep.manifest import SweepManifest
 from robrain.deploy.sweep.plan import SweepPlan, make_plan
-from robrain.deploy.sweep.sweep import SweepOptions, SweepProgress, SweepResult, run_sweep, sweep
+from robrain.deploy.sweep.sweep import SweepManifest, SweepOptions, SweepProgress, SweepResult, run_sweep, sweep
 from tests.deploy.sweep.conftest import SCENARIO, SEEDS, VARY
 
 pytestmark = pytest.mark.system

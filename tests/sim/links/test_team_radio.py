@@ -5,7 +5,7 @@ import pytest
 
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
-from robrain.sim.links.team_radio import TeamRadio, walls_between
+from robrain.sim.links.radio_run import TeamRadio, walls_between
 from robrain.sim.maps.drawing import FloorDrawing, Wall, rasterise
 
 CHAIN = {"r1": (5.0, 5.0), "r2": (14.0, 5.0), "r3": (23.0, 5.0), "r4": (32.0, 5.0)}
