@@ -1,21 +1,206 @@
 """`robrain ros2 gateway`: shows a team to ROS 2, by rclpy or over Zenoh, and passes orders from there to it."""
 
+import re
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import ExitStack, closing
+from typing import Any, NamedTuple, TypeVar
 
+import msgspec
 import zenoh
 
 from robrain.client.team import Team
+from robrain.coordinator.recording.reader.map_at import KnownMap
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
-from robrain.deploy.ros2.gateway import Gateway
-from robrain.deploy.ros2.orders import TeamOrders
+from robrain.deploy.ros2 import ros_messages as make
+from robrain.deploy.ros2.orders import Answer, Orders, TeamOrders
 from robrain.plugins.device.ros2.parameters import environment_domain
+from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.ros2 import message_types as ros
+from robrain.protocol.ros2.definitions import Outcome, TaskAnswer
+from robrain.protocol.ros2.message_classes import MarkerArray, String, TFMessage
+from robrain.protocol.ros2.message_types import MessageType
+from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, TF, Qos
 from robrain.protocol.ros2.ros_node import RosNode
-from robrain.protocol.ros2.ros_port import RosPort
+from robrain.protocol.ros2.ros_port import Request, RosPort, Writer
+from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT
+
+MAP_NS = to_ns(1.0)
+MARKERS_NS = to_ns(0.5)
+INBOX_CAPACITY = 4096
+ROBOTS_MAX = 256
+TASKS_MAX = 1024
+"""Open tasks that are drawn."""
+MAP_FRAME = "map"
+"""The arena frame, as REP 105 calls it."""
+_NOT_A_WORD = re.compile(r"[^A-Za-z0-9_]")
+
+M = TypeVar("M")
+R = TypeVar("R")
+
+
+class _Waiting(NamedTuple):
+    future: "Future[Answer]"
+    tell: Callable[[Answer], None]
+    """Passes the answer on."""
+
+
+class Gateway:
+    """Shows a team to ROS 2.
+
+    Args:
+        wire: of the team; its owner closes it, after the gateway.
+        port: the node of ROS 2; its owner closes it.
+        orders: whom tasks and halts are taken to; None for nobody.
+        map_frame: name of the arena frame in ROS 2.
+
+    """
+
+    def __init__(self, wire: Endpoint, port: RosPort, orders: Orders | None, *, map_frame: str = MAP_FRAME) -> None:
+        self.left_out = 0
+        """Messages of robots beyond `ROBOTS_MAX`, or with a name that another has in ROS 2."""
+        self._wire = wire
+        self._port = port
+        self._orders = orders
+        self._frame = map_frame
+        self._inbox, self._maps = Inbox(INBOX_CAPACITY), Inbox(INBOX_CAPACITY, every=True)
+        self._known_map = KnownMap()
+        self._words: dict[str, str] = {}
+        self._writers: dict[str, Writer[Any]] = {}
+        self._states: dict[str, RobotState] = {}
+        self._tasks: dict[str, TaskEvent] = {}
+        self._due_ns: dict[str, int] = {}
+        self._waiting: list[_Waiting] = []
+        if orders is not None:
+            self._submissions = port.serve("submit_task", ros.SUBMIT_TASK)
+            self._texts = port.subscribe("submit_task", ros.STRING)
+            self._halts = port.serve("halt", ros.TRIGGER)
+        for topic in (ROBOT_STATE, ROBOT_PATH, ARENA_SCAN, TASK_EVENT):
+            wire.subscribe(self._inbox, topic)
+        wire.subscribe(self._maps, ROBOT_MAP)
+
+    def step(self) -> None:
+        """Show what is new, and answer what has been asked."""
+        now_ns = self._wire.clock.now_ns()
+        if self._orders is not None:
+            self._answer(self._orders)
+        self._show(now_ns)
+        self._show_map(now_ns)
+        if self._is_due("markers", MARKERS_NS, now_ns):
+            self._write("markers", ros.MARKER_ARRAY, LATCHED, self._markers(now_ns))
+
+    # -- what is shown ------------------------------------------------------------------------------------------
+
+    def _show(self, now_ns: int) -> None:
+        moved = []
+        for received in self._inbox.drain():
+            message, topic = received.message, received.topic
+            if topic is TASK_EVENT:
+                self._take_task(message)
+            elif (word := self._word(message.robot)) is None:
+                self.left_out += 1
+            elif topic is ROBOT_STATE:
+                self._take_state(message, word)
+                if _is_placed(message):
+                    moved.append(make.transform(word, message.pose, self._frame, message.stamp_ns or now_ns))
+            elif topic is ROBOT_PATH:
+                self._write(f"{word}/path", ros.PATH, LATCHED, make.path(message, self._frame))
+            elif topic is ARENA_SCAN:
+                scan = make.laser_scan(message)
+                scan.header.frame_id = make.base_frame(word)
+                self._write(f"{word}/scan", ros.LASER_SCAN, SENSOR_DATA, scan)
+        if moved:
+            self._write("/tf", ros.TF_MESSAGE, TF, TFMessage(moved))
+
+    def _take_state(self, state: RobotState, word: str) -> None:
+        if word not in self._states:  # patches have changes only
+            self._wire.ask_into(self._maps, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=state.robot)
+        self._states[word] = state
+        if state.pose is not None and _is_placed(state):
+            pose = make.pose_stamped(state.pose, self._frame, state.stamp_ns)
+            self._write(f"{word}/pose", ros.POSE_STAMPED, RELIABLE, pose)
+        if state.battery is not None:
+            battery = make.battery(word, state.battery, state.stamp_ns)
+            self._write(f"{word}/battery", ros.BATTERY_STATE, RELIABLE, battery)
+
+    def _take_task(self, event: TaskEvent) -> None:
+        self._write("task_events", ros.STRING, RELIABLE, make.task_event(event))
+        self._tasks.pop(event.task.id, None)
+        if not event.state.ended and len(self._tasks) < TASKS_MAX:
+            self._tasks[event.task.id] = event
+
+    def _markers(self, now_ns: int) -> MarkerArray:
+        return make.markers(self._states, self._tasks, self._frame, now_ns)
+
+    def _show_map(self, now_ns: int) -> None:
+        for _, _, payload in self._maps.drain_raw():
+            self._known_map.take(payload)
+        if self._known_map.has_news and self._is_due("map", MAP_NS, now_ns):
+            grid = self._known_map.merged().grid
+            if grid is not None:
+                self._write("map", ros.OCCUPANCY_GRID, LATCHED, make.occupancy_grid(grid, self._frame, now_ns))
+
+    def _write(self, topic: str, kind: MessageType[M], qos: Qos, message: M) -> None:
+        writer = self._writers.get(topic)
+        if writer is None:
+            writer = self._writers[topic] = self._port.advertise(topic, kind, qos)
+        writer.publish(message)
+
+    def _word(self, robot: str) -> str | None:
+        """A robot's name as names of ROS 2 have it; None if another robot has it, or there are too many."""
+        word = self._words.get(robot)
+        if word is None:
+            word = _NOT_A_WORD.sub("_", robot)
+            word = f"_{word}" if word[:1].isdigit() else word
+            if len(self._words) >= ROBOTS_MAX or word in self._words.values():
+                return None
+            self._words[robot] = word
+        return word
+
+    def _is_due(self, what: str, period_ns: int, now_ns: int) -> bool:
+        due_ns = self._due_ns.get(what)
+        if due_ns is not None and due_ns - period_ns <= now_ns < due_ns:
+            return False
+        self._due_ns[what] = now_ns + period_ns
+        return True
+
+    # -- what is asked ------------------------------------------------------------------------------------------
+
+    def _answer(self, orders: Orders) -> None:
+        for halt in self._halts.requests():
+            self._waiting.append(_Waiting(orders.halt(), _reply(halt, Outcome)))
+        for asked in self._submissions.requests():
+            self._waiting.append(_Waiting(orders.submit(asked.request.task), _reply(asked, TaskAnswer)))
+        for heard in self._texts.take():
+            self._waiting.append(_Waiting(orders.submit(heard.message.data), self._tell_all))
+        waiting, self._waiting = self._waiting, []
+        for each in waiting:
+            if each.future.done():
+                each.tell(each.future.result())
+            else:
+                self._waiting.append(each)
+
+    def _tell_all(self, answer: Answer) -> None:
+        text = msgspec.json.encode({"accepted": answer.accepted, "answer": answer.text}).decode()
+        self._write("task_answers", ros.STRING, RELIABLE, String(text))
+
+
+def _is_placed(state: RobotState) -> bool:
+    """Whether a robot knows its place in the arena frame."""
+    return state.pose is not None and state.frame == ARENA and not state.lost
+
+
+def _reply(request: Request[Any, R], response: Callable[[bool, str], R]) -> Callable[[Answer], None]:
+    return lambda answer: request.reply(response(answer.accepted, answer.text))
+
 
 PERIOD_S = 0.05
 NODE, BY, NAMESPACE = "gateway", "ros2", "/robrain"

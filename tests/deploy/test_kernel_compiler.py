@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.run import kernel_compiler
-from robrain.deploy.run.kernel_compiler import KernelCompiler
+from robrain.deploy.run import preparing
 from robrain.deploy.run.kernels import PARTS
+from robrain.deploy.run.preparing import KernelCompiler
 from robrain.protocol.model.warm_up import Part
 from tests.waiting import until
 
 FEW = {"obstacles": PARTS["obstacles"], "map overlap": PARTS["map overlap"]}
 SCRIPT = """
 import time
-from robrain.deploy.run.kernel_compiler import KernelCompiler
+from robrain.deploy.run.preparing import KernelCompiler
 from robrain.deploy.run.kernels import PARTS
 with KernelCompiler(PARTS, 2) as compiler:
     print(*(worker._process.pid for worker in compiler._workers), flush=True)
@@ -75,7 +75,7 @@ def test_left_block_ends_the_processes_within_the_limit(empty_cache: Path) -> No
     until(lambda: list(empty_cache.rglob("*.nbc")), step=compiler.step)
     begun_s = time.monotonic()
     compiler.close()
-    assert time.monotonic() - begun_s < 2 * kernel_compiler.STOP_S
+    assert time.monotonic() - begun_s < 2 * preparing.STOP_S
     assert not any(_runs(pid) for pid in pids)
 
 

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.coordinator.charging.charge_desk import LEAST_W, USUAL_W, ChargePower
 from robrain.coordinator.charging.charge_schedule import (
     CLEAR_S,
     DOCK_S,
@@ -14,7 +15,6 @@ from robrain.coordinator.charging.charge_schedule import (
     is_same_charger,
     schedule_charges,
 )
-from robrain.coordinator.charging.charge_watch import LEAST_W, USUAL_W, ChargePower
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState

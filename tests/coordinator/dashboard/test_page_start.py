@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.dashboard.state import map_loading
-from robrain.coordinator.dashboard.state.map_loading import MapLoading
+from robrain.coordinator.dashboard.state import live_source
+from robrain.coordinator.dashboard.state.live_source import MapLoading
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.border.border import Received
@@ -43,8 +43,8 @@ CLOCK = Received(ARENA_CLOCK, ARENA_CLOCK.key("default"), {"team": "default"}, A
 def loaded(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     """What merges maps is loaded once this is set."""
     event = threading.Event()
-    monkeypatch.setattr(map_loading, "MERGER", "robrain.not_loaded_yet")
-    monkeypatch.setattr(map_loading, "load", lambda _patch: event.wait(PATIENCE_S))
+    monkeypatch.setattr(live_source, "MERGER", "robrain.not_loaded_yet")
+    monkeypatch.setattr(live_source, "load", lambda _patch: event.wait(PATIENCE_S))
     return event
 
 
@@ -82,7 +82,7 @@ def test_held_patches_of_a_run_that_is_over_are_dropped(loaded: threading.Event)
 
 
 def test_patches_that_are_too_many_are_counted(loaded: threading.Event, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(map_loading, "HELD_PATCHES", 2)
+    monkeypatch.setattr(live_source, "HELD_PATCHES", 2)
     loading, patches = MapLoading(), [patch(columns) for columns in (2, 3, 4)]
     assert list(loading.let_through(patches)) == []
     assert loading.dropped == 1
@@ -92,5 +92,5 @@ def test_patches_that_are_too_many_are_counted(loaded: threading.Event, monkeypa
 
 
 def test_loading_makes_the_merging_of_maps_ready_whatever_the_patch() -> None:
-    map_loading.load(patch().message)
-    map_loading.load(msgspec.structs.replace(patch().message, cells=b""))
+    live_source.load(patch().message)
+    live_source.load(msgspec.structs.replace(patch().message, cells=b""))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader import recording_copy
+from robrain.coordinator.recording.reader import recovering
 from robrain.coordinator.recording.reader.checking import Kind, Severity, check_recording
 from robrain.coordinator.recording.reader.comparing import differing_path, first_difference
 from robrain.coordinator.recording.reader.contents import read_contents
@@ -337,7 +337,7 @@ def test_a_damaged_chunk_costs_its_own_messages_and_no_others(run: Path, tmp_pat
 def test_a_recording_whose_header_is_damaged_is_made_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, front: str
 ) -> None:
-    monkeypatch.setattr(recording_copy, "CHUNK_BYTES", 100)
+    monkeypatch.setattr(recovering, "CHUNK_BYTES", 100)
     source, out = write(tmp_path / "run.mcap", states(5), front), tmp_path / "out.mcap"
     there = list(read_messages(source))
     content = bytearray(source.read_bytes())

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.deploy.ros2 import gateway
-from robrain.deploy.ros2.gateway import Gateway
+from robrain.deploy.ros2 import gateway_process
+from robrain.deploy.ros2.gateway_process import Gateway
 from robrain.deploy.ros2.orders import Answer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
@@ -270,7 +270,7 @@ def test_robots_and_open_tasks_are_marked_and_ended_tasks_are_not(bench):
 
 
 def test_so_many_open_tasks_are_marked(bench, monkeypatch):
-    monkeypatch.setattr(gateway, "TASKS_MAX", 2)
+    monkeypatch.setattr(gateway_process, "TASKS_MAX", 2)
     for number in range(3):
         task = Task(id=f"v{number}", kind="visit", place=Point2D(number, 0.0))
         bench.say(TASK_EVENT, TaskEvent(task=task, state=TaskState.QUEUED))
