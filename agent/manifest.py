@@ -11,7 +11,7 @@ import msgspec
 
 from robrain.agent.errors import ManifestError, PluginMissing
 from robrain.agent.transform import TransformTable
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.wire.errors import BadName, BadToml
 from robrain.protocol.wire.file_mistakes import unknown_name
 from robrain.protocol.wire.keys import check_name
@@ -64,8 +64,7 @@ class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         check_positive(self, "backoff_s", "backoff_max_s", "hang_s", "start_s")
-        if self.restart_limit < 0:
-            raise ValueError(f"expected restart_limit >= 0, got {self.restart_limit}")
+        check_not_negative(self, "restart_limit")
 
 
 class ManifestTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -12,7 +12,7 @@ from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.exploration.strategies import AUTO, JOINT, NO_EXPLORATION, STRATEGIES
 from robrain.protocol.exploration.strategies import NEAREST as NEAREST_STRATEGY
-from robrain.protocol.model.ranges import Text
+from robrain.protocol.model.ranges import Text, check_not_negative, check_positive
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import IN_FILE, UnknownEntry, absolute_name
 
@@ -104,17 +104,15 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
                 ALLOCATORS.check(self.method)
             except UnknownEntry as error:
                 raise ValueError(f"{error}; {NEAREST} makes no plans") from error
-        for name in ("prize_j", "time_margin", "unknown_cost", "deadline_s", "refresh_s", "give_up_s"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
+        check_positive(
+            self, "prize_j", "time_margin", "unknown_cost", "deadline_s", "refresh_s", "give_up_s", below=math.inf
+        )
         for name in ("reserve_share", "gain_min", "charge_below", "charge_turn"):
             if not 0 <= getattr(self, name) < 1:
                 raise ValueError(f"expected {name} from 0 to below 1, got {getattr(self, name)}")
         if not 0.5 <= self.confidence < 1:
             raise ValueError(f"expected confidence from 0.5 to below 1, got {self.confidence}")
-        for name in ("settle_s", "revise_s", "seed", "rounds", "iterations"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+        check_not_negative(self, "settle_s", "revise_s", "seed", "rounds", "iterations")
         if self.tasks_max < 1:
             raise ValueError(f"expected tasks_max >= 1, got {self.tasks_max}")
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_not_negative, check_positive
 
 LONGEST_LOOK_S = 0.5
 """Longer times between two calls of `next_step` count as so much silence."""
@@ -42,8 +42,7 @@ class RestartPolicy(msgspec.Struct, frozen=True, kw_only=True):
         check_positive(self, "first_delay_s", "longest_delay_s", "within_s", "hang_s", "start_s")
         if not self.factor >= 1.0:
             raise ValueError(f"expected factor >= 1, got {self.factor:g}")
-        if self.limit < 0:
-            raise ValueError(f"expected limit >= 0, got {self.limit}")
+        check_not_negative(self, "limit")
 
     def delay_s(self, failures: int) -> float:
         """From the last of so many failures to the next start."""

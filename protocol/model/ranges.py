@@ -5,6 +5,7 @@ a struct is built in Python. All ranges are chosen: far beyond what a robot, a f
 that sums, products and conversions to integers stay finite.
 """
 
+import math
 from typing import Annotated
 
 import msgspec
@@ -75,3 +76,26 @@ def check_positive(struct: msgspec.Struct, *names: str, below: float | None = No
         value = getattr(struct, name)
         if not value > 0 or (below is not None and not value < below):
             raise ValueError(f"expected {name} > 0, got {value}")
+
+
+def check_not_negative(struct: msgspec.Struct, *names: str, finite: bool = False) -> None:
+    """Check that these fields of a struct are at least 0, and not infinite if `finite` (ValueError)."""
+    for name in names:
+        value = getattr(struct, name)
+        if not value >= 0 or (finite and value == math.inf):
+            raise ValueError(f"expected {name} >= 0, got {value}")
+
+
+def check_within(struct: msgspec.Struct, least: float, most: float, *names: str) -> None:
+    """Check that these fields of a struct are None or from `least` to `most`, both included (ValueError)."""
+    for name in names:
+        value = getattr(struct, name)
+        if value is not None and not least <= value <= most:
+            raise ValueError(f"expected {name} from {least} to {most}, got {value}")
+
+
+def check_finite(struct: msgspec.Struct, *names: str) -> None:
+    """Check that these fields of a struct are finite (ValueError)."""
+    for name in names:
+        if not math.isfinite(getattr(struct, name)):
+            raise ValueError(f"expected a finite {name}, got {getattr(struct, name)}")

@@ -7,6 +7,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.model.ranges import check_not_negative, check_within
+
 COORDINATOR = "coordinator"
 """Names the coordinator where a fault may be of a robot or of the coordinator."""
 LATEST_S = 60.0
@@ -153,8 +155,7 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             raise ValueError(f"expected no until_s for {self.kind}: it has no end")
         if self.kind is FaultKind.CARRIED_OFF and self.until_s is not None:
             raise ValueError(f"expected no until_s for {self.kind}: the robot stays where it is put down")
-        if not self.at_s >= 0:
-            raise ValueError(f"expected at_s >= 0, got {self.at_s}")
+        check_not_negative(self, "at_s")
         if self.until_s is not None and not self.until_s > self.at_s:
             raise ValueError(f"expected until_s > at_s = {self.at_s:g}, got {self.until_s}")
         if not (self.within_s >= 0 and math.isfinite(self.within_s)):
@@ -165,8 +166,7 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             raise ValueError(f"expected period_s above 0 to {LATEST_S:g}, got {self.period_s}")
         if self.skew_s is not None and not abs(self.skew_s) <= SKEW_MAX_S:
             raise ValueError(f"expected skew_s from -{SKEW_MAX_S:g} to {SKEW_MAX_S:g}, got {self.skew_s}")
-        if self.soc is not None and not 0 <= self.soc <= 1:
-            raise ValueError(f"expected soc from 0 to 1, got {self.soc}")
+        check_within(self, 0, 1, "soc")
         if self.share is not None and not 0 < self.share <= 1:
             raise ValueError(f"expected share above 0 to 1, got {self.share}")
         if self.place_m is not None and not all(map(math.isfinite, (*self.place_m, self.yaw_rad))):

@@ -16,7 +16,7 @@ import math
 
 import msgspec
 
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
+from robrain.protocol.model.ranges import check_finite, check_not_negative, check_positive, check_within
 
 J_PER_WH = 3600.0
 CELLS = 4
@@ -89,7 +89,7 @@ class BatterySpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     def __post_init__(self) -> None:
         positive = ("capacity_wh", "relaxation_s", "flow_per_s", "heat_capacity_j_per_k", "cut_off_v", "charge_a")
-        check_above_zero(self, *positive, "resistance_ohm", "relaxation_ohm", finite=True)
+        check_positive(self, *positive, "resistance_ohm", "relaxation_ohm", below=math.inf)
         check_not_negative(self, "resistance_growth", "hysteresis_v", "heat_loss_w_per_k", finite=True)
         check_within(self, 0, 1, "soc_at_start")
         if not 0 <= self.capacity_fade < 1:
@@ -98,9 +98,7 @@ class BatterySpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             raise ValueError(f"expected available_share above 0 and below 1, got {self.available_share}")
         if not self.cut_off_v < self.charge_v < math.inf:
             raise ValueError(f"expected charge_v above cut_off_v, got {self.charge_v} and {self.cut_off_v}")
-        for name in ("curve_shift_v", "ambient_c"):
-            if not math.isfinite(getattr(self, name)):
-                raise ValueError(f"expected a finite {name}, got {getattr(self, name)}")
+        check_finite(self, "curve_shift_v", "ambient_c")
 
 
 class Battery:

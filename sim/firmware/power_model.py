@@ -9,8 +9,8 @@ energy of speeding up. The values are chosen for a base of 4 kg, not measured on
 
 import msgspec
 
+from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.sim.firmware.load_kernel import acceleration_j, motion_w
-from robrain.sim.spec_checks import check_above_zero, check_not_negative
 
 
 class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -41,7 +41,7 @@ class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def __post_init__(self) -> None:
         check_not_negative(self, *self.__struct_fields__)
-        check_above_zero(self, "burst_s", "between_bursts_s")
+        check_positive(self, "burst_s", "between_bursts_s")
         if not 0 < self.drive_efficiency <= 1:
             raise ValueError(f"expected drive_efficiency in (0, 1], got {self.drive_efficiency}")
 

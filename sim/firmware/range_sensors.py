@@ -25,7 +25,7 @@ from robrain.protocol.model.navigation.range_ring import (
     SENSORS_MAX,
     bump_sector,
 )
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 
 BUMP_PERIOD_S = 1.0
 NEAREST_M = 0.02
@@ -52,7 +52,7 @@ class RangeSensorSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     def __post_init__(self) -> None:
         if len(self.angles_rad) > SENSORS_MAX:
             raise ValueError(f"expected at most {SENSORS_MAX} angles_rad, got {len(self.angles_rad)}")
-        check_above_zero(self, "rate_hz")
+        check_positive(self, "rate_hz")
         if not 0 < self.range_max_m < NO_ECHO_M:
             raise ValueError(f"expected range_max_m above 0 and below {NO_ECHO_M}, got {self.range_max_m}")
         if not 0 <= self.cone_rad <= math.pi:

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 import msgspec
 
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.sim.errors import ScenarioError
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 LOSS_MAX = 0.95
 DELAY_MAX_S = 10.0
@@ -83,8 +83,8 @@ class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Times in which parts of the team do not hear each other."""
 
     def __post_init__(self) -> None:
-        check_above_zero(self, "range_m", "bandwidth_bytes_s")
-        check_above_zero(self, "exponent", "queue_s", finite=True)
+        check_positive(self, "range_m", "bandwidth_bytes_s")
+        check_positive(self, "exponent", "queue_s", below=math.inf)
         check_within(self, 0, LOSS_DB_MAX, "wall_db")
         check_within(self, 0, LOSS_MAX, "loss")
         check_within(self, 0, DELAY_MAX_S, "delay_s")

@@ -68,8 +68,8 @@ class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pillars: tuple[Pillar, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_above_zero("size_m", *self.size_m)
-        _check_above_zero("resolution_m", self.resolution_m)
+        _check_positive("size_m", *self.size_m)
+        _check_positive("resolution_m", self.resolution_m)
         width_m, height_m = self.size_m
         if width_m * height_m / self.resolution_m**2 > MAX_CELLS:
             raise MapError(
@@ -79,7 +79,7 @@ class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise MapError(f"size_m: {why}", key="size_m")
         for index, wall in enumerate(self.walls):
             key = f"walls[{index}]"
-            _check_above_zero(f"{key}.thickness_m", wall.thickness_m)
+            _check_positive(f"{key}.thickness_m", wall.thickness_m)
             self._check_inside(f"{key}.from_m", *wall.from_m)
             self._check_inside(f"{key}.to_m", *wall.to_m)
             if wall.from_m == wall.to_m:
@@ -88,13 +88,13 @@ class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
         for index, block in enumerate(self.blocks):
             key = f"blocks[{index}]"
-            _check_above_zero(f"{key}.width_m", block.width_m)
-            _check_above_zero(f"{key}.height_m", block.height_m)
+            _check_positive(f"{key}.width_m", block.width_m)
+            _check_positive(f"{key}.height_m", block.height_m)
             self._check_inside(key, block.x_m, block.y_m)
             self._check_inside(key, block.x_m + block.width_m, block.y_m + block.height_m)
         for index, pillar in enumerate(self.pillars):
             key = f"pillars[{index}]"
-            _check_above_zero(f"{key}.radius_m", pillar.radius_m)
+            _check_positive(f"{key}.radius_m", pillar.radius_m)
             self._check_inside(key, pillar.x_m, pillar.y_m)
 
     def _check_inside(self, key: str, x_m: float, y_m: float) -> None:
@@ -154,7 +154,7 @@ def _between(value_m: NDArray[np.float64], low_m: float, high_m: float) -> NDArr
     return (value_m >= low_m - _SLACK_M) & (value_m < high_m - _SLACK_M)
 
 
-def _check_above_zero(key: str, *lengths_m: float) -> None:
+def _check_positive(key: str, *lengths_m: float) -> None:
     for length_m in lengths_m:
         if not (math.isfinite(length_m) and length_m > 0):
             raise MapError(f"expected {key} > 0, got {length_m}", key=key)

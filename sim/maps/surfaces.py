@@ -21,8 +21,8 @@ from robrain.protocol.model.mapping.ray_cast import (
     SOLID,
     cast_rays_on_surfaces,
 )
+from robrain.protocol.model.ranges import check_within
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.spec_checks import check_within
 
 PANE_M = 0.45
 """Largest thickness of glass, metres."""

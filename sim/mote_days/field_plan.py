@@ -6,7 +6,7 @@ import msgspec
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.motes.mote_energy import MoteEnergy, mica2
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 
 
 class Routing(StrEnum):
@@ -39,7 +39,7 @@ class MoteSite(msgspec.Struct, frozen=True, kw_only=True):
     """What a mote stores; of more, the oldest are lost."""
 
     def __post_init__(self) -> None:
-        check_above_zero(self, "size_m", "range_m", "sensing_m", "period_s")
+        check_positive(self, "size_m", "range_m", "sensing_m", "period_s")
         check_within(self, 1, 1_000_000, "log_readings")
 
 
@@ -57,7 +57,7 @@ class RobotFigures(msgspec.Struct, frozen=True, kw_only=True):
     """How fast a mote hands over what it has stored: one every 40 ms."""
 
     def __post_init__(self) -> None:
-        check_above_zero(self, "speed_m_s", "standing_w", "driving_j_per_m", "reach_m", "readings_per_s")
+        check_positive(self, "speed_m_s", "standing_w", "driving_j_per_m", "reach_m", "readings_per_s")
 
 
 class FieldPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,7 +78,7 @@ class FieldPlan(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         check_not_negative(self, "tours_per_day", "goal_days", finite=True)
-        check_above_zero(self, "replan_days")
+        check_positive(self, "replan_days")
         check_within(self, 0, 1000, "relays")
         if self.routing is Routing.NONE and self.tours_per_day == 0:
             raise ValueError("expected tours_per_day above 0 if readings do not travel over the air")

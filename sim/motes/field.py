@@ -10,9 +10,9 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 MAX_PLUMES = 64
 MARGIN_WIDTHS = 3.0
@@ -56,7 +56,7 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     def __post_init__(self) -> None:
         check_within(self, 0, MAX_PLUMES, "plumes")
-        check_above_zero(self, "width_m")
+        check_positive(self, "width_m")
         check_not_negative(self, "wind_m_s")
 
     def levels(self, quantity: Quantity) -> Levels:

@@ -1,9 +1,11 @@
 """The table `[motes.mesh]` of a scenario: motes that pass on readings of their neighbours."""
 
+import math
+
 import msgspec
 
+from robrain.protocol.model.ranges import check_positive, check_within
 from robrain.protocol.tinyos.forwarded import HOPS_MAX
-from robrain.sim.spec_checks import check_above_zero, check_within
 
 QUEUE_MAX = 1024
 
@@ -32,4 +34,4 @@ class MeshSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         check_within(self, 1, 255, "tries")
         check_within(self, 1, QUEUE_MAX, "queue")
         check_within(self, 0, 1, "duty")
-        check_above_zero(self, "wake_s", "routes_s", finite=True)
+        check_positive(self, "wake_s", "routes_s", below=math.inf)

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
@@ -34,7 +35,6 @@ from robrain.sim.motes.field import Field
 from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.motes.mote_power import MoteBattery, MoteState
 from robrain.sim.motes.radio import AIRTIME_S
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 SENSE_S = 0.02
 LOG_S = 0.001
@@ -91,7 +91,7 @@ class MoteSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         check_not_negative(self, "listen_s", "check_s", "drift_ppm")
         check_within(self, 1, MAX_LOG, "log_readings")
         check_within(self, 1, MAX_GATEWAY_READINGS, "gateway_readings")
-        check_above_zero(self, "capacity_mah")
+        check_positive(self, "capacity_mah")
         check_within(self, 0, 1, "used_at_start_max")
         if not self.quantities:
             raise ValueError("expected quantities to name at least one")

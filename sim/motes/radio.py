@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from robrain.protocol.model.numeric.elementary_functions import log10
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 from robrain.sim.motes.mote_power import send_ma
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 PACKET_BYTES = 45
 """A reading on the air with preamble, header and CRC."""
@@ -62,7 +62,7 @@ class RadioModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def __post_init__(self) -> None:
         send_ma(self.transmit_dbm)  # raises beyond what the radio can
-        check_above_zero(self, "exponent", "correlation_m")
+        check_positive(self, "exponent", "correlation_m")
         check_not_negative(self, "shadowing_db")
         check_within(self, 0, 1, "static_share")
 

@@ -21,7 +21,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays
 from robrain.protocol.model.numeric.elementary_functions import arctan2
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 
 Rgb = tuple[int, int, int]
 
@@ -174,7 +174,7 @@ class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         check_within(self, 0.1, 2.8, "view_rad")
         if not 0 < self.height_m < WALL_HEIGHT_M:
             raise ValueError(f"expected height_m above 0 and below {WALL_HEIGHT_M:g}, got {self.height_m}")
-        check_above_zero(self, "range_m")
+        check_positive(self, "range_m")
         check_not_negative(self, "noise_levels")
 
 

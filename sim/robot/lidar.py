@@ -10,10 +10,10 @@ from robrain.plugins.device.scan.lidar_mount import Mount
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.protocol.model.mapping.ray_cast import cast_rays_of
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.sim.firmware.lidar_line import LidarProtocol
 from robrain.sim.maps.surfaces import Surfaces
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
 
 PLAIN = Mount()
 NEAREST_OUTLIER_M = 0.05
@@ -41,7 +41,7 @@ class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """How it is mounted on the robot; its turns are in its own frame. The robot's file knows of it."""
 
     def __post_init__(self) -> None:
-        check_above_zero(self, "rays", "rate_hz", "range_max_m")
+        check_positive(self, "rays", "rate_hz", "range_max_m")
         check_not_negative(self, "noise_m")
         check_within(self, 0, 1, "dropout", "outlier")
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.ranges import check_within
 from robrain.sim.robot.body_kernels import axial_m, body_twist, slip_variance_m2, wheel_turn_rad
-from robrain.sim.spec_checks import check_within
 
 DRAWS = 256
 """Random numbers drawn at a time; one by one they cost ten times as much."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule, check_rules
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 from robrain.protocol.wire.errors import BadToml
 from robrain.protocol.wire.file_mistakes import unknown_name
 from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
@@ -24,7 +25,6 @@ from robrain.sim.motes.field import FieldSpec
 from robrain.sim.motes.mote import MoteSpec
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.motes.radio import RadioModel
-from robrain.sim.spec_checks import check_above_zero, check_within
 from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
@@ -52,11 +52,10 @@ class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Simulated time at which the run ends at the latest."""
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise ValueError(f"expected seed >= 0, got {self.seed}")
+        check_not_negative(self, "seed")
         if not 0 < self.until_explored <= 1:
             raise ValueError(f"expected until_explored above 0 and at most 1, got {self.until_explored}")
-        check_above_zero(self, "time_limit_s")
+        check_positive(self, "time_limit_s")
 
 
 class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from robrain.sim.spec_checks import check_above_zero, check_not_negative, check_within
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 
 MAX_PEOPLE = 200
 """In one table."""
@@ -37,7 +37,7 @@ class DoorSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         _check_points(self, "from_m", "to_m")
         if self.from_m == self.to_m:
             raise ValueError(f"expected to_m different from from_m, got {list(self.to_m)} for both")
-        check_above_zero(self, "thickness_m", finite=True)
+        check_positive(self, "thickness_m", below=math.inf)
         if (self.open_s is None) == (self.period_s is None):
             raise ValueError("expected either open_s or period_s")
         check_within(self, 0, 1, "open_share")
@@ -49,7 +49,7 @@ class DoorSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
                 )
             before_s = closes_s
         if self.period_s is not None:
-            check_above_zero(self, "period_s", finite=True)
+            check_positive(self, "period_s", below=math.inf)
         elif self.phase_s is not None:
             raise ValueError("expected phase_s only with period_s")
         if self.phase_s is not None:
@@ -134,7 +134,7 @@ class TrafficSpec(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _check_walk(spec: MoverSpec | PeopleSpec) -> None:
-    check_above_zero(spec, "radius_m", "speed_m_s", finite=True)
+    check_positive(spec, "radius_m", "speed_m_s", below=math.inf)
     check_not_negative(spec, "stop_m", finite=True)
 
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import msgspec
 
+from robrain.protocol.model.ranges import check_positive
 from robrain.sim.robot.robot_body import RobotBody
-from robrain.sim.spec_checks import check_above_zero
 
 STANDS_BELOW_M_S = 0.05
 """A robot that passes by is not charged; contacts must rest on each other."""
@@ -27,7 +27,7 @@ class ChargerSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in (*self.place_m, self.yaw_rad or 0.0)):
             raise ValueError(f"expected a finite place_m and yaw_rad, got {self.place_m} and {self.yaw_rad}")
-        check_above_zero(self, "power_w", "reach_m", finite=True)
+        check_positive(self, "power_w", "reach_m", below=math.inf)
 
 
 class Chargers:

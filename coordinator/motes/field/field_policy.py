@@ -4,6 +4,8 @@ import math
 
 import msgspec
 
+from robrain.protocol.model.ranges import check_not_negative, check_positive
+
 
 class MoteFieldPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the coordinator does by itself to keep a field of motes alive; by default nothing.
@@ -37,15 +39,9 @@ class MoteFieldPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     """Distance up to which a mote's reading tells of the floor, for duties and coverage."""
 
     def __post_init__(self) -> None:
-        for name in ("collect_age_s", "replace_before_s", "turns_s"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
-        for name in ("collect_timeout_s", "stand_in_s", "relay_s", "relay_reach_m", "sensing_m"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ValueError(f"expected {name} > 0, got {getattr(self, name)}")
-        for name in ("stand_ins", "relays"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+        check_not_negative(self, "collect_age_s", "replace_before_s", "turns_s", finite=True)
+        check_positive(self, "collect_timeout_s", "stand_in_s", "relay_s", "relay_reach_m", "sensing_m", below=math.inf)
+        check_not_negative(self, "stand_ins", "relays")
         if not (math.isfinite(self.rest_factor) and self.rest_factor >= 1):
             raise ValueError(f"expected rest_factor >= 1, got {self.rest_factor}")
 

@@ -10,6 +10,7 @@ from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import IDLE, Progress, Travel, TravelParameters
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.ranges import check_not_negative
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 
@@ -35,8 +36,7 @@ class IdleBehavior(Behavior):
             super().__post_init__()
             if len(self.home) not in (0, 2) or not all(map(math.isfinite, self.home)):
                 raise ValueError(f"expected home to be empty or two finite numbers, x and y, got {self.home}")
-            if not self.return_after_s >= 0:
-                raise ValueError(f"expected return_after_s >= 0, got {self.return_after_s}")
+            check_not_negative(self, "return_after_s")
 
     period_s: float | None = 1.0
     parameters: Parameters

@@ -16,7 +16,7 @@ from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame
 from robrain.protocol.can.frame_port import Frame, FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec
 from robrain.protocol.can.payload import EXTENDED, ID_MASK
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_finite, check_positive
 from robrain.protocol.wire.clock import to_ns
 
 SIGNALS_MAX = 8
@@ -95,8 +95,7 @@ class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     def __post_init__(self) -> None:
         check_positive(self, "soc_sd", below=1.0)
-        if not math.isfinite(self.current_a):
-            raise ValueError(f"expected a finite current_a, got {self.current_a}")
+        check_finite(self, "current_a")
         fields = [quantity.field for one in self.frames for quantity in one.signals.values()]
         if len(fields) != len(set(fields)) or "voltage" not in fields:
             raise ValueError(f"frames: expected a voltage and each quantity once, got {', '.join(fields)}")

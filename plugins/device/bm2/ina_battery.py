@@ -3,7 +3,6 @@
 Registers, scales and configurations are those of the data sheets SBOS448G (INA219) and SBOS547A (INA226).
 """
 
-import math
 from enum import StrEnum
 from typing import Annotated, Literal, NamedTuple
 
@@ -14,7 +13,7 @@ from smbus2 import SMBus
 from robrain.plugins.device.bm2.counting import BadReading, Reading, plausible
 from robrain.plugins.device.bm2.interface import ASSUMED_C
 from robrain.plugins.device.bm2.polled_battery import PolledBattery
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_finite, check_positive
 
 CONFIGURATION, SHUNT, BUS = 0x00, 0x01, 0x02
 """Numbers of the registers; each holds 16 bits, the higher byte first."""
@@ -65,8 +64,7 @@ class InaBattery(PolledBattery):
         def __post_init__(self) -> None:
             super().__post_init__()
             check_positive(self, "shunt_ohm", below=1000.0)
-            if not math.isfinite(self.temperature_c):
-                raise ValueError(f"expected a finite temperature_c, got {self.temperature_c}")
+            check_finite(self, "temperature_c")
 
     parameters: Parameters
 

@@ -1,6 +1,5 @@
 """Bump contacts, each on a GPIO line of its own: they take the place of the ring of range sensors."""
 
-import math
 from typing import Annotated
 
 import msgspec
@@ -10,6 +9,7 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.gpio.input_lines import DEBOUNCE_S_MAX, ChipPath, InputLines, LineName, Pull
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
+from robrain.protocol.model.ranges import check_finite, check_within
 
 CONTACTS_MAX = 24
 
@@ -22,8 +22,7 @@ class Contact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where it is on the hull, robot's frame."""
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.direction_rad):
-            raise ValueError(f"expected a finite direction_rad, got {self.direction_rad}")
+        check_finite(self, "direction_rad")
 
 
 class GpioBumpers(Device):
@@ -42,8 +41,7 @@ class GpioBumpers(Device):
         def __post_init__(self) -> None:
             if not self.contacts:
                 raise ValueError("expected at least one of contacts, such as { line = 17, direction_rad = 0.0 }")
-            if not 0 <= self.debounce_s <= DEBOUNCE_S_MAX:
-                raise ValueError(f"expected debounce_s from 0 to {DEBOUNCE_S_MAX}, got {self.debounce_s}")
+            check_within(self, 0, DEBOUNCE_S_MAX, "debounce_s")
 
     interface = RangeSensorsInterface
     period_s = 0.02

@@ -13,6 +13,7 @@ from msgspec import Meta
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.gpio.input_lines import DEBOUNCE_S_MAX, ChipPath, GpioAbsent, InputLines, LineName, Pull
+from robrain.protocol.model.ranges import check_within
 
 
 class ButtonChange(msgspec.Struct, frozen=True):
@@ -96,8 +97,7 @@ class GpioEmergencyStop(Device):
         def __post_init__(self) -> None:
             if not self.lines:
                 raise ValueError("expected at least one of lines, such as 17")
-            if not 0 <= self.debounce_s <= DEBOUNCE_S_MAX:
-                raise ValueError(f"expected debounce_s from 0 to {DEBOUNCE_S_MAX}, got {self.debounce_s}")
+            check_within(self, 0, DEBOUNCE_S_MAX, "debounce_s")
 
     interface = EmergencyStopInterface
     period_s = 0.01

@@ -20,7 +20,7 @@ from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
 from robrain.protocol.model.localization.gyro_yaw import YawRate
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_finite, check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
@@ -217,8 +217,7 @@ class SerialImu(Device):
 
         def __post_init__(self) -> None:
             check_positive(self, "baud", "rate_hz", "silent_s", "start_s", below=10_000_000.0)
-            if not math.isfinite(self.mounted_yaw_rad):
-                raise ValueError(f"expected a finite mounted_yaw_rad, got {self.mounted_yaw_rad}")
+            check_finite(self, "mounted_yaw_rad")
 
     interface = ImuInterface
     period_s = 0.02

@@ -13,7 +13,7 @@ from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
 from robrain.plugins.device.mote_base.link import Backoff, LineAbsent, Link
 from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, GREETING, BadGreeting, Decoder, encode
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
@@ -283,9 +283,7 @@ class MoteBase(Device):
         def __post_init__(self) -> None:
             names = ("inbox_packets", "flood_packets_s", "ack_timeout_s", "connect_timeout_s", "reconnect_first_s")
             check_positive(self, *names, "baud", "port")
-            for name in ("flood_fault_s", "resends"):
-                if not getattr(self, name) >= 0:
-                    raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+            check_not_negative(self, "flood_fault_s", "resends")
             if not self.reconnect_longest_s >= self.reconnect_first_s:
                 raise ValueError(f"expected reconnect_longest_s >= reconnect_first_s, got {self.reconnect_longest_s}")
             if not 0 <= self.address < 0xFFFF:

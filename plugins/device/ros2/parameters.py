@@ -5,6 +5,8 @@ import re
 
 import msgspec
 
+from robrain.protocol.model.ranges import check_within
+
 DOMAIN_MAX = 232
 """Above it the ports that DDS derives from the domain do not exist."""
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
@@ -23,8 +25,7 @@ class Ros2Parameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     def __post_init__(self) -> None:
         if not _NAMESPACE.fullmatch(self.namespace):
             raise ValueError(f"expected namespace as in /r7, got {self.namespace!r}")
-        if self.domain_id is not None and not 0 <= self.domain_id <= DOMAIN_MAX:
-            raise ValueError(f"expected domain_id from 0 to {DOMAIN_MAX}, got {self.domain_id}")
+        check_within(self, 0, DOMAIN_MAX, "domain_id")
 
     def topic(self, name: str) -> str:
         """The full name of a topic.

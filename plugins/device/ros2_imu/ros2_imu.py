@@ -21,7 +21,7 @@ from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.ros2_base.odometry_message import Header
 from robrain.protocol.model.localization.gyro_yaw import YawRate
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_finite, check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 ACCELERATION_MAX_M_S2 = 2000.0
@@ -103,8 +103,7 @@ class Ros2Imu(TopicDevice):
             super().__post_init__()
             check_topics(self, "imu")
             check_positive(self, "silent_s")
-            if not math.isfinite(self.mounted_yaw_rad):
-                raise ValueError(f"expected a finite mounted_yaw_rad, got {self.mounted_yaw_rad}")
+            check_finite(self, "mounted_yaw_rad")
 
     interface = ImuInterface
     period_s = 0.02

@@ -27,7 +27,7 @@ from robrain.protocol.model.mapping.local_map import ArenaFix, LocalPose
 from robrain.protocol.model.mapping.map_frame import ARENA
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.numeric.kernel_array import Floats
-from robrain.protocol.model.ranges import STAMP_MAX, check_positive
+from robrain.protocol.model.ranges import STAMP_MAX, check_positive, check_within
 from robrain.protocol.model.slam.mates_in_scan import mate_circles, wall_ends
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.wire.clock import to_ns
@@ -98,8 +98,7 @@ class Localisation(Skill):
 
         def __post_init__(self) -> None:
             check_positive(self, "start_sigma_m", "start_sigma_rad", "scan_period_s", "scan_way_m")
-            if not 0 <= self.wall_slack_cells <= 1:
-                raise ValueError(f"expected wall_slack_cells from 0 to 1, got {self.wall_slack_cells}")
+            check_within(self, 0, 1, "wall_slack_cells")
 
         def spec(self, noise: OdometryNoise) -> LocaliserSpec:
             """For a base with such an odometry.

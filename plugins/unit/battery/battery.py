@@ -14,6 +14,7 @@ from robrain.protocol.model.energy.battery_tracker import (
 )
 from robrain.protocol.model.energy.consumption import Drawn
 from robrain.protocol.model.energy.soc_filter import PackModel
+from robrain.protocol.model.ranges import check_within
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
@@ -36,11 +37,7 @@ class Battery(Unit):
 
         def __post_init__(self) -> None:
             super().__post_init__()
-            if self.soc_at_start is not None and not 0 <= self.soc_at_start <= 1:
-                raise ValueError(f"expected soc_at_start from 0 to 1, got {self.soc_at_start}")
-            for name in ("low_soc", "cut_off_soc", "hysteresis_soc"):
-                if not 0 <= getattr(self, name) <= 1:
-                    raise ValueError(f"expected {name} from 0 to 1, got {getattr(self, name)}")
+            check_within(self, 0, 1, "soc_at_start", "low_soc", "cut_off_soc", "hysteresis_soc")
 
     low = Event[BatteryAlarm](outside=True)
     cut_off = Event[BatteryAlarm](outside=True)

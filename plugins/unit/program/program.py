@@ -28,7 +28,7 @@ from robrain.agent.isolation.process_group import how_it_ended
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.line_process import LineProcess
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.wire.border.codec import BAD_PAYLOAD
 from robrain.protocol.wire.endpoint import Drive
 
@@ -114,8 +114,7 @@ class Program(Unit):
             if not self.command or not self.command[0]:
                 raise ValueError("expected command = [program, arguments …], got nothing")
             check_positive(self, "time_limit_s", "max_line_bytes")
-            if self.restart_limit < 0:
-                raise ValueError(f"expected restart_limit >= 0, got {self.restart_limit}")
+            check_not_negative(self, "restart_limit")
 
     interface = ProgramInterface
     said = Event[str]()

@@ -14,7 +14,7 @@ from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, place_o
 from robrain.plugins.unit.snw_exploration.over_hops import OverHops
 from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
 from robrain.protocol.tinyos.payloads import (
@@ -207,8 +207,7 @@ class SNwExploration(Unit):
                 self,
                 *(name for name in self.__struct_fields__ if name not in ("collect", "weak_dbm", "store_readings")),
             )
-            if self.store_readings < 0:
-                raise ValueError(f"expected store_readings >= 0, got {self.store_readings}")
+            check_not_negative(self, "store_readings")
             if self.request_span > REQUEST_SPAN:
                 raise ValueError(f"expected request_span of at most {REQUEST_SPAN}, got {self.request_span}")
             if self.window > 1 << 15:

@@ -17,7 +17,7 @@ from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Unit, external, unlocked
 from robrain.plugins.device.command.conversation import Conversation, as_line
 from robrain.plugins.device.command.interface import CommandInterface
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_positive, check_within
 from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import ErrorCode
@@ -208,8 +208,7 @@ class TcpSocket(Unit):
         """Time of silence after which a client is disconnected."""
 
         def __post_init__(self) -> None:
-            if not 0 <= self.port <= MAX_PORT:
-                raise ValueError(f"expected port from 0 to {MAX_PORT}, got {self.port}")
+            check_within(self, 0, MAX_PORT, "port")
             check_positive(self, "max_clients", "idle_s")
 
     parameters: Parameters

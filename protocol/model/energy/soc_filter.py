@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from robrain.protocol.model.numeric.kernel_array import Floats
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_not_negative, check_positive
 
 J_PER_WH = 3600.0
 CELLS_MAX = 200
@@ -99,9 +99,7 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             "voltage_sd_v",
             below=math.inf,
         )
-        for name in _NOT_BELOW_ZERO:
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+        check_not_negative(self, *_NOT_BELOW_ZERO, finite=True)
         if len(self.curve_soc) != len(self.curve_v) or len(self.curve_soc) < 2:
             raise ValueError("expected as many curve_soc as curve_v, two at least")
         for name in ("curve_soc", "curve_v"):

@@ -15,6 +15,7 @@ from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.localization import pose_filter_kernels as kernels
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.ranges import check_not_negative
 
 SPREAD = kernels.ROOT_3
 """Of the Gauss–Hermite points; 0 linearises at the mean alone, as an (iterated) extended Kalman filter does."""
@@ -43,9 +44,7 @@ class DriftModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     turn_per_sqrt_m: float = 0.0005
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
+        check_not_negative(self, *self.__struct_fields__, finite=True)
 
 
 class Heard(msgspec.Struct, frozen=True):

@@ -9,7 +9,7 @@ import math
 import msgspec
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_not_negative, check_positive
 
 NEAREST_M = 0.1
 """A mote seems never nearer than this: the far field ends, and so does the model."""
@@ -42,8 +42,7 @@ class PathLoss(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     def __post_init__(self) -> None:
         check_positive(self, "exponent", "decorrelation_m", "fading_db")
-        if not self.shadowing_db >= 0:
-            raise ValueError(f"expected shadowing_db >= 0, got {self.shadowing_db}")
+        check_not_negative(self, "shadowing_db")
 
     @property
     def db_per_e_fold(self) -> float:
