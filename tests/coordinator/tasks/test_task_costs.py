@@ -88,14 +88,6 @@ def test_an_answer_holds_for_all_tasks_with_the_same_parameters_and_all_robots_o
     assert team.asked[1:] == [("r1", ["s3"])]
 
 
-def test_of_many_new_tasks_that_are_alike_one_is_asked_for(team: Team) -> None:
-    team.robot("r1", sweep=1)
-    tasks = [sweep(number) for number in range(500)]
-    team.follow(*tasks)
-    assert team.asked == [("r1", ["s0"])]
-    assert all(team.costs.of(task) == (Work(wait_s=7.0),) for task in tasks)
-
-
 def test_what_was_known_holds_until_a_new_type_of_robot_has_answered(team: Team) -> None:
     team.robot("r1", sweep=1)
     team.follow(sweep(1))
@@ -117,14 +109,6 @@ def test_robots_whose_behavior_has_other_settings_are_asked_as_well(team: Team) 
     team.robot("r2", sweep=2)
     team.follow(sweep(1))
     assert sorted(team.asked) == [("r1", ["s1"]), ("r2", ["s1"])]
-
-
-def test_a_robot_that_comes_later_is_asked_too(team: Team) -> None:
-    team.robot("r1", sweep=1)
-    team.follow(sweep(1))
-    team.robot("r2", sweep=2)
-    team.follow(sweep(1))
-    assert team.asked[-1] == ("r2", ["s1"])
 
 
 def test_a_silent_robot_is_passed_by_and_without_any_answer_the_task_waits_no_longer(team: Team) -> None:

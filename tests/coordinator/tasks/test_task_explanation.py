@@ -14,7 +14,6 @@ from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import (
     AtTask,
     Failed,
@@ -23,7 +22,6 @@ from robrain.protocol.wire.reasons.robots import (
     LacksPlugins,
     LostContact,
     NotHeard,
-    Refused,
     RobotReason,
 )
 from robrain.protocol.wire.session import open_lockstep_session
@@ -131,12 +129,6 @@ def test_a_robot_that_failed_at_a_task_is_not_asked_for_it_at_once(office: Offic
     assert office.life.backoff.why("t", "r1", NOW_NS + to_ns(2.0)) is None
 
 
-def test_a_task_that_was_held_and_is_not_begun_when_its_turn_comes_was_refused(office: Office) -> None:
-    office.hold("t", after="first")
-    office.say("t", TaskState.CANCELLED, "no way")
-    assert office.life.backoff.why("t", "r1", NOW_NS) == Refused(Said("no way"))
-
-
 def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(office: Office) -> None:
     office.hold("t", after="first")
     office.say("first", TaskState.DONE)
@@ -149,16 +141,6 @@ def test_only_the_task_that_was_held_counts_as_refused(office: Office) -> None:
     office.hold("t", after="first")
     office.say("first", TaskState.CANCELLED, "halted")
     assert office.life.backoff.why("first", "r1", NOW_NS) is None
-
-
-def test_a_robot_is_offered_something_for_after_its_task_once(office: Office) -> None:
-    office.add("first", "t")
-    office.life.offer("first", "r1", NOW_NS)
-    assert office.life.may_be_next("r1", "first")
-    office.life.offer("t", "r1", NOW_NS, after="first")
-    assert not office.life.may_be_next("r1", "first")
-    assert office.life.may_be_next("r1", "t")
-    assert office.life.may_be_next("r2", "first")
 
 
 def test_a_task_that_was_offered_for_at_once_and_is_called_off_was_not_held(office: Office) -> None:

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localization.divergence_watch import DivergenceWatch, WatchSpec
 from robrain.protocol.model.localization.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.localization.mote_relocalisation import Signals, find_robot
 from robrain.protocol.model.localization.odometry import moved_along
 from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
@@ -91,60 +89,6 @@ def test_a_robot_that_is_carried_off_says_so_and_finds_itself_again():
     assert math.remainder(walk.true.yaw_rad - walk.localiser.pose.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.4)
 
 
-def test_without_sources_nothing_is_said_but_the_uncertainty_grows():
-    walk = Walk()
-    walk.go(60.0, deaf=True)
-    assert walk.localiser.lost == ""
-    assert walk.error_m < 1e-9
-    assert walk.localiser.sigma_m > 0.5
-
-
-def test_a_watch_is_quiet_as_long_as_innovations_are_as_expected():
-    watch = DivergenceWatch(WatchSpec(), 10.83)
-    squares = np.random.default_rng(1).standard_normal(20_000) ** 2
-    assert not any(watch.heard(float(nis)) for nis in squares)
-    assert watch.mean_nis == pytest.approx(1.0, abs=0.6)
-
-
-def test_a_watch_tells_too_large_and_too_often_refused_apart():
-    large, refused = DivergenceWatch(WatchSpec(), 10.83), DivergenceWatch(WatchSpec(), 10.83)
-    assert "times the variance" in [large.heard(4.0) for _ in range(32)][-1]
-    whys = [refused.heard(50.0 if number % 3 == 0 else 0.5) for number in range(32)]
-    assert "contradict the estimated pose" in whys[-1]
-    assert refused.refused == 11
-
-
-def test_a_watch_forgives_a_bad_scan_but_not_eight_in_a_row():
-    watch = DivergenceWatch(WatchSpec(), 10.83)
-    assert not any(watch.saw(0.1 if number % 8 else 0.9) for number in range(40))
-    assert "do not fit the map" in [watch.saw(0.1) for _ in range(8)][-1]
-
-
-@pytest.mark.parametrize("yaw_rad", [-2.0, 0.0, 1.3])
-def test_signals_along_a_way_tell_where_a_robot_is_without_any_idea_before(yaw_rad):
-    rng = np.random.default_rng(8)
-    true = Pose2D(12.0, 7.0, yaw_rad)
-    places = np.array([(0.1 * k - 6.0, 2.0 * math.sin(k / 8)) for k in range(60)])
-    motes = rng.integers(0, len(MOTES), 60)
-    rssi_dbm = [
-        LOSS.mean_dbm(true.compose(Pose2D(x, y, 0.0)).distance_m(MOTES[mote])) + 2.0 * rng.standard_normal()
-        for (x, y), mote in zip(places, motes, strict=True)
-    ]
-    found = find_robot(Signals(places, motes, np.array([(m.x_m, m.y_m) for m in MOTES]), np.array(rssi_dbm)), LOSS)
-    assert found is not None
-    pose, covariance = found
-    off = np.array((pose.x_m - 12.0, pose.y_m - 7.0, math.remainder(pose.yaw_rad - yaw_rad, math.tau)))
-    assert np.linalg.eigvalsh(covariance).min() > 0
-    assert off @ np.linalg.solve(covariance, off) < 16.0
-    assert math.hypot(off[0], off[1]) < 1.5
-
-
-def test_a_robot_that_hears_two_motes_from_one_spot_may_be_anywhere():
-    places, motes = np.zeros((30, 2)), np.arange(30) % 2
-    mote_places = np.array(((0.0, 0.0), (8.0, 0.0)))
-    assert find_robot(Signals(places, motes, mote_places, np.full(30, LOSS.mean_dbm(6.0))), LOSS) is None
-
-
 def at(localiser, pose):
     return (
         localiser.pose.x_m - pose.x_m,
@@ -207,26 +151,6 @@ def test_an_offset_within_the_slack_is_taken_for_none():
         assert localiser.pose.x_m - true.x_m == pytest.approx(left_m, abs=0.008)
 
 
-def test_a_robot_that_is_unsure_of_its_place_looks_about_before_it_is_corrected():
-    true = Pose2D(2.3, 4.1, 0.8)
-    believed = Pose2D(true.x_m + 0.7, true.y_m - 0.6, true.yaw_rad + 0.2)
-    localiser = located(believed, sigma_m=0.6, sigma_rad=0.2)
-    localiser.see(ROOM.points(true), room_map())
-    assert at(localiser, true) == pytest.approx((0.0, 0.0, 0.0), abs=0.03)
-
-
-def test_a_robot_that_stands_is_not_corrected_again_and_again():
-    true = Pose2D(2.3, 4.1, 0.8)
-    localiser = located(true, sigma_m=0.02, sigma_rad=0.01)
-    map, points = room_map(), ROOM.points(Pose2D(2.32, 4.1, 0.8))
-    localiser.see(points, map)
-    assert at(localiser, true) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
-    localiser.move(Twist2D(0.03, 0.0, 0.0))
-    localiser.see(points, map, Pose2D(-0.03, 0.0, 0.0))
-    moved = moved_along(true, Twist2D(0.03, 0.0, 0.0))
-    assert localiser.pose.x_m - moved.x_m > 0.005
-
-
 def test_a_scan_that_lies_elsewhere_does_not_fit_and_eight_of_them_mean_that_the_robot_is_lost():
     localiser = located(Pose2D(2.3, 4.1, 0.8))
     map, elsewhere = room_map(), ROOM.points(Pose2D(6.8, 1.0, 2.2))
@@ -277,19 +201,6 @@ def test_an_error_of_place_that_comes_from_yaw_grows_with_the_way():
     so_far = room_map(anchor=Pose2D(3.0, 1.0, 0.0), variances=(0.0, 0.04, 0.01))
     localiser.see(ROOM.points(true), so_far._replace(with_yaw=(0.0, 0.02)))
     assert (localiser.covariance - sure.covariance)[1, 1] == pytest.approx(0.16, rel=1e-3)
-
-
-def test_walls_that_were_drawn_from_an_unsure_place_keep_that():
-    true = Pose2D(2.3, 4.1, 0.8)
-    drawn = ROOM.mapped(*ROOM_PLACES, drift=(0.04, 0.0025))
-    localiser, sure = located(true), located(true)
-    sure.see(ROOM.points(true), room_map())
-    assert sure.drift[0] < 0.001
-    localiser.see(ROOM.points(true), local_map(drawn))
-    assert localiser.drift[0] == pytest.approx(sure.drift[0] + 0.04, rel=1e-3)
-    assert localiser.drift[1] == pytest.approx(sure.drift[1] + 0.0025, rel=1e-3)
-    # Their yaw moves the robot too, 4.1 m from where the map began.
-    assert localiser.covariance[0, 0] - sure.covariance[0, 0] == pytest.approx(0.04 + 4.1**2 * 0.0025, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -352,23 +263,6 @@ def test_an_empty_map_corrects_nothing_and_is_no_misfit():
     assert localiser.lost == ""
 
 
-def test_a_lost_robot_that_maps_is_sure_of_its_place_in_a_frame_of_its_own():
-    localiser = located(Pose2D(6.0, 1.0, 0.4))
-    localiser.filter.add((1.0, 1.0, 0.1))
-    localiser.lose("it was carried")
-    assert localiser.lost == "it was carried"
-    assert localiser.beginnings == 1
-    assert at(localiser, Pose2D(6.0, 1.0, 0.4)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
-    assert localiser.sigma_m == pytest.approx(0.02)
-    assert localiser.fits
-
-
-def test_a_lost_robot_that_does_not_map_is_unsure_of_its_place():
-    localiser = Localiser(Pose2D(6.0, 1.0, 0.4), 0.05, 0.02, LocaliserSpec(maps=False))
-    localiser.lose("it was carried")
-    assert localiser.sigma_m > 4.0
-
-
 def test_a_lost_robot_goes_by_the_walls_that_it_has_seen_since():
     true = Pose2D(2.3, 4.1, 0.8)
     localiser = located(Pose2D(true.x_m + 0.03, true.y_m - 0.02, true.yaw_rad))
@@ -397,40 +291,6 @@ def test_a_robot_that_leaves_the_arena_frame_is_lost_and_its_estimate_goes_on():
     assert localiser.lost == "mates contradict it"
     assert localiser.beginnings == 0
     assert np.array_equal(localiser.covariance, before)
-
-
-def test_a_place_that_motes_speak_against_is_not_believed():
-    true = Pose2D(2.0, 4.6, 2.0)
-    for off_m, may_be in ((0.0, True), (30.0, False)):
-        localiser = located(Pose2D(6.0, 1.0, 0.0))
-        localiser.lose("it was carried")
-        assert localiser.may_be_at(true)  # nothing was heard
-        for number in range(12):
-            mote = Point2D(2.0 + 3.0 * math.cos(number), 4.6 + 3.0 * math.sin(number))
-            localiser.hear(RssiSample(f"{number}", Point2D(mote.x_m + off_m, mote.y_m), LOSS.mean_dbm(3.0)))
-            assert localiser.may_be_at(true) == (may_be and number == 11)  # with fewer signals nothing is believed
-
-
-@pytest.mark.parametrize(
-    ("true", "can_tell", "is_lost"),
-    [
-        (Pose2D(2.3, 4.1, 0.8), True, False),
-        (Pose2D(6.8, 1.0, 2.2), True, True),  # somewhere else than it was told
-    ],
-)
-def test_the_map_of_others_tells_whether_a_robot_starts_where_it_was_told(true, can_tell, is_lost):
-    others = ROOM.mapped(*ROOM_PLACES)
-    localiser = located(Pose2D(2.3, 4.1, 0.8))
-    assert localiser.check_start(others.log_odds, GEOMETRY, ROOM.points(true)) == can_tell
-    assert bool(localiser.lost) == is_lost
-
-
-def test_a_map_of_others_that_does_not_know_the_place_cannot_tell():
-    others = ROOM.mapped(Pose2D(7.0, 5.0, 0.0))
-    others.erase(0, 0, 80, 60)
-    localiser = located(Pose2D(1.5, 1.5, 0.8))
-    assert not localiser.check_start(others.log_odds, GEOMETRY, ROOM.points(Pose2D(1.5, 4.5, 0.0)))
-    assert localiser.lost == ""
 
 
 def test_scans_that_show_no_walls_make_a_robot_no_less_sure_the_more_of_them_there_are():
