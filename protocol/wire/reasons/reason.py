@@ -25,8 +25,11 @@ class Reason(msgspec.Struct, frozen=True, tag_field="code"):
     """The reason as a sentence with its fields in braces, or as what follows the name of a robot or `it is queued:`."""
 
     def __str__(self) -> str:
-        fields = msgspec.structs.asdict(self).items()
-        return self.sentence.format_map({n: " and ".join(v) if isinstance(v, tuple) else v for n, v in fields})
+        fields = msgspec.structs.asdict(self)
+        for name, value in fields.items():
+            if isinstance(value, tuple):
+                fields[name] = " and ".join(value)
+        return self.sentence.format_map(fields)
 
     @property
     def code(self) -> str:
