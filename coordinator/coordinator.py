@@ -101,17 +101,17 @@ class Coordinator:
         rules: Sequence[Rule] = (),
         elected: Elected | None = None,
     ) -> None:
-        self.roster = Roster()
+        # Milliseconds: one that takes over later has a greater epoch, and numbers for its tasks that are unused.
+        first_epoch = wire.clock.now_ns() // NS_PER_MS
+        self.tasks = TaskBook(wire.clock, first_epoch, wire.publisher(TASK_EVENT).put, journal)
+        at_robots = {record.robot: record.task.id for record in self.tasks.open if record.robot}
+        self.roster = Roster(self.tasks.journal, at_robots, wire.clock.now_ns())
         self.mandate = None if elected is None else Mandate(wire, self.roster, elected)
         """Whether it may lead; None if the team has no witnesses."""
         self.stale = StaleWatch(self.roster)
         self.team_map = TeamMap()
         policy = policy or PlanningPolicy()
         self.explorer = Explorer(self.team_map, strategy_of(policy.exploration, self._note_strategy))
-        # Milliseconds: one that takes over later has a greater epoch, and numbers for its tasks that are unused.
-        first_epoch = wire.clock.now_ns() // NS_PER_MS
-        task_events = wire.publisher(TASK_EVENT)
-        self.tasks = TaskBook(wire.clock, first_epoch, task_events.put, journal)
         self.capabilities = Capabilities(wire)
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities)
         lifecycle = self.lifecycle
@@ -146,7 +146,7 @@ class Coordinator:
         self._backups = BackupDesk(wire, self.tasks.journal)
         self.feed: JournalFeed | None = None
         """Sends the journal's changes to a coordinator that stands by, since one was heard."""
-        self.fence = OfferFence(self.roster, self.tasks.journal)
+        self.fence = OfferFence(self.roster)
         lifecycle.reasons.held_back = self._why_held_back
         wire.answer(COORDINATOR_LEAD, self._lead, serve=Serve.IN_STEP)
         wire.answer(COORDINATOR_REMOVE_ROBOT, self._remove_robot, serve=Serve.IN_STEP)
@@ -213,6 +213,7 @@ class Coordinator:
             self._look_due_ns = now_ns + LOOK_PERIOD_NS
             stage("fence", None, self._look_who_is_heard, now_ns)
             stage("tasks", None, self._look, now_ns)
+            stage("robots", None, self.roster.write, now_ns)
         if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written):
             self._decide_due_ns = now_ns
         field = self.mote_field

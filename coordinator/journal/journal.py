@@ -37,6 +37,7 @@ from robrain.coordinator.journal.salvage import (
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, migrate
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 
 logger = logging.getLogger(__name__)
 
@@ -48,6 +49,16 @@ KEPT_OWN = 1000
 KEPT_ASKED = 100_000
 """Ended tasks that stay in the journal: those of the coordinator's own making, and those that were asked for."""
 PRUNE_EVERY = 500
+
+
+class KnownRobot(msgspec.Struct, frozen=True):
+    """A robot of the team as it was last heard."""
+
+    heard_ns: int
+    goes_on: bool
+    """Whether it may be doing tasks without a coordinator."""
+    summary: RobotSummary
+    """Its `task` is empty while the robot is there: then the tasks of the journal say which it has."""
 
 
 class Journal(JournalReading):
@@ -226,19 +237,19 @@ class Journal(JournalReading):
         return name
 
     @property
-    def on_their_own(self) -> dict[str, int]:
-        """Robots that continue without a coordinator, with the time each was last heard; empty if unreadable."""
-        text = self._db.execute("SELECT on_their_own FROM standing").fetchone()[0]
+    def robots(self) -> dict[str, KnownRobot]:
+        """The robots of the team as they were last heard; empty if unreadable."""
+        text = self._db.execute("SELECT robots FROM standing").fetchone()[0]
         try:
-            return msgspec.json.decode(str(text), type=dict[str, int])
+            return msgspec.json.decode(str(text), type=dict[str, KnownRobot])
         except msgspec.MsgspecError as error:
-            logger.warning("%s: the robots that go on without a coordinator cannot be read: %s", self.path, error)
+            logger.warning("%s: the robots of the team cannot be read: %s", self.path, error)
             return {}
 
-    def note_on_their_own(self, heard_ns: Mapping[str, int]) -> None:
-        """Store the robots that continue without a coordinator, with when each was last heard (JournalUnwritable)."""
+    def note_robots(self, robots: Mapping[str, KnownRobot]) -> None:
+        """Store the robots of the team; all others are forgotten (JournalUnwritable)."""
         with self._transaction():
-            self._db.execute("UPDATE standing SET on_their_own = ?", (msgspec.json.encode(heard_ns).decode(),))
+            self._db.execute("UPDATE standing SET robots = ?", (msgspec.json.encode(robots).decode(),))
 
     def when_on_disk(self, tell: Callable[[JournalUnwritable | None], None]) -> None:
         """Call `tell` once all changes so far are on the disk, or with the reason why they may not be.
@@ -307,7 +318,7 @@ class Journal(JournalReading):
                 raise JournalUnwritable(self.path, f"cannot be put aside: {error}") from error
         with self._transaction(durable=True):
             self._db.execute("UPDATE copy SET state = 'partial'")
-            self._db.execute("UPDATE standing SET copied_by = '', name = '', on_their_own = '{}'")
+            self._db.execute("UPDATE standing SET copied_by = '', name = '', robots = '{}'")
             for table in ("task", "change", "alarm"):
                 self._db.execute(f"DELETE FROM {table}")
 

@@ -20,7 +20,7 @@ MISSES_MAX = 5000
 """So many numbers in a row without a row that can be read: there is nothing more (chosen). Only where the highest
 number itself cannot be read."""
 TASK_COLUMNS = "id, state, robot, record, kind, own, asked"
-STANDING_COLUMNS = ("copied_by", "on_their_own")
+STANDING_COLUMNS = ("copied_by", "robots")
 NOTHING_STANDING = ("", "{}")
 
 

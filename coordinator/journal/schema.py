@@ -81,6 +81,15 @@ MIGRATIONS: tuple[str, ...] = (
     "ALTER TABLE standing ADD COLUMN on_their_own TEXT NOT NULL DEFAULT '{}';",
     # 8: the journal's own name, by which witnesses remember that it has all that was acknowledged. No pairings.
     "ALTER TABLE standing DROP COLUMN pairing; ALTER TABLE standing ADD COLUMN name TEXT NOT NULL DEFAULT '';",
+    # 9: all robots of the team as they were last heard, as JSON, in place of those that go on without a coordinator.
+    """
+    ALTER TABLE standing RENAME COLUMN on_their_own TO robots;
+    UPDATE standing SET robots = (
+        SELECT json_group_object(key, json_object('heard_ns', value, 'goes_on', json('true'), 'summary',
+            json_object('name', key, 'up', json('false'), 'age_s', 0)))
+        FROM json_each(robots)
+    );
+    """,
 )
 
 VERSION = len(MIGRATIONS)

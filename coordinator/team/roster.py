@@ -1,9 +1,13 @@
 """The roster: which robots there are, and what they last said."""
 
+import logging
 from collections.abc import Mapping, Sequence
 
 from msgspec import UNSET
+from msgspec.structs import replace
 
+from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.journal.journal import Journal, KnownRobot
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
@@ -12,6 +16,8 @@ from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard, Unavailable
+
+logger = logging.getLogger(__name__)
 
 ROBOTS_MAX = 4096
 """Maximum number of robots ever seen; further ones are rejected."""
@@ -23,6 +29,10 @@ LOST_AFTER_S = 0.8
 """A robot that has said nothing for this long, eight states, is not counted on, whatever its token says (chosen: with
 the time that its last state was under way, everybody knows within a second)."""
 _LOST_AFTER_NS = to_ns(LOST_AFTER_S)
+FOUND_NS = to_ns(1.0)
+"""A restarted coordinator finds every robot that is there within this time."""
+WRITE_NS = to_ns(60.0)
+"""Period for storing when the robots were last heard; a robot that comes or goes is stored at once."""
 
 
 class Robot:
@@ -37,11 +47,27 @@ class Robot:
         """Whether it ever had a token."""
         self.alone_ns: int | None = None
         """When it said last that it hears no coordinator; None if it has said since that it does."""
+        self.before: KnownRobot | None = None
+        """As a coordinator before this one knew it."""
+        self.left_ns: int | None = None
+        """When it was last heard before it ended, or before the operator said that it does nothing."""
+
+    @property
+    def last_heard_ns(self) -> int | None:
+        """When it was last heard, also by a coordinator before this one."""
+        return self.before.heard_ns if self.heard_ns is None and self.before is not None else self.heard_ns
+
+    @property
+    def has_left(self) -> bool:
+        """Whether it has ended, or the operator said that it does nothing; False again once it is heard."""
+        return self.left_ns is not None and self.left_ns == self.last_heard_ns
 
     @property
     def goes_on(self) -> bool:
         """Whether it goes on without a coordinator, and allocates tasks with others."""
-        return self.state is not None and self.state.goes_on_s is not UNSET
+        if self.state is None:
+            return self.before is not None and self.before.goes_on
+        return self.state.goes_on_s is not UNSET
 
     @property
     def changes_heard(self) -> int:
@@ -55,7 +81,8 @@ class Robot:
 
     def age_s(self, now_ns: int) -> float:
         """Time since its last state; infinite before the first."""
-        return float("inf") if self.heard_ns is None else to_seconds(now_ns - self.heard_ns)
+        heard_ns = self.last_heard_ns
+        return float("inf") if heard_ns is None else to_seconds(now_ns - heard_ns)
 
     def is_up(self, now_ns: int) -> bool:
         """Whether it can be counted on."""
@@ -65,15 +92,22 @@ class Robot:
         """Why it cannot be counted on; None if it can."""
         if self.is_up(now_ns):
             return None
-        if self.heard_ns is None:
+        if self.heard_ns is None and (self.has_token or self.before is None):
             return NotHeard()
         return LostContact(round(self.age_s(now_ns), 3)) if self.has_token else Gone()
 
 
 class Roster:
-    """All robots ever heard of, by name."""
+    """All robots ever heard of, by name.
 
-    def __init__(self) -> None:
+    Args:
+        journal: stores the robots, so that a restarted coordinator knows those that have gone.
+        tasks: the open task of each robot, by the journal.
+        now_ns: the time.
+
+    """
+
+    def __init__(self, journal: Journal | None = None, tasks: Mapping[str, str] | None = None, now_ns: int = 0) -> None:
         self.robots: dict[str, Robot] = {}
         self._by_name: list[Robot] = []
         self._up: list[Robot] = []
@@ -83,6 +117,17 @@ class Roster:
         """Number of robots that never had a token."""
         self._up_at_ns: int | None = None
         """Time of `_up`, a cache: it is used several times a step, and there may be a thousand robots."""
+        self._journal, self._found_ns, self._write_ns = journal, now_ns + FOUND_NS, 0
+        known = {} if journal is None else journal.robots
+        for name, before in known.items():
+            robot = self._robot(name)
+            task = (tasks or {}).get(name) or before.summary.task
+            robot.before = KnownRobot(min(before.heard_ns, now_ns), before.goes_on, replace(before.summary, task=task))
+            robot.left_ns = None if before.goes_on else before.heard_ns
+            robot.was_there = True
+            self._unseen -= 1
+            self.some_go_on = self.some_go_on or before.goes_on
+        self._written = self._to_write()
 
     @property
     def by_name(self) -> list[Robot]:
@@ -184,17 +229,53 @@ class Roster:
         states = [robot.state for robot in self._by_name if robot.state is not None]
         return max((0.0, *(state.goes_on_s for state in states if state.goes_on_s is not UNSET)))
 
-    def summaries(self, now_ns: int, idle: Mapping[str, IdleReason] | None = None) -> list[RobotSummary]:
-        """A summary of each robot, by name, with the reason why it is idle if `idle` has one."""
+    def write(self, now_ns: int) -> None:
+        """Store the robots when one came, went or was removed, and every minute."""
+        found = self._to_write()
+        if self._journal is None or (found == self._written and now_ns < self._write_ns):
+            return
+        self._written, self._write_ns = found, now_ns + WRITE_NS
+        robots = {}
+        for summary in self.summaries(now_ns, all_robots=True):
+            robot = self.robots[summary.name]
+            if robot.last_heard_ns is not None and robot.was_there:
+                goes_on = robot.goes_on and not robot.has_left
+                stored = replace(summary, task="") if robot.has_token else summary
+                robots[robot.name] = KnownRobot(robot.last_heard_ns, goes_on, stored)
+        try:
+            self._journal.note_robots(robots)
+        except JournalUnwritable:
+            logger.debug("the robots of the team are not stored: the journal cannot be written")
+
+    def _to_write(self) -> list[tuple[str, bool, bool, int | None]]:
+        return [
+            (robot.name, robot.has_token, robot.last_heard_ns is None, robot.left_ns)
+            for robot in self._by_name
+            if robot.was_there
+        ]
+
+    def summaries(
+        self, now_ns: int, idle: Mapping[str, IdleReason] | None = None, *, all_robots: bool = False
+    ) -> list[RobotSummary]:
+        """A summary of each robot, by name, with the reason why it is idle if `idle` has one.
+
+        Just after the start those are not there that have not been found yet, unless `all_robots`.
+        """
         reasons = idle or {}
         summaries = []
         for robot in self._by_name:
             state, reason, out = robot.state, reasons.get(robot.name), robot.why_not_up(now_ns)
+            age_s = round(min(robot.age_s(now_ns), 1e6), 3)
+            if robot.before is not None and isinstance(out, Gone) and state is None:
+                if all_robots or now_ns >= self._found_ns:
+                    gone = replace(robot.before.summary, up=False, age_s=age_s, why=told(out), idle=None, out=out)
+                    summaries.append(gone)
+                continue
             summaries.append(
                 RobotSummary(
                     name=robot.name,
                     up=robot.is_up(now_ns),
-                    age_s=round(min(robot.age_s(now_ns), 1e6), 3),
+                    age_s=age_s,
                     halted=state is not None and state.halted,
                     soc=state.battery.soc if state is not None and state.battery is not None else None,
                     behavior=state.behavior if state is not None else "",

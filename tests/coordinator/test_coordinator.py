@@ -7,6 +7,7 @@ from types import NoneType
 import numpy as np
 import pytest
 
+from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.tasks.reconcile import LEASE_S
@@ -240,6 +241,40 @@ def test_robot_that_has_gone_is_listed_with_its_task_until_it_is_removed(team):
     assert [summary.name for summary in team.summary.robots] == ["r2"]
     with pytest.raises(CallError, match="no such robot is known; there are: r2"):
         remove("r1")
+
+
+def test_restarted_coordinator_lists_robots_that_have_gone(team, tmp_path):
+    """One goes before the restart, one with it; a task of the journal stays with its robot."""
+    journal = Journal(tmp_path / "team.journal")
+    team.begin(journal)
+    early, late = team.robot("r1"), team.robot("r2", 5.0)
+    team.robot("r3", 4.0)
+    team.submit(Task(id="t1", kind="visit", place=Point2D(6.0, 4.0)))
+    team.run(1.0)
+    early.speaks = False
+    early.leave()
+    team.run(10.0)
+    at_r2 = late.offers[-1].task.id
+    late.speaks = False
+    late.leave()
+    journal.close()
+    journal = Journal(tmp_path / "team.journal")
+    team.begin(journal)
+    team.run(0.6)
+    assert [robot.name for robot in team.summary.robots] == ["r3"]
+    team.run(1.0)
+    first, second, _ = team.summary.robots
+    assert (first.name, first.out, first.task, round(first.age_s)) == ("r1", Gone(), "t1", 12)
+    assert (second.name, second.out, second.task, second.age_s > 1.5) == ("r2", Gone(), at_r2, True)
+    team.run(10.0)
+    team.ask(COORDINATOR_REMOVE_ROBOT, RobotRemoval(robot="r1"), NoneType)
+    team.run(0.2)
+    journal.close()
+    journal = Journal(tmp_path / "team.journal")
+    team.begin(journal)
+    team.run(1.2)
+    assert [(robot.name, robot.out) for robot in team.summary.robots] == [("r2", Gone()), ("r3", None)]
+    journal.close()
 
 
 # -- the map --------------------------------------------------------------------------------------------------

@@ -14,13 +14,15 @@ import pytest
 from robrain.coordinator.journal import salvage
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalError
-from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.journal.journal import Journal, KnownRobot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 
 TASKS = 120
 PAGE = 4096
+R1 = KnownRobot(5, True, RobotSummary(name="r1", up=True, age_s=0.0))
 LEAF = 13
 """First byte of a page that holds rows of a table (https://sqlite.org/fileformat.html#b_tree_pages)."""
 
@@ -223,7 +225,7 @@ def damaged_copy(path: Path) -> None:
     """A copy that is not whole, of which another process has a copy, with a robot on its own and an alarm."""
     journal = Journal(path)
     journal.note_copied_by("other-7")
-    journal.note_on_their_own({"r1": 5})
+    journal.note_robots({"r1": R1})
     journal.note_alarm(Alarm("hot", "m1", 1, 2))
     journal.close()
     with closing(sqlite3.connect(path)) as connection, connection:
@@ -231,10 +233,10 @@ def damaged_copy(path: Path) -> None:
         connection.execute("DELETE FROM epoch")
 
 
-def test_copies_robots_on_their_own_and_alarms_are_salvaged(path: Path) -> None:
+def test_copies_robots_and_alarms_are_salvaged(path: Path) -> None:
     damaged_copy(path)
     journal = Journal(path)
-    assert (journal.copied, journal.copied_by, journal.on_their_own) == ("partial", "other-7", {"r1": 5})
+    assert (journal.copied, journal.copied_by, journal.robots) == ("partial", "other-7", {"r1": R1})
     assert [(alarm.rule, alarm.source) for alarm in journal.alarms()] == [("hot", "m1")]
     with pytest.raises(JournalError, match="not whole"):
         journal.own()

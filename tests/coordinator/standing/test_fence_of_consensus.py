@@ -6,12 +6,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.journal.journal import Journal, KnownRobot
 from robrain.protocol.model.consensus.ballot import Ballot
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot
 from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD
@@ -170,7 +171,8 @@ def test_after_a_night_those_of_the_day_before_do_not_count(tmp_path: Path) -> N
     with open_lockstep_session() as session:
         team = RobotsThatGoOn(session, 4)
         journal = Journal(tmp_path / "journal.sqlite")
-        journal.note_on_their_own({"r2": 0, "r3": 0, "r4": 0})
+        day_before = (RobotSummary(name=f"r{number}", up=True, age_s=0.0) for number in (2, 3, 4))
+        journal.note_robots({summary.name: KnownRobot(0, True, summary) for summary in day_before})
         team.part("r2", "r3", "r4")
         for robot in team.robots[1:]:
             robot.leave()
