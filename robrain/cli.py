@@ -1,5 +1,6 @@
 """The command line. Each command reads its options and calls the folder that does the work."""
 
+import errno
 import os
 import sys
 from collections.abc import Iterator
@@ -364,14 +365,23 @@ def _said_in_words() -> Iterator[None]:
     try:
         yield
     except RobrainError as error:
-        detail = f"\n{error.detail}" if isinstance(error, CallError) and error.detail else ""
-        sys.stderr.write(f"robrain: {safe_lines(str(error) + detail, '  ')}\n")
+        text = str(error)
+        if isinstance(error, CallError) and error.detail not in text:
+            text += f"\n{error.detail}"
+        sys.stderr.write(f"robrain: {safe_lines(text, '  ')}\n")
         sys.exit(EXIT_BAD_INPUT)
     except ModuleNotFoundError as error:
         missing = missing_extra(error, sys.argv[1:])
         if missing is None:
             raise
         sys.stderr.write(f"robrain: {missing}\n")
+        sys.exit(EXIT_BAD_INPUT)
+    except OSError as error:
+        unwritable = (errno.ENOENT, errno.EACCES, errno.EROFS, errno.ENOSPC)
+        if error.filename is None and error.errno not in unwritable:
+            raise
+        what = error.filename or "a file, shared memory (/dev/shm) or the folder for temporary files (TMPDIR)"
+        sys.stderr.write(f"robrain: {safe_lines(f'{what} cannot be used: {error.strerror}', '  ')}\n")
         sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)

@@ -100,6 +100,7 @@ def set_up_logs(words: list[str]) -> list[str]:
     handler = logging.StreamHandler()
     handler.setFormatter(JsonLines(CONTEXT) if chosen == "json" else SafeLines(TEXT))
     logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a cache that it cannot write, and works
     return rest
 
 

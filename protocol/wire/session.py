@@ -3,6 +3,7 @@
 import errno
 import ipaddress
 import json
+import os
 import re
 import socket
 from collections.abc import Mapping, Sequence
@@ -266,7 +267,17 @@ def check_port_free(endpoint: str) -> None:
             raise WireError(f"cannot listen on {endpoint}: expected a port from 0 to 65535") from error
 
 
+_users: set[int] = set()
+"""Processes that opened a session: this one, and those that it was forked from."""
+
+
 def _open(settings: dict[str, Any], *, what: str) -> zenoh.Session:
+    if _users - {os.getpid()}:  # Zenoh's threads are not in a forked process: opening or closing would never end
+        raise WireError(
+            f"cannot open {what}: this process was forked from one that has used Zenoh; start it with the method "
+            "`spawn` or `forkserver` of multiprocessing"
+        )
+    _users.add(os.getpid())
     config = zenoh.Config()
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))

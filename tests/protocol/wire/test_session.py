@@ -1,3 +1,5 @@
+import os
+import signal
 import socket
 
 import pytest
@@ -139,3 +141,17 @@ def test_two_lockstep_sessions_in_one_machine_do_not_hear_each_other():
     one.close()
     other.close()
     assert heard == ["robrain/default/own"]
+
+
+def test_process_that_was_forked_after_a_session_is_refused_in_a_sentence():
+    """Zenoh would wait for threads that such a process does not have."""
+    open_lockstep_session().close()
+    pid = os.fork()
+    if not pid:
+        signal.alarm(10)
+        try:
+            open_lockstep_session()
+        except WireError as error:
+            os._exit("`spawn`" not in str(error))
+        os._exit(2)
+    assert os.waitpid(pid, 0)[1] == 0
