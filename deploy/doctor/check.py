@@ -25,6 +25,8 @@ class CheckName(StrEnum):
     ADDRESS = "address"
     """Whether an address is one of this machine's."""
     CAN = "can"
+    DEVICE = "device"
+    """Whether a device opens what its parameters name: a file, a bus, a port."""
     EXTRA = "extra"
     """Packages that plugins need."""
     MAP = "map"

@@ -13,6 +13,7 @@ from robrain.deploy.doctor.check import Check, CheckName, is_good
 from robrain.deploy.doctor.network_checks import check_address, check_port, check_router
 from robrain.deploy.doctor.robot_checks import (
     check_can,
+    check_devices,
     check_extras,
     check_grid,
     check_robot_file,
@@ -80,12 +81,26 @@ def examine_robot(path: Path, connect: str | None, team: str | None) -> list[Che
     here = [said, check_extras(found), *check_can(found), check_grid(found), *check_robot_ports(found)]
     where = given_endpoints(connect) or settings.connect
     if not where and settings.listen:  # the robot is its own router
-        return here
+        return [*here, *check_devices(found, path.parent)] if is_good(here) else here
     if isinstance(settings.tls, TlsTable):
         os.environ[TLS_VARIABLE] = str(folder_of(path.parent, settings.tls.folder).resolve())
     name = team or table.team
     shown = [OwnCertificate(Member(MemberRole.ROBOT, name, table.name), tls_folder())]
-    return [*here, *examine_team(Joining(where or team_endpoints(None), name, [table.name], shown))]
+    where = where or team_endpoints(None)
+    team_checks = examine_team(Joining(where, name, [table.name], shown))
+    if _is_running(where, name, table.name):
+        devices = [Check(CheckName.DEVICE, None, f"the devices are not opened: {table.name} runs and has them open")]
+    else:
+        devices = check_devices(found, path.parent)
+    return [*here, *devices, *team_checks]
+
+
+def _is_running(endpoints: Sequence[str], team: str, robot: str) -> bool:
+    try:
+        with closing(open_session(connect=endpoints)) as session:
+            return bool(holders(session, team, robot))
+    except RobrainError:  # the checks of the team report it
+        return False
 
 
 def examine_host(path: Path, host_name: str | None) -> list[Check]:

@@ -1,18 +1,26 @@
-"""Checks of a robot's own machine: its file, its CAN buses, the packages that its plugins need."""
+"""Checks of a robot's own machine: its file, its CAN buses, its devices, the packages that its plugins need."""
 
 import importlib.metadata
+import logging
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from msgspec.structs import replace
+
 from robrain.agent.class_import import import_class
 from robrain.agent.errors import ManifestError, PackageMissing, PluginMissing, RobotFileError
-from robrain.agent.host.agent_host import stock_place
+from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotFile, folder_of, read_robot_file
 from robrain.agent.lifecycle.plugin_folders import PluginFolders, entry_point_places
 from robrain.agent.manifest import Manifest, read_manifest
+from robrain.agent.plugin import Level
 from robrain.deploy.doctor.check import Check, CheckName
 from robrain.deploy.doctor.network_checks import check_port
+from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.session import listening_at, open_session
 
 SOCKETCAN = "socketcan"
 NETWORK = Path("/sys/class/net")
@@ -84,6 +92,43 @@ def check_extras(found: RobotFound, import_plugin: Callable[[Manifest], object] 
     return Check(CheckName.EXTRA, False, f"packages are missing: {said}", f"pip install {installs}")
 
 
+def check_devices(found: RobotFound, base: Path) -> list[Check]:
+    """Whether each device opens what its parameters name, as at the start of the robot; all are closed at once.
+
+    Args:
+        found: the robot.
+        base: folder of its file.
+
+    """
+    names = [manifest.name for manifest in found.manifests if _is_device(manifest)]
+    if not names:
+        return []
+    table, checks = replace(found.robot_file.robot, load=names), []
+    logging.disable()  # the checks say what the log would
+    try:
+        with closing(open_session(mode="router", listen=["tcp/127.0.0.1:0"])) as session:
+            zenoh = replace(found.robot_file.zenoh, connect=listening_at(session))
+            robot_file = replace(found.robot_file, robot=table, zenoh=zenoh)
+            host = AgentHost(robot_file, base, session, LiveClock(), Drive.LIVE)
+            try:
+                host.start()
+                out = {each.name: each.why for each in host.manager.plugins.values() if not each.state.is_running}
+                needing = {each.name for each in host.manager.plugins.values() if each.needs}
+            finally:
+                host.close()
+    finally:
+        logging.disable(logging.NOTSET)
+    for name, why in out.items():
+        if name not in needing:
+            remedy = f"correct [parameters.{name}], or connect the device and give this user the right to open it"
+            checks.append(Check(CheckName.DEVICE, False, f"{name} cannot start: {why}", remedy))
+    if opened := [name for name in names if name not in out]:
+        checks.append(
+            Check(CheckName.DEVICE, True, f"devices that open what their parameters name: {', '.join(opened)}")
+        )
+    return checks
+
+
 def check_grid(found: RobotFound) -> Check:
     """Whether the robot's file says which grid the team maps on: patches on another grid are refused."""
     mapper = next((manifest for manifest in found.manifests if manifest.name == MAPPER), None)
@@ -136,6 +181,13 @@ def _manifests(robot_file: RobotFile, base: Path) -> list[Manifest]:
         manifests[name] = read_manifest(found[name])
         waiting += [required for required in manifests[name].tag.requires if required in found]
     return list(manifests.values())
+
+
+def _is_device(manifest: Manifest) -> bool:
+    try:
+        return import_class(manifest).level is Level.DEVICE
+    except (PackageMissing, ManifestError):
+        return False  # `check_extras` reports it
 
 
 def _check_interface(channel: str, plugins: list[str], network: Path) -> Check:

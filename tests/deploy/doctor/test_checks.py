@@ -16,6 +16,7 @@ from robrain.deploy.doctor.network_checks import check_address, check_port, chec
 from robrain.deploy.doctor.robot_checks import (
     RobotFound,
     check_can,
+    check_devices,
     check_extras,
     check_grid,
     check_robot_file,
@@ -38,6 +39,7 @@ from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_WHO
+from robrain.sim.peripherals.serial_plug import SerialPlug
 from tests.waiting import until
 
 TEAM = "default"
@@ -284,3 +286,26 @@ def test_file_that_does_not_say_the_map(tmp_path) -> None:
 def test_what_could_not_be_looked_at_is_not_wrong() -> None:
     assert is_good([Check(CheckName.CLOCK, None, ""), Check(CheckName.ROUTER, True, "")])
     assert not is_good([Check(CheckName.CLOCK, None, ""), Check(CheckName.ROUTER, False, "")])
+
+
+@pytest.mark.parametrize(
+    ("plugin", "parameters", "words"),
+    [
+        ("mocdevice", 'interface = "virtual"\nframes = { dbc = "gone.dbc" }', "gone.dbc"),
+        ("mocdevice", 'interface = "socketcan"\nchannel = "can77"', "no CAN bus at socketcan:can77"),
+        ("scan", 'port = "/dev/gone"\n[robot.roles]\nscan = "ld19"', "no serial line at /dev/gone"),
+        ("mocdevice", 'interface = "virtual"\nsilent_s = -1.0', "silent_s"),
+    ],
+)
+def test_device_that_cannot_open_what_its_parameters_name(tmp_path, plugin, parameters, words) -> None:
+    found = robot(tmp_path, f'[robot]\nname = "r1"\nload = ["{plugin}", "home"]\n[parameters.{plugin}]\n{parameters}\n')
+    wrong(check_devices(found, tmp_path)[0], CheckName.DEVICE, f"{plugin} cannot start", words)
+
+
+def test_devices_are_opened_and_closed_again(tmp_path) -> None:
+    plug = SerialPlug(tmp_path / "base")
+    text = '[robot]\nname = "r1"\nload = ["mocdevice"]\n[robot.roles]\nmocdevice = "serial_base"\n'
+    found = robot(tmp_path, f'{text}[parameters.mocdevice]\nport = "{plug.path}"\n')
+    (check,) = check_devices(found, tmp_path)
+    assert check == Check(CheckName.DEVICE, True, "devices that open what their parameters name: mocdevice")
+    plug.pull_out()

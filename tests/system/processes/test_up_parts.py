@@ -137,6 +137,7 @@ def test_top_and_doctor_see_a_team_that_runs(commands: Commands) -> None:
     assert told["name"]["sentence"].startswith("r1 has joined")
     assert told["clock"]["ok"]
     assert told["version"]["ok"]
+    assert told["device"]["ok"] is None
 
 
 def test_doctor_ends_with_1_if_something_is_wrong(commands: Commands) -> None:
