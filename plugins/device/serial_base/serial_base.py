@@ -18,7 +18,10 @@ from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential, WheelBase
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.clock import to_ns, to_seconds
+
+NOISE_NS = to_ns(2.0)
+"""Bytes without counts for this long are a fault."""
 
 
 class SerialBase(WheelDevice):
@@ -64,7 +67,7 @@ class SerialBase(WheelDevice):
             are_wheels = not isinstance(base, Ackermann)
             made = LineCodec(wanted.lines, commands, base.wheels, base.wheel_radius_m, are_wheels=are_wheels)
         line = self.env.open_serial(wanted.port, wanted.baud)
-        link = SerialLink(line, made, self.env.plugin, wanted.port, self.env.clock.now_ns, to_ns(wanted.period_s))
+        link = SerialLink(line, made, self.env.plugin, wanted, self.env.clock.now_ns)
         where = f"the controller at {wanted.port} is silent, or what it says is not understood"
         counting = Counting(1 << bits, base.rad_per_tick)
         return OpenLink(link, where, counting, wanted.period_s, StampedAt.ARRIVAL, start_s=wanted.start_s)
@@ -86,25 +89,27 @@ class SerialLink:
         line: closed with the link.
         codec: of the controller.
         plugin: the device, named in faults.
-        port: of the line, for words.
+        wanted: port, baud rate, the period of counts and the time that the controller needs to start.
         now_ns: the robot's clock.
-        period_ns: how often counts are asked for.
 
     """
 
     pending: Sized = (None,)
 
     def __init__(
-        self, line: SerialLine, codec: WheelCodec, plugin: str, port: str, now_ns: Callable[[], int], period_ns: int
+        self, line: SerialLine, codec: WheelCodec, plugin: str, wanted: SerialBase.Parameters, now_ns: Callable[[], int]
     ) -> None:
         self.status: ControllerStatus | None = None
         self.statuses, self.has_failed = 0, False
         self.broken: MotionFault | None = None
-        self._line, self._codec, self._plugin, self._port = line, codec, plugin, port
-        self._now_ns, self._period_ns = now_ns, period_ns
+        self._line, self._codec, self._plugin, self._port = line, codec, plugin, wanted.port
+        self._now_ns, self._period_ns, self._baud = now_ns, to_ns(wanted.period_s), wanted.baud
         self._asked_ns: int | None = None
         self._bytes = 0
         """Bytes since the last report."""
+        self._started_ns = now_ns() + to_ns(wanted.start_s)
+        self._noise_ns = 0
+        """When the first of these bytes came, once the controller has had time to start."""
         self._is_cut = False
         """Whether the line has taken only a part of what was written last."""
 
@@ -128,7 +133,13 @@ class SerialLink:
             self._lose(error)
             return []
         counts = self._codec.feed(data)
+        if not self._bytes:
+            self._noise_ns = max(now_ns, self._started_ns)
         self._bytes = 0 if counts else self._bytes + len(data)
+        if data and now_ns - self._noise_ns > NOISE_NS and self._bytes:
+            took_s = to_seconds(now_ns - self._noise_ns)
+            self.broken = BusFault(self._plugin, f"no counts for {took_s:.1f} s: {self.refusal}")
+            return []
         if self._asked_ns is None or not 0 <= now_ns - self._asked_ns < self._period_ns:
             self._asked_ns = now_ns
             if asks := self._codec.poll():
@@ -138,8 +149,8 @@ class SerialLink:
     @property
     def refusal(self) -> str:
         """As WheelLink."""
-        what = "no counts: check the baud rate, the wiring and what the manifest expects"
-        return f"{self._bytes} bytes came on {self._port}, but {what}" if self._bytes else ""
+        what = f"no counts: check the baud rate ({self._baud}), the wiring and `lines` or `codec`"
+        return f"{self._bytes} bytes came from {self._port}, but {what}" if self._bytes else ""
 
     def counters(self, believed: int, rejected: int) -> Counters:
         """As WheelLink."""

@@ -154,6 +154,28 @@ def test_a_controller_that_says_nothing_any_more_is_a_fault(arduino: Arduino) ->
         arduino.wait_in_silence(1.2)
 
 
+@pytest.mark.parametrize("spoke_s", [0.0, 0.5])
+def test_bytes_without_counts_are_a_fault_that_says_what_to_check(arduino: Arduino, spoke_s: float) -> None:
+    arduino.turn(spoke_s)
+
+    def noise(seconds: float) -> None:
+        for _ in range(round(seconds / 0.02)):
+            arduino.plug.send(b"\xf0\x80\xff\x1c")
+            arduino.step(0.02)
+
+    with pytest.raises(
+        BusFault, match=r"\d{2,} bytes came from .*base, but no counts: .* baud rate \(57600\), the wiring"
+    ):
+        noise(5.2)  # a board may take 3 s to start, and say anything meanwhile
+
+
+def test_greeting_of_a_board_is_no_fault(arduino: Arduino) -> None:
+    arduino.plug.send(b"ready\r\n")
+    arduino.wait_in_silence(5.5)
+    arduino.turn(0.3)
+    assert arduino.it.is_fresh()
+
+
 class Frames:
     """Frames of a sync byte, two 32-bit counts and a sum."""
 
@@ -219,7 +241,7 @@ def test_a_stop_behind_a_command_that_was_cut_off_is_sent_twice() -> None:
             return self.takes
 
     line: Any = Full()
-    link = SerialLink(line, LineCodec(WORDS, 2, 2, 0.05), "mocdevice", "/dev/base", lambda: 0, 1)
+    link = SerialLink(line, LineCodec(WORDS, 2, 2, 0.05), "mocdevice", SerialBase.Parameters(), lambda: 0)
     link.command([0.0, 0.0])
     line.takes = True
     link.stop()

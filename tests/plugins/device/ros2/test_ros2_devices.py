@@ -205,6 +205,24 @@ def test_odometry_that_is_silent_or_rejected_while_it_has_a_publisher_is_told_ap
     assert re.search(r"\d messages of /r1/odom were rejected: .*nan", robot.state()[1])
 
 
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"range_max": 0.0}, "expected range_min < range_max, got"),
+        ({"angle_increment": math.nan}, "angle_increment nan"),
+    ],
+)
+def test_the_fault_of_a_lidar_whose_turns_are_rejected_names_field_and_value(robot, wrong, why):
+    def put(message):
+        robot.link.inboxes["/r1/scan"].put(message, robot.one.clock.now_ns())
+
+    robot.run(0.5, lambda: put(scan([1.0] * 8)))
+    robot.run(1.5, lambda: put(scan([1.0] * 8, **wrong)))
+    state, told = robot.state("scan")
+    assert state == "faulted"
+    assert re.search(rf"no turn for 1\.\d s: \d+ messages of /r1/scan were rejected: .*{why}", told)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("periods", [7, 29])
 def test_a_robot_that_was_away_for_long_is_back_within_two_seconds_where_its_odometry_was(robot, periods):
