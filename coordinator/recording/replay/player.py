@@ -233,21 +233,25 @@ class Player:
         return (number, next((i for i, message in enumerate(messages) if message.log_time_ns > at_ns), 0))
 
     def _pass_over_gap(self, now_ns: int) -> None:
-        """Go to the next message if nothing is recorded for long before it."""
+        """Go to the next message if nothing is recorded for long before it, or the clock was set back by much."""
         number, index = self._place
         messages = self._file.read(number) if number < len(self._file.chunks) else []
         gap_ns = messages[index].log_time_ns - self._position_ns if index < len(messages) else 0
-        if gap_ns > to_ns(GAP_S):
-            at_s, gap_s = self.position_s, to_seconds(gap_ns)
-            logger.warning("%s: after %.1f s nothing is recorded for %.0f s: passed over", self.path, at_s, gap_s)
+        if abs(gap_ns) > to_ns(GAP_S):
+            gap_s = to_seconds(abs(gap_ns))
+            passed = f"nothing is recorded for {gap_s:.0f} s: passed over"
+            what = passed if gap_ns > 0 else f"the clock was set back by {gap_s:.0f} s"
+            logger.warning("%s: after %.1f s %s", self.path, self.position_s, what)
             self._position_ns += gap_ns
             self._played_from = (now_ns, self._position_ns)
 
     def _go_on_to(self, due_ns: int) -> Iterator[RecordedMessage]:
         number, index = self._place
+        from_ns = 0
         while number < len(self._file.chunks):
             messages = self._file.read(number)
-            while index < len(messages) and messages[index].log_time_ns <= due_ns:
+            while index < len(messages) and from_ns <= messages[index].log_time_ns <= due_ns:
+                from_ns = messages[index].log_time_ns - to_ns(GAP_S)
                 index += 1
                 self._place = (number, index)
                 yield messages[index - 1]

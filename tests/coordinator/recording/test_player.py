@@ -253,6 +253,18 @@ def test_contents_of_the_largest_and_smallest_times_are_listed(tmp_path: Path, t
     assert key.last_s == pytest.approx((times_ns[-1] - times_ns[0]) / 1e9, abs=1e-5, rel=1e-6)
 
 
+def test_what_follows_a_clock_that_was_set_back_by_much_is_played_at_its_pace(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    times_s = [YEARS_S, YEARS_S + 1, YEARS_S + 2, 5, 6, 8]
+    player = Player(recorded_at(tmp_path / "back.mcap", [time_s * NS_PER_S for time_s in times_s]))
+    player.play()
+    played = {t_s: [message.payload[0] for message in player.step(t_s * NS_PER_S)] for t_s in range(8)}
+    assert played == {0: [0], 1: [1], 2: [2], 3: [3], 4: [4], 5: [], 6: [5], 7: []}
+    assert f"the clock was set back by {YEARS_S - 3} s" in caplog.text
+    player.close()
+
+
 def test_a_clock_that_was_set_back_loses_no_message(tmp_path: Path) -> None:
     times_s = [10, 11, 12, 5, 6, 7, 13, 14]
     player = Player(recorded_at(tmp_path / "back.mcap", [time_s * NS_PER_S for time_s in times_s]))
