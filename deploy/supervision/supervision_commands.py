@@ -110,7 +110,7 @@ def up(
         result = up_scenario(chosen, _scenario_words(scenario, map_file, robots, motes, seed), site, words)
     if result.given_up:
         raise typer.Exit(EXIT_WRONG)
-    if result.ended == "interrupted" and as_json:
+    if result.ended == "interrupted" and (until, time_limit) != (None, None):
         raise typer.Exit(EXIT_INTERRUPTED)
 
 

@@ -74,12 +74,12 @@ ALLOWED = {
 }
 """What an operator may do: each command with its exit status and some text of its answer."""
 SERVING = {
-    "metrics --port 0": ("operator ann", "metrics: of team blue at http://"),
-    "foxglove --port 0": ("operator ann", "foxglove: ws://"),
-    "assistant": ("operator ann", "of team blue as operator:ann"),
-    "dashboard --port 0": ("dashboard hall", "dashboard: http://"),
+    "metrics --port 0": ("operator ann", "metrics: of team blue at http://", 0),
+    "foxglove --port 0": ("operator ann", "foxglove: ws://", 0),
+    "assistant": ("operator ann", "of team blue as operator:ann", 130),
+    "dashboard --port 0": ("dashboard hall", "dashboard: http://", 0),
 }
-"""Commands that run until Ctrl-C: each with the member that runs it and a line that it prints."""
+"""Commands that run until Ctrl-C: each with the member that runs it, a line that it prints, and the exit status."""
 PARTS = ("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "ros2 gateway")
 """Commands of `BlueTeam`, and those that other tests run."""
 REFUSED = {
@@ -312,6 +312,7 @@ class BlueTeam:
         arena = self.start("arena sim", "arena", "depot", "--robots", "1", "--robot-files", "robots")
         coordinator = self.start("coordinator hq", "coordinator")
         self.recorder = self.start("recorder rec", "record", "--output", "run.mcap")
+        self.parts = [arena, coordinator]
         Commands.line_with(arena, "robots r1")
         robot_file = folder / "robots" / "r1.toml"
         robot_file.write_text(robot_file.read_text() + '\n[zenoh.tls]\nfolder = "../pki/members/robot.r1"\n')
@@ -333,6 +334,9 @@ class BlueTeam:
 def blue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BlueTeam]:
     team = BlueTeam(tmp_path_factory.mktemp("blue"))
     yield team
+    for part in team.parts:
+        part.send_signal(signal.SIGINT)
+        assert part.wait(PATIENCE_S) == 0
     team.commands.stop_all()
 
 
@@ -353,12 +357,14 @@ def test_every_command_has_its_answer_in_a_secured_team(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("words", "who", "line"), [(words, who, line) for words, (who, line) in SERVING.items()])
-def test_commands_that_serve_start_in_a_secured_team(blue: BlueTeam, words: str, who: str, line: str) -> None:
+@pytest.mark.parametrize(("words", "who", "line", "status"), [(words, *each) for words, each in SERVING.items()])
+def test_commands_that_serve_start_in_a_secured_team(
+    blue: BlueTeam, words: str, who: str, line: str, status: int
+) -> None:
     process = blue.start(who, *words.split())
     Commands.line_with(process, line)
     process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) in (0, 130)
+    assert process.wait(PATIENCE_S) == status
 
 
 def test_every_command_that_connects_is_tried_in_a_secured_team() -> None:

@@ -116,7 +116,9 @@ def check_recording(
     check = _Check(info.start_ns, Judging(surroundings, info.start_ns))
     if info.truncated:
         check.add(Severity.PROBLEM, Kind.TRUNCATED, "", 0, "its end is missing: `robrain recover` makes it whole")
-    if not info.versions:
+    if info.counts and not any(map(topic_named_by, info.counts)):
+        check.add(Severity.PROBLEM, Kind.PROVENANCE, "", 0, "no key is a topic of robrain: another program recorded it")
+    elif not info.versions:
         check.add(Severity.NOTE, Kind.PROVENANCE, "", 0, "it does not say which software made it")
     for message in read_messages(path, on_progress):
         check.take(message)

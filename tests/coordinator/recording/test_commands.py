@@ -172,6 +172,7 @@ def test_a_run_as_it_was_recorded_is_good(run: Path) -> None:
         ([(STATE, 1.0, state(0)), (STATE, 0.9, state(1))], (Kind.TIME_BACK, Severity.PROBLEM)),
         ([(STATE, 1.0, state(0)), (STATE, 62.0, state(1))], (Kind.TIME_JUMP, Severity.PROBLEM)),
         ([*states(3), ("/chatter", 1.0, b"{}")], (Kind.UNKNOWN_KEY, Severity.NOTE)),
+        ([("/chatter", 1.0, b"{}")], (Kind.PROVENANCE, Severity.PROBLEM)),  # a bag of ROS 2
     ],
 )
 def test_what_is_wrong_is_found(tmp_path: Path, said: Said, found: tuple[Kind, Severity]) -> None:
