@@ -15,7 +15,6 @@ from rich.console import Console
 from rich.table import Table
 
 from robrain.deploy.commands.terminal import new_console
-from robrain.deploy.errors import UsageError
 
 WIDTH = 110
 HEADINGS = ("figure", "measured", "bound", "kept", "beside")
@@ -172,11 +171,8 @@ def show_figures(title: str, figures: Iterable[Figure], console: Console) -> Non
 
 
 def write_json(path: Path, report: msgspec.Struct) -> None:
-    """Write what `--json FILE` asks for (UsageError if the file cannot be written)."""
-    try:
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
-    except OSError as error:
-        raise UsageError(f"--json {path}: cannot be written: {error.strerror or error}") from error
+    """Write what `--json FILE` asks for."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
 
 
 def report(bench: str, figures: Iterable[Figure], *, as_json: bool) -> None:

@@ -186,7 +186,7 @@ def run_bench(
     Raises:
         LogError: the log or the relations cannot be read.
         RobotFileError: `robot_file` cannot be read.
-        UsageError: a file cannot be written.
+        UsageError: the relations do not fit the log, or the file of the map exists.
 
     """
     parameters = _parameters(robot_file)
@@ -292,8 +292,5 @@ def _check_free(map_file: Path | None) -> None:
 def _write_map(path: Path, played: PlayedLog) -> None:
     from robrain.coordinator.recording.export.map_server_files import write_grid
 
-    try:
-        for written in write_grid(played.map, path):
-            print_line(f"wrote {written}")
-    except OSError as error:
-        raise UsageError(f"--map {path}: cannot be written: {error.strerror or error}") from error
+    for written in write_grid(played.map, path):
+        print_line(f"wrote {written}")

@@ -27,11 +27,6 @@ def write_files(folder: Path) -> list[Path]:
 def machine_files(folder: Annotated[Path, typer.Argument(help="Folder to make.")]) -> None:
     """Write service units, files for router, web server, containers, devices, time and logs."""
     from robrain.deploy.commands.terminal import print_line
-    from robrain.deploy.errors import UsageError
 
-    try:
-        written = write_files(folder)
-    except OSError as error:
-        raise UsageError(f"{folder}: {error.strerror}; give another folder") from error
-    for path in written:
+    for path in write_files(folder):
         print_line(str(path))

