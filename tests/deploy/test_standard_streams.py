@@ -95,3 +95,15 @@ def test_messages_that_cannot_be_written_do_not_end_a_command(monkeypatch: pytes
     finally:
         os.dup2(kept, 2)
         os.close(kept)
+
+
+def test_folder_that_cannot_be_made_ends_a_command_with_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["robrain", "machine-files", "/dev/null/files"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert (ended.value.code, capsys.readouterr().err) == (
+        2,
+        "robrain: /dev/null/files cannot be used: Not a directory\n",
+    )
