@@ -103,7 +103,7 @@ def check_devices(found: RobotFound, base: Path) -> list[Check]:
     names = [manifest.name for manifest in found.manifests if _is_device(manifest)]
     if not names:
         return []
-    table, checks = replace(found.robot_file.robot, load=names), []
+    table, checks = replace(found.robot_file.robot, load=names), list[Check]()
     logging.disable()  # the checks say what the log would
     try:
         with closing(open_session(mode="router", listen=["tcp/127.0.0.1:0"])) as session:
