@@ -156,7 +156,7 @@ class RecordingFile:
             return
         try:
             self._writer.add_metadata(SUMMARY_METADATA, dict(summary))
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.close()
         except OSError as error:
             self._fail(error)
@@ -171,7 +171,7 @@ class RecordingFile:
         if self._failed or not self._held_bytes:
             return
         try:
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
         except OSError as error:
             self._fail(error)
             return
