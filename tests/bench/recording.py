@@ -34,7 +34,7 @@ from robrain.protocol.wire.session import listening_at, open_session
 RATE_HZ = 10_000
 ROBOTS = 50
 SECONDS = 5.0
-CORE_BOUND = 0.30
+CORE_BOUND = 0.20
 SEEK_BOUND_S = 0.2
 HOUR_S = 3600
 NS_PER_S = 1_000_000_000
