@@ -45,7 +45,7 @@ TALKER = """
             thread.start()
             thread.join()
             print("to stderr", file=sys.stderr)
-            logging.warning("\\udc80 is no text")
+            logging.warning("careful")
             logging.getLogger("any").info("one of %d", 2)
             logging.debug("hidden")
             try: 1 / 0
@@ -86,10 +86,18 @@ def test_lines_have_the_name_of_the_plugin_whose_code_runs(robot, bench, isolati
     assert texts("door") == ["called", "pressed", "and released"]
     said = {record.text.partition("\n")[0]: record.level for record in kept() if record.source == "talker"}
     lines = ["imported", "made", "begin", "from a thread", "to stderr", "one of 2"]
-    assert said == {**dict.fromkeys(lines, "info"), "? is no text": "warning", "no number": "error"}
+    assert said == {**dict.fromkeys(lines, "info"), "careful": "warning", "no number": "error"}
     received = []
     until(lambda: received.extend(each.message.text for each in heard.drain()) or len(received) == len(kept()))
     assert received == [record.text for record in kept()]
+
+
+def test_what_is_no_text_becomes_text():
+    lines = []
+    PluginOutput(lambda *line: lines.append(line), lambda: "lamp", VirtualClock()).accept(
+        "lamp", "info", "\udc80 is no text"
+    )
+    assert lines == [("lamp", "info", "? is no text")]
 
 
 def test_lines_above_the_limit_are_dropped_and_counted():
