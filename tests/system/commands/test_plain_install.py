@@ -32,6 +32,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("dashboard", [], "team"),
     ("replay", ["run.mcap"], "team"),
     ("status", [], WORKS),
+    ("log", ["r1"], WORKS),
     ("top", [], WORKS),
     ("bringup", ["r1.toml", "--yes"], "bringup"),
     ("wire", [], WORKS),
@@ -212,7 +213,9 @@ def test_a_command_says_in_a_sentence_what_it_lacks(
 
 
 def test_no_command_is_left_out() -> None:
-    assert sorted([*LIVE, *(command for command, _, _ in [*COMMANDS, *LACKING])]) == sorted(_leaves(get_command(app)))
+    assert sorted([*LIVE, "doctor", *(command for command, _, _ in [*COMMANDS, *LACKING])]) == sorted(
+        _leaves(get_command(app))
+    )
 
 
 def test_every_command_in_the_readme_exists() -> None:
