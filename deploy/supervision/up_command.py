@@ -56,8 +56,6 @@ def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, 
     world = scenario.world()
     robots = [robot.name for robot in world.robots]
     place = world.first_place() if scenario.starts_known else None
-    if place is not None and not options.as_json:
-        note(f"a first task, once the robots are up: robrain task add visit --at {place.x_m:g},{place.y_m:g}")
     wanted = [ARENA, COORDINATOR, *robots]
     wanted += [DASHBOARD] if site.dashboard else []
     wanted += [STAND_BY] if site.stand_by else []
@@ -66,6 +64,8 @@ def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, 
     journal = site.journal or _new_journal(site.team)
 
     def make(where: Site) -> list[Part]:
+        if place is not None and not options.as_json:
+            note(f"a first task, once the robots are up: robrain task add visit --at {place.x_m:g},{place.y_m:g}")
         kept = journal or where.folder / "team.journal"
         return _of_scenario(where, scenario, words, wanted, printed, options, kept, site.record, {})
 

@@ -27,9 +27,13 @@ def _children_of(parent: int) -> list[int]:
     return found
 
 
-def _status(commands: Commands, *options: str, **variables: str) -> object:
+def _status(commands: Commands, *options: str, **variables: str) -> tuple[bool, dict[str, str]] | None:
+    """Whether the coordinator is there, and how each robot is."""
     done = commands.run("status", "--json", *options, **variables)
-    return json.loads(done.stdout) if done.returncode == 0 else None
+    if done.returncode != 0:
+        return None
+    told = json.loads(done.stdout)
+    return told["coordinator"], {robot["robot"]: robot["condition"] for robot in told["standing"]}
 
 
 def test_three_agents_explore_a_floor_together(commands) -> None:
@@ -84,13 +88,11 @@ def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) ->
     coordinator = commands.start("coordinator", ROBRAIN_CONNECT=endpoint)
     commands.line_with(coordinator, "coordinator: of team default")
     # On an overloaded machine a robot may lose its link and be back a moment later, so status is asked until it agrees.
-    up = [{"robot": "r1", "condition": "up", "why": ""}]
-    there = {"team": "default", "coordinator": True, "robots": ["r1"], "standing": up}
+    there, left = (True, {"r1": "up"}), (False, {"r1": "up"})
     until(lambda: _status(commands, ROBRAIN_CONNECT=endpoint) == there, f"status never told {there}")
 
     coordinator.kill()
     coordinator.wait()
-    left = {"team": "default", "coordinator": False, "robots": ["r1"], "standing": up}
     until(lambda: _status(commands, "--connect", endpoint) == left, f"status never told {left}")
 
 
