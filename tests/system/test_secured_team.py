@@ -54,6 +54,7 @@ ALLOWED = {
     "call r1 home start": (0, "x_m"),
     "remove r1": (2, "r1 is not removed: it is there"),
     "shell r1": (0, ""),
+    "log r1": (0, ""),
     "plugin list r1": (0, "counter"),
     "plugin reload r1 counter": (0, "counter: active"),
     "plugin unload r1 counter": (0, "counter: unloaded"),
