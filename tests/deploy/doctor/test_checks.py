@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 import zenoh
-from robrain.sim.peripherals.serial_plug import SerialPlug
+from robrain.sim.peripherals.line_plug import SerialPlug
 
 from robrain.agent.errors import PackageMissing
 from robrain.deploy.doctor.check import Check, CheckName, is_good
