@@ -6,25 +6,28 @@ coordinator, if it lives, hears none of that group.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from typing import Any, NamedTuple
 
 from robrain.agent.board import Board
 from robrain.agent.consensus.holders import GIVEN_UP_NS, GOES_ON_S, Holders
-from robrain.agent.consensus.known_tasks import TASKS_MAX, KnownTasks
+from robrain.agent.consensus.known_tasks import (
+    KnownTasks,
+    TaskLook,
+)
 from robrain.agent.consensus.task_intake import Known, TaskIntake
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.model.consensus.ballot import Heard
 from robrain.protocol.model.consensus.negotiation import Negotiation
-from robrain.protocol.model.consensus.route_scorer import Drive, RouteScorer, Stop
-from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.consensus.route_scorer import (
+    task_scorer,
+)
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.answers.later import Later
 from robrain.protocol.wire.clock import clock_difference_ns, to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
@@ -38,143 +41,10 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import (
     TeamBallot,
 )
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import Occupied
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT, TASK_LIST
-
-GRACE_NS = to_ns(0.3)
-"""An event may be under way for so long after the summary that counts it (chosen)."""
-ASK_AGAIN_NS = to_ns(1.0)
-"""A request is repeated after this (chosen)."""
-TIMEOUT_S = 2.0
-AHEAD_MAX = 1024
-"""Numbers remembered that came before those that precede them."""
-OPEN = [state for state in TaskState if not state.ended]
-
-
-class TaskLook:
-    """Keeps a robot's known tasks complete while a coordinator is heard.
-
-    Args:
-        wire: the robot's Zenoh endpoint.
-        known: the tasks that it knows.
-
-    """
-
-    def __init__(self, wire: Endpoint, known: KnownTasks) -> None:
-        self.behind_since_ns: int | None = None
-        """When it was noticed that a change was not heard of; None if all were."""
-        self.last = 0
-        """All changes up to this number were heard of."""
-        self._wire, self._known = wire, known
-        self._said = 0
-        self._ahead: set[int] = set()
-        self._asked: Later[list[TaskRecord]] | None = None
-        self._asked_ns = self._due_ns = self._said_then = 0
-
-    def hear(self, event: TaskEvent, now_ns: int) -> None:
-        """Take in a change."""
-        if event.change > self.last and len(self._ahead) < AHEAD_MAX:
-            self._ahead.add(event.change)
-            self._count()
-        self._note(max(event.change, self._said), now_ns)
-
-    def hear_summary(self, last_change: int, now_ns: int) -> None:
-        """Take in the number of the last change; a smaller one than before is that of another journal."""
-        if last_change < self._said:
-            self.last = 0
-            self._ahead.clear()
-        self._said = last_change
-        self._note(last_change, now_ns)
-
-    def step(self, now_ns: int) -> None:
-        """Ask for what is missing, and take it in."""
-        if self._asked is None:
-            if self.behind_since_ns is None or now_ns < max(self._due_ns, self.behind_since_ns + GRACE_NS):
-                return
-            self._asked_ns, self._due_ns, self._said_then = now_ns, now_ns + ASK_AGAIN_NS, self._said
-            wanted = TaskFilter(states=OPEN, limit=TASKS_MAX)
-            self._asked = self._wire.ask_later(TASK_LIST, wanted, timeout_s=TIMEOUT_S)
-        try:
-            records = self._asked.take()
-        except (CallError, NobodyThere):
-            self._asked = None
-            return
-        if records is None:
-            return
-        self._asked = None
-        self._known.take_open([record.event for record in records], self._asked_ns, now_ns)
-        self.last = max(self.last, self._said_then)
-        self._count()
-        self._note(self._said, now_ns)
-
-    def _count(self) -> None:
-        while self.last + 1 in self._ahead:
-            self.last += 1
-        self._ahead = {number for number in self._ahead if number > self.last}
-
-    def _note(self, last_change: int, now_ns: int) -> None:
-        if last_change <= self.last:
-            self.behind_since_ns = None
-        elif self.behind_since_ns is None:
-            self.behind_since_ns = now_ns
-
-
-DETOUR = 1.5
-"""How much longer than a straight line a way is taken to be (chosen, as in `plugins/behavior/budget.py`)."""
-CONFIDENCE = 0.95
-PRIZE_SHARE = 10.0
-"""A task of priority 1 is worth so many times the longest way of the problem (chosen: every task is worth its way)."""
-
-NOISE = 1.0
-"""Width of the noise of scores in rounds of improvement: few rounds are to differ much (measured: 20 rounds of 5 robots
-with 15 tasks then save 12 % of the way, and 5 % with 0.3)."""
-
-WorkOf = Callable[[Task], Work]
-
-
-def task_scorer(
-    tasks: Sequence[Task], at: Point2D, ends: Sequence[Point2D], model: EnergyModel | None, now_ns: int, work_of: WorkOf
-) -> RouteScorer:
-    """Scores of tasks for a robot.
-
-    Args:
-        tasks: those that the robot is able to do.
-        at: where it is.
-        ends: chargers; without any, the place where it has to be in the end.
-        model: what its work costs; None counts metres and takes its energy to be enough.
-        now_ns: the time.
-        work_of: what a task takes at its place.
-
-    """
-    places = [*(task.place for task in tasks), at, *ends]
-    ways_m = [[DETOUR * math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) for b in places] for a in places]
-    metre = Work(path_m=1.0)
-    per_m_j = 1.0 if model is None else estimate(model, Work(path_m=100.0)).high_j(CONFIDENCE) / 100.0
-    per_m_s = 1.0 if model is None else estimate(model, metre).duration_s
-    worth_j = PRIZE_SHARE * per_m_j * (1.0 + max(max(row) for row in ways_m))
-    stops = {}
-    for index, task in enumerate(tasks):
-        work = work_of(task)
-        service = None if model is None else estimate(model, work)
-        stops[task.id] = Stop(
-            index,
-            worth_j * task.priority + (0.0 if service is None else service.high_j(CONFIDENCE)),
-            service_s=work.wait_s if service is None else service.duration_s,
-            service_j=0.0 if service is None else service.high_j(CONFIDENCE),
-            latest_s=math.inf if task.deadline_ns is None else (task.deadline_ns - now_ns) / 1e9,
-        )
-    drive = Drive(
-        energy_j=[[way_m * per_m_j for way_m in row] for row in ways_m],
-        time_s=[[way_m * per_m_s for way_m in row] for row in ways_m],
-        start=len(tasks),
-        ends=tuple(range(len(tasks) + 1, len(places))),
-        usable_j=math.inf if model is None else model.usable_j,
-        counts_end=False,
-    )
-    return RouteScorer(drive, stops, NOISE)
-
+from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
 
 NUMBERS_MAX = 64
 """Ballots with the claim whose echo counts, the last ones (chosen: 6 s and more)."""

@@ -165,7 +165,7 @@ def field_meanings(struct: type[msgspec.Struct]) -> dict[str, str]:
     for one in reversed(struct.__mro__):
         if issubclass(one, msgspec.Struct) and one is not msgspec.Struct:
             meanings |= _meanings_in(one)
-    return meanings
+    return {name: meanings[name] for name in struct.__struct_fields__ if name in meanings}
 
 
 def _meanings_in(struct: type) -> dict[str, str]:

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.agent.consensus.consensus_desk import ASK_AGAIN_NS, GRACE_NS, OPEN, TaskLook
-from robrain.agent.consensus.known_tasks import TASKS_MAX, KnownTasks
+from robrain.agent.consensus.known_tasks import ASK_AGAIN_NS, GRACE_NS, OPEN, TASKS_MAX, KnownTasks, TaskLook
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 import zenoh
-from robrain.sim.peripherals.line_plug import SerialPlug
 
 from robrain.agent.errors import PackageMissing
 from robrain.deploy.doctor.check import Check, CheckName, is_good
@@ -40,6 +39,7 @@ from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_WHO
+from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.waiting import until
 
 TEAM = "default"

@@ -20,8 +20,7 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_TRUTH, ROBOT_MAP, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.world.arena import KEPT_TRUE_POSES, MAP_PERIOD_STEPS, AccuracyWatch
-from robrain.sim.world.referee import Referee, team_geometry
+from robrain.sim.world.referee import KEPT_TRUE_POSES, MAP_PERIOD_STEPS, AccuracyWatch, Referee, team_geometry
 from robrain.sim.world.world import World
 
 SMALL = Scenario.builtin("arena_small").replace(robots=1, motes=0)
