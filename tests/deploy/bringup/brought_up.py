@@ -36,6 +36,7 @@ robots = 1
 PLACE_M = (3.0, 3.0)
 LEFT: dict[str, Any] = {"frame": "LeftEncoder", "signals": ["left_counts"]}
 RIGHT: dict[str, Any] = {"frame": "RightEncoder", "signals": ["right_counts"]}
+IMU = {"bias_rad_s": 0.05, "noise_rad_s": 0.005}
 
 
 class BroughtUp:

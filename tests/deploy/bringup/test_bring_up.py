@@ -7,10 +7,14 @@ from typing import Any
 
 import pytest
 
+from robrain.agent.host.robot_file import read_robot_file
 from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, Wanted
 from robrain.deploy.bringup.findings import Found, Step
+from robrain.deploy.bringup.floor_checks import look
+from robrain.deploy.bringup.square import check_square
 from robrain.sim.world.robot_specs import RobotType
-from tests.deploy.bringup.brought_up import AIR, FLOOR, LEFT, NO_SQUARES, RIGHT, BroughtUp, value, wrong
+from tests.deploy.bringup.brought_up import AIR, FLOOR, IMU, LEFT, NO_SQUARES, RIGHT, BroughtUp, value, wrong
+from tests.deploy.bringup.lockstep_bench import LockstepBench
 from tests.deploy.bringup.operators import Watcher
 
 
@@ -19,49 +23,47 @@ def encoders(*tables: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 @pytest.mark.slow
-def test_a_robot_that_is_as_its_file_says_has_nothing_wrong_and_its_file_is_not_touched(tmp_path: Path) -> None:
-    robot = BroughtUp(tmp_path, {})
-    before = robot.path.read_bytes()
-    report = robot.run(Wanted())
-    assert report.is_good
-    assert [finding.step for finding in report.findings if finding.ok] == [
-        *(Step.BUS, Step.WHEELS, Step.SCALE, Step.HALT, Step.WATCHDOG, Step.BATTERY),
-        *(Step.SCAN, Step.ORIENTATION, Step.DISTANCE, Step.TURN, Step.TURN, Step.SQUARE),
-    ]
-    assert robot.path.read_bytes() == before
-    assert report.backup == ""
-    assert value(report, Found.RIGHT, "rate_hz") == pytest.approx(50.0, abs=2.0)
-
-
-@pytest.mark.slow
-def test_all_four_faults_at_once_are_named_and_corrected_and_a_second_run_finds_nothing_wrong(tmp_path: Path) -> None:
+def test_five_faults_at_once_are_named_and_corrected_and_a_second_run_has_nothing_wrong_and_leaves_the_file(
+    tmp_path: Path,
+) -> None:
     robot = BroughtUp(
         tmp_path,
         {
             "mocdevice": {
                 "frames": {"encoders": [RIGHT | {"signs": [-1]}, LEFT]},
                 "base": {"wheel_radius_m": 0.06},
-            }
+            },
+            "imu": {"upside_down": False},
         },
-        {"lidar": {"mount": {"yaw_rad": math.pi / 2}}},
+        {"lidar": {"mount": {"yaw_rad": math.pi / 2}}, "imu": IMU | {"upside_down": True}},
     )
-    first = robot.run(Wanted())
+    first = robot.run(Wanted(rounds=0))
     assert wrong(first) == {
         Found.ENCODERS_SWAPPED,
         Found.ENCODER_INVERTED,
         Found.SCAN_TURNED,
         Found.WRONG_WHEEL_RADIUS,
+        Found.IMU_INVERTED,
     }
-    assert Path(first.backup).read_bytes() != robot.path.read_bytes()
+    assert value(first, Found.IMU_INVERTED, "by_imu_rad") < -1.4
+    corrected = robot.path.read_bytes()
+    assert Path(first.backup).read_bytes() != corrected
     again = robot.run(Wanted())
-    assert wrong(again) == set()
+    assert again.is_good
+    assert [finding.step for finding in again.findings if finding.ok] == [
+        *(Step.BUS, Step.WHEELS, Step.SCALE, Step.HALT, Step.WATCHDOG, Step.BATTERY),
+        *(Step.SCAN, Step.ORIENTATION, Step.DISTANCE, Step.TURN, Step.TURN, Step.IMU, Step.SQUARE),
+    ]
+    assert robot.path.read_bytes() == corrected
     assert again.backup == ""
-    text = robot.path.read_text()
+    assert value(again, Found.RIGHT, "rate_hz") == pytest.approx(50.0, abs=2.0)
+    text = corrected.decode()
     assert text.startswith("# hers\n")
     said = tomllib.loads(text)["parameters"]
     assert said["mocdevice"]["frames"]["encoders"] == [LEFT, RIGHT]
     assert said["mocdevice"]["base"]["wheel_radius_m"] == pytest.approx(0.05, rel=0.01)
     assert said["scan"]["mount"]["yaw_rad"] == pytest.approx(math.pi / 2, abs=math.radians(1.0))
+    assert said["imu"]["upside_down"] is True
 
 
 @pytest.mark.slow
@@ -138,27 +140,15 @@ def test_with_three_wheels_a_rotated_order_and_a_wrong_number_of_counts_are_put_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("mount", "expected"),
-    [
-        ({"upside_down": True}, {Found.SCAN_MIRRORED}),
-        ({"x_m": 0.08, "y_m": -0.05}, {Found.LIDAR_OFF_CENTRE}),
-        (
-            {"x_m": 0.08, "y_m": 0.05, "yaw_rad": -2.0, "upside_down": True},
-            {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.LIDAR_OFF_CENTRE},
-        ),
-    ],
-)
-def test_however_the_lidar_is_mounted_it_is_found_out(
-    tmp_path: Path, mount: dict[str, Any], expected: set[Found]
-) -> None:
+def test_a_lidar_that_is_turned_upside_down_and_off_the_centre_is_found_out(tmp_path: Path) -> None:
+    mount = {"x_m": 0.08, "y_m": 0.05, "yaw_rad": -2.0, "upside_down": True}
     robot = BroughtUp(tmp_path, {}, {"lidar": {"mount": mount}})
-    assert wrong(robot.run(NO_SQUARES)) == expected
+    assert wrong(robot.run(NO_SQUARES)) == {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.LIDAR_OFF_CENTRE}
     said = tomllib.loads(robot.path.read_text())["parameters"]["scan"]["mount"]
-    assert said["x_m"] == pytest.approx(mount.get("x_m", 0.0), abs=0.01)
-    assert said["y_m"] == pytest.approx(mount.get("y_m", 0.0), abs=0.01)
-    assert math.remainder(said["yaw_rad"] - mount.get("yaw_rad", 0.0), math.tau) == pytest.approx(0.0, abs=0.02)
-    assert said["upside_down"] == mount.get("upside_down", False)
+    assert said["x_m"] == pytest.approx(0.08, abs=0.01)
+    assert said["y_m"] == pytest.approx(0.05, abs=0.01)
+    assert math.remainder(said["yaw_rad"] + 2.0, math.tau) == pytest.approx(0.0, abs=0.02)
+    assert said["upside_down"]
 
 
 @pytest.mark.slow
@@ -176,26 +166,19 @@ def test_a_mounting_that_the_file_has_wrong_is_corrected_from_what_it_says(tmp_p
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("true", "said", "expected", "tolerance"),
-    [
-        ("track_m", 0.27, Found.WRONG_TRACK, 0.01),
-        ("wheel_radius_ratio", 0.975, Found.UNEQUAL_WHEELS, 0.004),
-    ],
-)
-def test_each_wrong_size_of_the_base_is_named_and_measured(
-    tmp_path: Path, true: str, said: float, expected: Found, tolerance: float
-) -> None:
-    robot = BroughtUp(tmp_path, {"mocdevice": {"base": {true: said}}})
-    sizes = {"wheel_radius_m": 0.05, "track_m": 0.3, "wheel_radius_ratio": 1.0}
-    report = robot.run(FLOOR if expected is Found.UNEQUAL_WHEELS else NO_SQUARES)
-    assert wrong(report) == {expected}
+def test_wrong_sizes_of_the_base_and_a_unit_that_is_not_there_are_named_and_the_sizes_measured(tmp_path: Path) -> None:
+    sizes = {"track_m": 0.27, "wheel_radius_ratio": 0.975}
+    robot = BroughtUp(tmp_path, {"mocdevice": {"base": sizes}, "imu": {"port": "zenoh:nothing"}}, {"imu": IMU})
+    report = robot.run(FLOOR)
+    assert wrong(report) == {Found.WRONG_TRACK, Found.UNEQUAL_WHEELS, Found.NO_IMU}
     base = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["base"]
-    assert base[true] == pytest.approx(sizes[true], rel=tolerance)
-    if expected is Found.UNEQUAL_WHEELS:  # driven again with what the first ones have corrected
-        squares = [finding.values["largest_m"] for finding in report.findings if finding.step is Step.SQUARE]
-        assert len(squares) == 2
-        assert squares[1] < 0.3 * squares[0]
+    assert base["track_m"] == pytest.approx(0.3, rel=0.01)
+    assert base["wheel_radius_ratio"] == pytest.approx(1.0, rel=0.004)
+    (imu,) = [finding for finding in report.findings if finding.step is Step.IMU]
+    assert "no measurement for 0.5" in imu.sentence
+    # Driven again with what the first squares have corrected.
+    squares = [finding.values["largest_m"] for finding in report.findings if finding.step is Step.SQUARE]
+    assert squares[-1] < 0.3 * squares[0]
 
 
 @pytest.mark.slow
@@ -210,20 +193,23 @@ def test_the_distance_of_three_wheels_from_the_centre_is_found_by_turning(tmp_pa
 def test_a_person_may_measure_where_the_squares_end(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {})
     person = Watcher()
-    bent = [0.1, -0.1, -0.1, -0.1]  # to the left, then to the right: each leg bent to the left
-    person.numbers = [*bent, 0.0, 0.0, 0.0, 0.0]
-    report = robot.run(Wanted(air=False, measured=True, write=False), person)
-    assert Found.UNEQUAL_WHEELS in wrong(report)
-    assert value(report, Found.UNEQUAL_WHEELS, "leg_rad") == pytest.approx(0.05, abs=0.01)
+    person.numbers = [0.1, -0.1, -0.1, -0.1]  # to the left, then to the right: each leg bent to the left
+    with LockstepBench(robot.world) as bench:
+        bench.start(read_robot_file(robot.path), with_lidar=True)
+        bench.wait_for_counts()
+        bench.wait_for_scan()
+        found, _ = check_square(bench, look(bench)[0], bench.base(), person, rounds=1, measured=True)
+    (unequal,) = [finding for finding in found if finding.found is Found.UNEQUAL_WHEELS]
+    assert unequal.values["leg_rad"] == pytest.approx(0.05, abs=0.01)
 
 
 @pytest.mark.slow
 def test_without_write_the_file_stays_although_later_steps_use_what_was_found(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, encoders(RIGHT, LEFT))
     before = robot.path.read_bytes()
-    report = robot.run(Wanted(write=False))
+    report = robot.run(Wanted(write=False, rounds=0))
     assert wrong(report) == {Found.ENCODERS_SWAPPED}
-    assert report.findings[-1].step is Step.SQUARE
+    assert report.findings[-1].step is Step.TURN
     assert robot.path.read_bytes() == before
     assert list(robot.path.parent.iterdir()) == [robot.path]
 

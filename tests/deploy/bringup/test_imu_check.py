@@ -1,39 +1,14 @@
-"""Bring-up of a robot with an inertial measurement unit: mounted upside down, absent, or in another unit."""
+"""What bring-up concludes from how far an inertial measurement unit turns."""
 
-import tomllib
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import pytest
 
-from robrain.deploy.bringup.bring_up import SCALE_TOLERANCE, Wanted, _findings
-from robrain.deploy.bringup.findings import Found, Step
+from robrain.deploy.bringup.bring_up import SCALE_TOLERANCE, _findings
+from robrain.deploy.bringup.findings import Found
 from robrain.plugins.device.imu.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
-from tests.deploy.bringup.brought_up import NO_SQUARES, BroughtUp, value, wrong
-
-IMU = {"bias_rad_s": 0.05, "noise_rad_s": 0.005}
-
-
-@pytest.mark.slow
-def test_a_unit_upside_down_is_named_and_corrected_and_does_not_spoil_the_wheels(tmp_path: Path) -> None:
-    robot = BroughtUp(tmp_path, {"imu": {"upside_down": False}}, {"imu": {**IMU, "upside_down": True}})
-    first = robot.run(NO_SQUARES)
-    assert wrong(first) == {Found.IMU_INVERTED}
-    assert value(first, Found.IMU_INVERTED, "by_imu_rad") < -1.4
-    assert tomllib.loads(robot.path.read_text())["parameters"]["imu"]["upside_down"] is True
-    assert wrong(robot.run(NO_SQUARES)) == set()
-
-
-@pytest.mark.slow
-def test_a_unit_that_is_not_there_is_named_and_the_rest_is_done(tmp_path: Path) -> None:
-    robot = BroughtUp(tmp_path, {"imu": {"port": "zenoh:nothing"}}, {"imu": IMU})
-    report = robot.run(Wanted(air=False))
-    assert wrong(report) == {Found.NO_IMU}
-    assert report.findings[-1].step is Step.SQUARE
-    (imu,) = [finding for finding in report.findings if finding.step is Step.IMU]
-    assert "no measurement for 0.5" in imu.sentence
 
 
 def bench_with(parameters: Any) -> Any:
