@@ -1,4 +1,7 @@
-"""Scripts of a soak with a coordinator that stands by: what was acknowledged survives the coordinator's disk."""
+"""Scripts of a soak with a coordinator that stands by: what was acknowledged survives the coordinator's disk.
+
+`python -m tests.sim.stand_in.test_copied_journal_in_soaks` runs a hundred, for `make soak`; the test runs a few.
+"""
 
 import re
 
@@ -57,12 +60,19 @@ def run_with_stand_by(seed: int) -> tuple[list, bool]:
     return broken, has_led
 
 
-@pytest.mark.parametrize("first", range(0, 100, 25))
-def test_no_task_is_lost_or_done_twice_when_a_coordinator_goes_on_from_the_copy(first: int) -> None:
+def check(scripts: int) -> None:
     led = 0
     with quiet():
-        for seed in range(first, first + 25):
+        for seed in range(scripts):
             broken, has_led = run_with_stand_by(seed)
             assert broken == [], seed
             led += has_led
-    assert led >= 15
+    assert led >= 0.6 * scripts
+
+
+def test_no_task_is_lost_or_done_twice_when_a_coordinator_goes_on_from_the_copy() -> None:
+    check(10)
+
+
+if __name__ == "__main__":
+    check(100)
