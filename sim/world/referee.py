@@ -22,14 +22,9 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_patch import in_own_time, take_message
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.topics import (
-    ROBOT_MAP,
-    ROBOT_STATE,
-)
+from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE
 from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
-from robrain.sim.robot.robot_body import (
-    RobotBody,
-)
+from robrain.sim.robot.robot_body import RobotBody
 
 PATCHES_A_STEP = 4096
 EDGE_CELLS = 3
