@@ -378,10 +378,12 @@ def _said_in_words() -> Iterator[None]:
         sys.exit(EXIT_BAD_INPUT)
     except OSError as error:
         unwritable = (errno.ENOENT, errno.EACCES, errno.EROFS, errno.ENOSPC)
-        if error.filename is None and error.errno not in unwritable:
+        tells_itself = type(error) is OSError and error.errno is None  # a library, which says what it needs
+        if error.filename is None and error.errno not in unwritable and not tells_itself:
             raise
         what = error.filename or "a file, shared memory (/dev/shm) or the folder for temporary files (TMPDIR)"
-        sys.stderr.write(f"robrain: {safe_lines(f'{what} cannot be used: {error.strerror}', '  ')}\n")
+        text = str(error) if tells_itself else f"{what} cannot be used: {error.strerror}"
+        sys.stderr.write(f"robrain: {safe_lines(text, '  ')}\n")
         sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)

@@ -1,6 +1,8 @@
-"""Commands of a user who may read everything and write nothing but the temporary folder."""
+"""Commands of a user who may read everything and write nothing but the temporary folder, or not even that."""
 
+import json
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -8,14 +10,46 @@ from pathlib import Path
 import pytest
 
 PYTHON = Path(sys.executable)
-IS_ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+ROOT = Path(__file__).parents[3]
+MAY_MOUNT = os.geteuid() == 0 and not subprocess.run(["unshare", "-m", "true"], check=False).returncode
+pytestmark = pytest.mark.skipif(not MAY_MOUNT, reason="only root can become another user and mount")
+READ_ONLY = "mount -t tmpfs -o ro,size=4k tmpfs /dev/shm && mount -o remount,bind,ro /"
+WORK = ("scenarios", "info run.mcap", "--help")
+REFUSE = (
+    "demo --headless", "assistant", "status", "pki init pki", "plugin new lamp --level unit", "machine-files out",
+    "recover run.mcap", "journal restore a.journal --journal b.journal", "shell r1",
+    "run arena_small --time-limit 1 --record new.mcap", "coordinator --journal a.journal --listen tcp/127.0.0.1:0",
+)  # fmt: skip
+"""Commands that say which folder, or which team, they need."""
+ALL = """
+import json, os, sys
+from tests.system.prefork import run_main
+import robrain.cli
+for words in json.load(sys.stdin):
+    output = os.memfd_create("output")
+    pid = os.fork()
+    if not pid:
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        sys.argv = ["robrain", *words]
+        status = run_main()
+        sys.stdout.flush()
+        os._exit(status)
+    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    os.lseek(output, 0, os.SEEK_SET)
+    print(json.dumps([words, status, os.read(output, 1 << 20).decode()]), flush=True)
+"""
+"""Runs commands, each in a forked process, and prints what each printed."""
 
 
-def run(folder: Path, *words: str, **variables: str) -> subprocess.CompletedProcess[str]:
+def run(
+    folder: Path, *words: str, mounts: str = "true", given: str = "", **variables: str
+) -> subprocess.CompletedProcess[str]:
     may_read = ("--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search")
     user = ("setpriv", "--reuid=12345", "--regid=12345", "--clear-groups", *may_read)
     return subprocess.run(
         [
+            *("unshare", "-m", "sh", "-c", f'{mounts} && exec "$@"', "sh"),
             *user,
             "env",
             "-i",
@@ -25,6 +59,7 @@ def run(folder: Path, *words: str, **variables: str) -> subprocess.CompletedProc
             *words,
         ],
         cwd=folder,
+        input=given,
         capture_output=True,
         text=True,
         check=False,
@@ -32,21 +67,41 @@ def run(folder: Path, *words: str, **variables: str) -> subprocess.CompletedProc
     )
 
 
-@IS_ROOT
+@pytest.fixture(scope="module")
+def readable(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording that the user may read."""
+    folder = tmp_path_factory.mktemp("readable")
+    folder.chmod(0o755)
+    words = ("run", "arena_small", "--robots", "1", "--time-limit", "0.2", "--record", "run.mcap", "--json")
+    subprocess.run([PYTHON, "-m", "robrain.cli", *words], cwd=folder, check=True, capture_output=True, timeout=300)
+    return folder
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("home", [{}, {"HOME": "/nonexistent"}, {"HOME": ""}])
-def test_commands_work_or_say_what_they_need(tmp_path: Path, home: dict[str, str]) -> None:
-    done = run(tmp_path, "-m", "robrain.cli", "scenarios", **home)
-    assert (done.returncode, done.stderr) == (0, "")
-    for words in (["demo", "--headless"], ["assistant"]):
-        refused = run(tmp_path, "-m", "robrain.cli", *words, **home)
-        assert refused.returncode == 2
-        assert refused.stderr.startswith("robrain: ")
-        assert refused.stderr.count("\n") == 1, refused.stderr
-    assert list(tmp_path.iterdir()) == []
+@pytest.mark.parametrize(
+    ("mounts", "more", "home"),
+    [("true", (), ""), (READ_ONLY, ("report run.mcap", "check run.mcap"), "/nonexistent")],
+    ids=["empty HOME", "read-only root, HOME that is not there"],
+)
+def test_commands_work_or_say_what_they_need(readable: Path, mounts: str, more: tuple[str, ...], home: str) -> None:
+    before = sorted(readable.rglob("*"))
+    commands = [*WORK, *REFUSE, *more]
+    given = json.dumps([shlex.split(each) for each in commands])
+    done = run(readable, "-c", ALL, mounts=mounts, given=given, PYTHONPATH=str(ROOT), HOME=home)
+    assert done.returncode == 0, done.stderr
+    answers = map(json.loads, done.stdout.splitlines())
+    found = {shlex.join(words): (status, printed) for words, status, printed in answers}
+    assert list(found) == commands
+    assert {command: found[command] for command in WORK if found[command][0] != 0} == {}
+    sentences = {
+        command: status == 2 and printed.splitlines()[-1].startswith("robrain: ") and "Traceback" not in printed
+        for command, (status, printed) in found.items()
+        if command not in WORK
+    }
+    assert [found[command] for command, is_sentence in sentences.items() if not is_sentence] == []
+    assert sorted(readable.rglob("*")) == before
 
 
-@IS_ROOT
 @pytest.mark.slow
 def test_kernels_are_stored_where_the_user_can_write(tmp_path: Path) -> None:
     tmp_path.chmod(0o777)
