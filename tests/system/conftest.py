@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 from unittest.mock import patch
 
 import pytest
@@ -22,6 +23,9 @@ from robrain.protocol.wire.session import open_session
 from tests.own_hub import OwnHub
 from tests.system.prefork import OWN_INTERPRETER, ForkedCommand, PreforkServer, end_with_parent, run_main
 from tests.waiting import PATIENCE_S
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 ROOT = Path(__file__).parents[2]
 PREFORK = PreforkServer()
@@ -208,6 +212,15 @@ def commands(tmp_path: Path) -> Iterator[Commands]:
     found = Commands(tmp_path)
     yield found
     found.stop_all()
+
+
+@pytest.fixture(scope="module")
+def browser() -> "Iterator[Browser]":
+    """A browser that the tests of a module share, each with a window of its own."""
+    from tests.system.browser import browser_process
+
+    with browser_process() as found:
+        yield found
 
 
 @pytest.fixture

@@ -13,11 +13,13 @@ from tests.system.npm_packages import installed
 from tests.waiting import PATIENCE_S
 
 AJV = "ajv@8.17.1"
+OFTEN, EVERY = 20, 10
+"""Of a channel with more messages than this jsonschema, which is slow, looks at each so manieth; ajv looks at all."""
 PACKAGES = ("@mcap/core@2.2.2", "@mcap/nodejs@1.0.2", "@mcap/support@1.1.0", AJV)
 
 
 def counts_by_jsonschema(path: Path) -> Counter[str]:
-    """Messages by channel, all of which were found valid; AssertionError names the first that is not."""
+    """Messages by channel, which were found valid; AssertionError names the first that is not."""
     validators: dict[str, Draft202012Validator] = {}
     counts: Counter[str] = Counter()
     with path.open("rb") as stream:
@@ -28,9 +30,11 @@ def counts_by_jsonschema(path: Path) -> Counter[str]:
             if text not in validators:
                 Draft202012Validator.check_schema(json.loads(text))
                 validators[text] = Draft202012Validator(json.loads(text))
+            counts[channel.topic] += 1
+            if counts[channel.topic] > OFTEN and counts[channel.topic] % EVERY:
+                continue
             error = next(validators[text].iter_errors(json.loads(message.data)), None)
             assert error is None, f"{channel.topic}: {error.json_path}: {error.message[:500]}"
-            counts[channel.topic] += 1
     return counts
 
 

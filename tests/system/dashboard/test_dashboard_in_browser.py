@@ -16,7 +16,6 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_session
 from tests.system.browser import (
-    browser_process,
     click_on,
     colors_in,
     keep,
@@ -35,12 +34,6 @@ pytestmark = pytest.mark.system
 WAIT_S = PATIENCE_S
 SEEN, HIDDEN = 0.03, 0.003
 """Shares of the picture that have the colour of free floor."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with browser_process() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

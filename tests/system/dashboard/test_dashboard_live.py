@@ -13,7 +13,6 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from robrain.protocol.model.geometry import wrap_angle_rad
 from tests.system.browser import (
     CLOSE_NOTICES,
-    browser_process,
     browser_processes,
     click_on,
     colors_in,
@@ -38,12 +37,6 @@ TYPING_S = 0.15
 IS_INERT = "field => field.closest('[inert]') !== null"
 PULSE_S = 3.0
 HUNG_S = 5.0
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with browser_process() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

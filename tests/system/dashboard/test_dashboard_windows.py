@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, Page, expect
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
-from tests.system.browser import browser_process, click_on, keep, open_page, window
+from tests.system.browser import click_on, keep, open_page, window
 from tests.system.dashboard.test_dashboard_in_browser import next_halt
 from tests.system.fake_team import FakeTeam
 from tests.system.stepped_dashboard import Stepped
@@ -23,13 +23,6 @@ ON_TOP = """() => {
 ADD_WHY = """() => document.body.insertAdjacentHTML("beforeend",
   `<div class="rb" style="position: fixed; top: 200px; left: 200px; z-index: 50">
     <b data-rb="why visit-1">why</b></div>`)"""
-TIMES = 2
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with browser_process() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +56,7 @@ def page(request: pytest.FixtureRequest, browser: Browser, stepped: Stepped) -> 
         assert errors == []
 
 
-def test_halt_lies_above_every_window_its_key_works_there_and_escape_closes_the_window(
+def test_halt_lies_above_every_window_and_the_palette_its_key_works_there_and_escape_closes_them(
     page: Page, team: FakeTeam
 ) -> None:
     halt = page.get_by_role("button", name="EMERGENCY HALT", exact=True)
@@ -88,23 +81,17 @@ def test_halt_lies_above_every_window_its_key_works_there_and_escape_closes_the_
     _open_resume(page)
     page.get_by_role("button", name="Resume all robots", exact=True).click()
     assert not next_halt(team).halted
-
-
-def test_key_of_the_halt_works_at_once_after_the_palette_was_closed_and_the_button_lies_above_it(
-    page: Page, team: FakeTeam
-) -> None:
     palette = page.locator(".mantine-Spotlight-content")
-    for _ in range(TIMES):
-        page.keyboard.press("Control+k")
-        expect(palette).to_be_visible()
-        page.get_by_placeholder("Search commands...").press_sequentially("h")  # typing there does not halt
-        assert page.evaluate(ON_TOP)
-        page.keyboard.press("Escape")
-        page.keyboard.press("h")
-        assert next_halt(team).halted
-        expect(palette).to_have_count(0)
-        page.keyboard.press("h")
-        assert next_halt(team).halted
+    page.keyboard.press("Control+k")
+    expect(palette).to_be_visible()
+    page.get_by_placeholder("Search commands...").press_sequentially("h")  # typing there does not halt
+    assert page.evaluate(ON_TOP)
+    page.keyboard.press("Escape")
+    page.keyboard.press("h")  # works at once
+    assert next_halt(team).halted
+    expect(palette).to_have_count(0)
+    page.keyboard.press("h")
+    assert next_halt(team).halted
 
 
 def test_typing_does_not_halt_and_escape_leaves_the_field(browser: Browser, stepped: Stepped, team: FakeTeam) -> None:

@@ -20,7 +20,6 @@ from playwright.sync_api import Page
 
 from robrain.coordinator.drawing.palette import FREE, ROBOT_COLORS
 from robrain.coordinator.recording.reader.reading import recording_info
-from robrain.sim.scenarios.scenario import Scenario
 from tests.system.browser import chromium, keep, share_of, wait_for
 from tests.system.npm_packages import installed
 from tests.waiting import until
@@ -93,18 +92,16 @@ def scene_of(page: Page) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(page.screenshot(clip=SCENE))).convert("RGB"))
 
 
-def test_foxglove_studio_reads_every_channel_and_draws_the_run(tmp_path: Path) -> None:
+def test_foxglove_studio_reads_every_channel_and_draws_the_run(depot_run: Path) -> None:
     packages = installed("foxglove-studio", PACKAGES)
-    recording = tmp_path / "run.mcap"
-    Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=30.0, record=recording)
-    counts = recording_info(recording).counts
+    counts = recording_info(depot_run).counts
     topics = ",".join(f"/visual/{name}" for name in DRAWN)
     problems: list[str] = []
-    with served(packages, recording) as address, chromium(WIDTH, HEIGHT) as context:
+    with served(packages, depot_run) as address, chromium(WIDTH, HEIGHT) as context:
         page = context.new_page()
         page.on("console", lambda said: problems.append(said.text) if "Player problem" in said.text else None)
         page.on("pageerror", lambda error: problems.append(str(error)))
-        asked = f"file=/{recording.name}&topics={quote(topics)}&paths={quote(','.join(PLOTTED))}"
+        asked = f"file=/{depot_run.name}&topics={quote(topics)}&paths={quote(','.join(PLOTTED))}"
         page.goto(f"{address}/?{asked}", wait_until="commit")
         wait_for(lambda: page.inner_text("body"), lambda text: "/visual/walls" in text, "channels")
         assert problems == []

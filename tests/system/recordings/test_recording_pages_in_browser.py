@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import BrowserContext, Page
+from playwright.sync_api import Browser, BrowserContext, Page
 
 from robrain.coordinator.drawing.palette import FREE, UNKNOWN
 from robrain.coordinator.recording.replay.html_player import write_html
 from robrain.coordinator.recording.report.report import write_report
-from robrain.sim.scenarios.scenario import Scenario
 from tests.coordinator.recording.test_report import hostile_said, write
-from tests.system.browser import chromium, colors_in, keep, share_of, wait_for
+from tests.system.browser import colors_in, keep, share_of, wait_for, window
 
 pytestmark = pytest.mark.system
 
@@ -44,9 +43,9 @@ def beside(path: Path, fetched: list[str]) -> list[str]:
     return [url for url in fetched if not url.startswith(("data:", "blob:", path.as_uri()))]
 
 
-def test_a_hostile_recording_does_nothing_in_its_report(tmp_path: Path) -> None:
+def test_a_hostile_recording_does_nothing_in_its_report(tmp_path: Path, browser: Browser) -> None:
     report = write_report([write(tmp_path / "run.mcap", hostile_said())], tmp_path / "out")
-    with chromium() as context:
+    with window(browser) as context:
         page, wrong, fetched = looked_at(context, report.page)
         page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true })")
         assert page.locator("img").count() == len(report.figures)
@@ -59,12 +58,10 @@ def test_a_hostile_recording_does_nothing_in_its_report(tmp_path: Path) -> None:
         assert beside(report.page, fetched) == []
 
 
-def test_a_page_plays_a_run_by_itself(tmp_path: Path) -> None:
-    recording = tmp_path / "run.mcap"
-    Scenario.builtin("depot").replace(robots=2, motes=4).run(time_limit_s=20.0, record=recording)
+def test_a_page_plays_a_run_by_itself(tmp_path: Path, depot_run: Path, browser: Browser) -> None:
     path = tmp_path / "run.html"
-    write_html(recording, path)
-    with chromium() as context:
+    write_html(depot_run, path)
+    with window(browser) as context:
         page, wrong, fetched = looked_at(context, path)
         before = wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 20, "a picture")
         wait_for(lambda: scene_of(page), lambda picture: bool(np.any(picture != before)), "another picture")
@@ -74,10 +71,10 @@ def test_a_page_plays_a_run_by_itself(tmp_path: Path) -> None:
         assert beside(path, fetched) == []
 
 
-def test_a_hostile_recording_does_nothing_in_the_page_that_plays_it(tmp_path: Path) -> None:
+def test_a_hostile_recording_does_nothing_in_the_page_that_plays_it(tmp_path: Path, browser: Browser) -> None:
     path = tmp_path / "run.html"
     write_html(write(tmp_path / "run.mcap", hostile_said()), path, frames_max=100)
-    with chromium() as context:
+    with window(browser) as context:
         page, wrong, fetched = looked_at(context, path)
         wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 3, "a picture")
         page.wait_for_timeout(3000)

@@ -30,22 +30,20 @@ SCRIPT = Path(__file__).with_name("read_mcap.mjs")
 
 
 @pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def recordings(tmp_path_factory: pytest.TempPathFactory, depot_run: Path) -> list[Path]:
     """A whole recording, one that was cut off and recovered, and one with a damaged chunk, recovered."""
     folder = tmp_path_factory.mktemp("readers")
-    whole = folder / "whole.mcap"
-    Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=10.0, record=whole)
-    content = whole.read_bytes()
+    content = depot_run.read_bytes()
     (folder / "cut.mcap").write_bytes(content[: len(content) * 2 // 3])
     damaged = bytearray(content)
     damaged[damaged.rindex(b"\x28\xb5\x2f\xfd", 0, len(damaged) // 2) + 30] ^= 0xFF
     (folder / "damaged.mcap").write_bytes(damaged)
-    paths = [whole]
+    paths = [depot_run]
     for name in ("cut", "damaged"):
         paths.append(folder / f"{name}_recovered.mcap")
         recover(folder / f"{name}.mcap", paths[-1])
     paths.append(folder / "drawn.mcap")
-    with_visual(whole, paths[-1])
+    with_visual(depot_run, paths[-1])
     return paths
 
 
@@ -84,7 +82,7 @@ def test_each_part_of_a_split_recording_is_read_by_itself(
         return made[-1]
 
     monkeypatch.setattr("robrain.sim.lockstep.lockstep.Recorder", split_recorder)
-    Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=7.0, record=tmp_path / "run.mcap")
+    Scenario.builtin("depot").replace(robots=1, motes=2).run(time_limit_s=5.0, record=tmp_path / "run.mcap")
     summary = made[0].close()
     found = read_with_typescript(typescript, summary.paths)
     assert len(found) >= 3
