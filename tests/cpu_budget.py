@@ -33,6 +33,15 @@ def process_cpu_s(pid: int) -> float:
     return own_s + sum(process_cpu_s(int(child)) for child in children)
 
 
+def used_cpu_s() -> float:
+    """CPU time of this process, of its ended children and of all processes below it, in seconds."""
+    try:
+        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    except ChildProcessError:  # there is no child whose threads would have to be looked at, which takes a millisecond
+        return sum(os.times()[:4])
+    return process_cpu_s(os.getpid())
+
+
 class CpuBudget:
     """Measures each test where it runs, and judges the whole run where the results arrive."""
 
@@ -53,7 +62,7 @@ class CpuBudget:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         """Remember the CPU time before the test."""
         self._shared_s = 0.0
-        self._start_s = process_cpu_s(os.getpid())
+        self._start_s = used_cpu_s()
         return (yield)
 
     @pytest.hookimpl(wrapper=True)
@@ -61,18 +70,18 @@ class CpuBudget:
         """Add up what shared fixtures cost, except within each other."""
         if fixturedef.scope == "function":
             return (yield)
-        before_s, shared_s = process_cpu_s(os.getpid()), self._shared_s
+        before_s, shared_s = used_cpu_s(), self._shared_s
         try:
             return (yield)
         finally:
-            self._shared_s = shared_s + process_cpu_s(os.getpid()) - before_s
+            self._shared_s = shared_s + used_cpu_s() - before_s
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
         """Attach the CPU time of the whole test to the report of its end."""
         report: Any = yield
         if call.when == "teardown":
-            report.cpu_s = process_cpu_s(os.getpid()) - self._start_s - self._shared_s
+            report.cpu_s = used_cpu_s() - self._start_s - self._shared_s
             report.is_slow = item.get_closest_marker("slow") is not None
         return report
 
