@@ -2,8 +2,7 @@
 
 import json
 import re
-import subprocess
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.sim.scenarios.scenario import Scenario
-from tests.waiting import PATIENCE_S
+from tests.system.conftest import Commands
 
 NS_PER_S = 1_000_000_000
 STATE = "robrain/default/robot/r1/state"
@@ -380,19 +379,20 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("hostile") / "run.mcap", said)
 
 
-def command(*words: str) -> subprocess.CompletedProcess[str]:
-    environment = {"PATH": "", "COLUMNS": "200", "TERM": "xterm-256color"}
-    return subprocess.run(
-        [sys.executable, "-m", "robrain.cli", *words],
-        capture_output=True, text=True, timeout=PATIENCE_S, env=environment, check=False,
-    )  # fmt: skip
+@pytest.fixture
+def commands(tmp_path: Path) -> Iterator[Commands]:
+    found = Commands(tmp_path)
+    yield found
+    found.stop_all()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", [["info"], ["check"], ["diff"], ["info", "--json"], ["check", "--json"]])
-def test_nothing_in_a_recording_can_steer_the_terminal(hostile: Path, tmp_path: Path, words: list[str]) -> None:
+def test_nothing_in_a_recording_can_steer_the_terminal(
+    commands: Commands, hostile: Path, tmp_path: Path, words: list[str]
+) -> None:
     others = [str(write(tmp_path / "other.mcap", states(3)))] if words[0] == "diff" else []
-    done = command(*words, str(hostile), *others)
+    done = commands.run_here(*words, str(hostile), *others, COLUMNS="200")
     assert "Traceback" not in done.stderr
     said = done.stdout + done.stderr
     assert done.stdout
@@ -403,23 +403,23 @@ def test_nothing_in_a_recording_can_steer_the_terminal(hostile: Path, tmp_path: 
 
 
 @pytest.mark.slow
-def test_exit_statuses_tell_good_from_bad(run: Path, tmp_path: Path) -> None:
+def test_exit_statuses_tell_good_from_bad(commands: Commands, run: Path, tmp_path: Path) -> None:
     other = str(write(tmp_path / "other.mcap", states(3)))
     gap = str(write(tmp_path / "gap.mcap", [(STATE, 0.0, state(0)), (STATE, 0.1, state(5))]))
-    assert command("check", str(run)).returncode == 0
-    assert command("check", gap).returncode == 1
-    assert command("diff", str(run), str(run)).returncode == 0
-    assert command("diff", str(run), other).returncode == 1
-    missing = command("check", "nosuch.mcap")
+    assert commands.run_here("check", str(run)).returncode == 0
+    assert commands.run_here("check", gap).returncode == 1
+    assert commands.run_here("diff", str(run), str(run)).returncode == 0
+    assert commands.run_here("diff", str(run), other).returncode == 1
+    missing = commands.run_here("check", "nosuch.mcap")
     assert missing.returncode == 2
     assert "nosuch.mcap" in missing.stderr
 
 
 @pytest.mark.slow
-def test_recover_names_its_file_and_tells_what_it_saved(run: Path, tmp_path: Path) -> None:
+def test_recover_names_its_file_and_tells_what_it_saved(commands: Commands, run: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(run.read_bytes()[:-5000])
-    done = command("recover", str(cut), "--json")
+    done = commands.run_here("recover", str(cut), "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["path"] == str(tmp_path / "cut_recovered.mcap")
@@ -428,15 +428,17 @@ def test_recover_names_its_file_and_tells_what_it_saved(run: Path, tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["csv", "parquet", "html", "foxglove"])
-def test_export_writes_beside_the_recording_and_overwrites_nothing(run: Path, tmp_path: Path, form: str) -> None:
+def test_export_writes_beside_the_recording_and_overwrites_nothing(
+    commands: Commands, run: Path, tmp_path: Path, form: str
+) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(run.read_bytes())
-    done = command("export", str(path), "--to", form, "--json")
+    done = commands.run_here("export", str(path), "--to", form, "--json")
     assert done.returncode == 0, done.stderr
     files = [Path(name) for name in json.loads(done.stdout)["files"]]
     assert files
     sizes = {file: file.stat().st_size for file in files}
-    again = command("export", str(path), "--to", form)
+    again = commands.run_here("export", str(path), "--to", form)
     assert again.returncode == 2
     assert "exists already" in again.stderr
     assert sizes == {file: file.stat().st_size for file in files}

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from robrain import Scenario, Team, compare_runs
-from robrain.coordinator.recording.report.report import write_report
 from robrain.coordinator.recording.report.two_runs import ComparedRow, words_of
 
 
@@ -29,7 +28,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 @pytest.mark.slow
-def test_rows_tell_who_did_what_in_both_runs(runs: tuple[Path, Path]) -> None:
+def test_rows_tell_who_did_what_in_both_runs_and_equal_runs_have_no_difference(runs: tuple[Path, Path]) -> None:
     compared = compare_runs(*runs)
     rows = {(row.group, row.name): row for row in compared.rows}
     assert rows["run", "duration"].difference == pytest.approx(1.0)
@@ -41,14 +40,9 @@ def test_rows_tell_who_did_what_in_both_runs(runs: tuple[Path, Path]) -> None:
         assert total.second == pytest.approx(sum(float(part.second or 0) for part in parts))
         assert (total.difference or 0.0) == pytest.approx(sum(part.difference or 0.0 for part in parts))
         assert float(total.second or 0) > 0
-
-
-@pytest.mark.slow
-def test_equal_runs_have_no_difference(runs: tuple[Path, Path]) -> None:
     assert all(row.is_equal for row in compare_runs(runs[0], runs[0]).rows)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("row", "words"),
     [
@@ -61,12 +55,3 @@ def test_equal_runs_have_no_difference(runs: tuple[Path, Path]) -> None:
 )
 def test_row_is_told_in_words(row: ComparedRow, words: tuple[str, str, str]) -> None:
     assert words_of(row) == words
-
-
-@pytest.mark.slow
-def test_report_of_two_runs_has_the_table(runs: tuple[Path, Path], tmp_path: Path) -> None:
-    page = write_report(list(runs), tmp_path / "two").page.read_text(encoding="utf-8")
-    assert "Who did what" in page
-    assert "look-1" in page
-    three = write_report([*runs, runs[0]], tmp_path / "three").page.read_text(encoding="utf-8")
-    assert "Who did what" not in three
