@@ -117,8 +117,9 @@ def test_the_days_have_what_decisions_could_be_read_from(tired, fresh) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "vocabulary"), [(1, MISLEADING), (2, MISLEADING), (1, MEANINGLESS)])
-@pytest.mark.parametrize("socs", [TIRED, FRESH])
+@pytest.mark.parametrize(
+    ("socs", "seed", "vocabulary"), [(TIRED, 1, MISLEADING), (TIRED, 1, MEANINGLESS), (FRESH, 2, MISLEADING)]
+)
 def test_the_same_is_planned_offered_and_charged_whatever_the_reasons_are_called(
     tired, fresh, socs, seed, vocabulary
 ) -> None:
