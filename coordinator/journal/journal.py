@@ -19,12 +19,21 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
+from msgspec.structs import replace
 
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.disk_sync import DiskSync, Sync
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.journal_reading import JournalReading
-from robrain.coordinator.journal.replica import NUMBERED, alarm_rows, put_alarms, put_aside, put_entry, put_task
+from robrain.coordinator.journal.replica import (
+    NUMBERED,
+    alarm_rows,
+    put_alarms,
+    put_aside,
+    put_entry,
+    put_robots,
+    put_task,
+)
 from robrain.coordinator.journal.salvage import (
     Malformed,
     anew_path,
@@ -36,8 +45,7 @@ from robrain.coordinator.journal.salvage import (
 )
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, migrate
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary
+from robrain.protocol.wire.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask, KnownRobot
 
 logger = logging.getLogger(__name__)
 
@@ -49,16 +57,6 @@ KEPT_OWN = 1000
 KEPT_ASKED = 100_000
 """Ended tasks that stay in the journal: those of the coordinator's own making, and those that were asked for."""
 PRUNE_EVERY = 500
-
-
-class KnownRobot(msgspec.Struct, frozen=True):
-    """A robot of the team as it was last heard."""
-
-    heard_ns: int
-    goes_on: bool
-    """Whether it may be doing tasks without a coordinator."""
-    summary: RobotSummary
-    """Its `task` is empty while the robot is there: then the tasks of the journal say which it has."""
 
 
 class Journal(JournalReading):
@@ -249,7 +247,9 @@ class Journal(JournalReading):
     def note_robots(self, robots: Mapping[str, KnownRobot]) -> None:
         """Store the robots of the team; all others are forgotten (JournalUnwritable)."""
         with self._transaction():
-            self._db.execute("UPDATE standing SET robots = ?", (msgspec.json.encode(robots).decode(),))
+            put_robots(self._db, robots)
+        if self.on_written is not None:
+            self.on_written(JournalEntry(seq=0, robots=dict(robots)))
 
     def when_on_disk(self, tell: Callable[[JournalUnwritable | None], None]) -> None:
         """Call `tell` once all changes so far are on the disk, or with the reason why they may not be.
@@ -295,11 +295,11 @@ class Journal(JournalReading):
     def page(self, after: int, limit: int, term: int, seq: int) -> JournalPage:
         """The tasks with the next `limit` numbers after one, for a copy; see JournalPage."""
         tasks = [
-            msgspec.structs.replace(self._row_of(record, asked=True), earlier=self.history(record.task.id)[:-1])
+            replace(self._row_of(record, asked=True), earlier=self.history(record.task.id)[:-1])
             for record in self._records(NUMBERED, str(after), str(limit))
         ]
-        alarms = [] if tasks else alarm_rows(self.alarms())
-        return JournalPage(term=term, seq=seq, tasks=tasks, alarms=alarms, epoch_ceiling=self._epoch_ceiling)
+        page = JournalPage(term=term, seq=seq, tasks=tasks, epoch_ceiling=self._epoch_ceiling)
+        return page if tasks else replace(page, alarms=alarm_rows(self.alarms()), robots=self.robots)
 
     def begin_copy(self) -> None:
         """Remove everything but the epochs: a copy of another journal takes its place, page by page.
@@ -330,6 +330,7 @@ class Journal(JournalReading):
             self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (page.epoch_ceiling,))
             if not page.tasks:
                 put_alarms(self._db, page.alarms)
+                put_robots(self._db, page.robots)
                 self._db.execute("UPDATE copy SET state = 'whole'")
 
     def follow(self, entries: Iterable[JournalEntry]) -> None:
@@ -364,7 +365,7 @@ class Journal(JournalReading):
             f"INSERT INTO change ({CHANGE_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?)",
             (task_id, record.changed_ns, record.state, record.robot, record.epoch, record.why, reason),
         )
-        written = msgspec.structs.replace(record, change=cursor.lastrowid or 0)
+        written = replace(record, change=cursor.lastrowid or 0)
         self._db.execute(
             "UPDATE task SET state = ?, robot = ?, record = ? WHERE id = ?",
             (record.state, record.robot, msgspec.json.encode(written).decode(), task_id),

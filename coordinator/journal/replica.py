@@ -1,6 +1,7 @@
 """Reads pages of a journal for a copy, and writes what another coordinator's journal says. Rows keep their numbers."""
 
 import sqlite3
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import msgspec
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.messages.team.standing_messages import JournalAlarm, JournalEntry, JournalTask
+from robrain.protocol.wire.messages.team.standing_messages import JournalAlarm, JournalEntry, JournalTask, KnownRobot
 
 PUT_CHANGE = f"INSERT OR IGNORE INTO change (number, {CHANGE_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
 NUMBERED = "SELECT record FROM task WHERE number > CAST(? AS INTEGER) ORDER BY number LIMIT CAST(? AS INTEGER)"
@@ -27,6 +28,8 @@ def put_entry(database: sqlite3.Connection, entry: JournalEntry) -> None:
     if entry.only_alarms:
         database.execute("DELETE FROM alarm")
     put_alarms(database, entry.alarms)
+    if entry.robots is not None:
+        put_robots(database, entry.robots)
     if entry.epoch_ceiling:
         database.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (entry.epoch_ceiling,))
 
@@ -36,6 +39,11 @@ def put_alarms(database: sqlite3.Connection, alarms: list[JournalAlarm]) -> None
     for one in alarms:
         values = (one.rule, one.source, one.taken_ns, one.fired_ns, one.is_armed)
         database.execute("INSERT OR REPLACE INTO alarm VALUES (?, ?, ?, ?, ?)", values)
+
+
+def put_robots(database: sqlite3.Connection, robots: Mapping[str, KnownRobot]) -> None:
+    """Write the robots of the team in place of those that are there."""
+    database.execute("UPDATE standing SET robots = ?", (msgspec.json.encode(robots).decode(),))
 
 
 def put_task(database: sqlite3.Connection, told: JournalTask) -> None:

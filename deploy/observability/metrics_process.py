@@ -72,11 +72,6 @@ COUNTERS = frozenset(
 )
 
 
-def exposed_names() -> list[str]:
-    """The names as a scrape has them."""
-    return [f"{name}_total" if name in COUNTERS else name for name in METRICS]
-
-
 class TeamMetrics(Collector):
     """Hears a team; scraped on any thread.
 

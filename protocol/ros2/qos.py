@@ -104,5 +104,3 @@ TF_STATIC = Qos(durability=Durability.TRANSIENT_LOCAL, depth=100)
 TF = Qos(depth=100)
 SERVICES = Qos()
 """`qos_profile_services_default`."""
-ACTION_STATUS = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
-"""`rcl_action_qos_profile_status_default`."""

@@ -150,17 +150,3 @@ def data_key(domain: int, name: str, type_name: str, type_hash: str) -> str:
     '0/r1/scan/sensor_msgs::msg::dds_::LaserScan_/RIHS0'
     """
     return f"{check_domain(domain)}/{name.strip('/')}/{dds_type(type_name)}/{check_hash(type_hash)}"
-
-
-def parse_data_key(key: str) -> tuple[int, str, str, str]:
-    """Domain, name, type and hash of a key, the reverse of `data_key`.
-
-    Raises:
-        BadRosName: it is no such key.
-
-    """
-    parts = key.split("/")
-    if len(parts) < 4 or not parts[0].isascii() or not parts[0].isdigit() or len(parts[0]) > 3:
-        raise BadRosName("key", key, "expected DOMAIN/NAME/TYPE/HASH")
-    name = full_name("/" + "/".join(parts[1:-2]))
-    return check_domain(int(parts[0])), name, ros_type(parts[-2]), check_hash(parts[-1])

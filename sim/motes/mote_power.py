@@ -88,11 +88,6 @@ class MoteBattery:
         self._used_mas += self._current_ma[state] * duration_s
 
     @property
-    def used_mah(self) -> float:
-        """Charge drawn, that before the start included."""
-        return self._used_mas / S_PER_H
-
-    @property
     def left_share(self) -> float:
         """Share of its charge that is left."""
         return max(0.0, 1.0 - self._used_mas / self._capacity_mas)

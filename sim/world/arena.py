@@ -203,10 +203,9 @@ class FaultSchedule:
         name = fault.robot
         robot = self._robots[name]
         match fault.kind:
-            case FaultKind.CAN_CUT:
-                robot.bus.break_down(LineFault.CUT if breaks else LineFault.NONE)
-            case FaultKind.CAN_SHORTED:
-                robot.bus.break_down(LineFault.SHORTED if breaks else LineFault.NONE)
+            case FaultKind.CAN_CUT | FaultKind.CAN_SHORTED as kind:
+                broken = LineFault.CUT if kind is FaultKind.CAN_CUT else LineFault.SHORTED
+                robot.bus.break_down(broken if breaks else LineFault.NONE)
             case FaultKind.MOTORS_FAIL:
                 robot.controller.has_failed = breaks
             case FaultKind.LIDAR_FREEZES:

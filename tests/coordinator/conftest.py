@@ -149,8 +149,8 @@ class FakeRobot:
         return [PluginInfo(name=name, level="behavior", state="active") for name in names]
 
     def _whole(self):
-        patch = self.grid.full_patch()
-        return None if patch is None else to_message(self.name, GEOMETRY, patch)
+        patch = PatchCells(0, 0, self.grid.classes(), int(self.grid.stamp_ms.max()))
+        return to_message(self.name, GEOMETRY, patch) if self.grid.known_count else None
 
 
 class Team:

@@ -56,7 +56,6 @@ SIGNALS_NIS_MAX = 2.0
 """A place is not believed if the last signals of motes are off by more, in units of their variance."""
 OWN_SIGMA_M, OWN_SIGMA_RAD = 0.02, 0.01
 """Standard deviations of a robot's pose where it begins a frame of its own."""
-NO_FIT = ScanFit([], 0.0, 0)
 
 
 class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):

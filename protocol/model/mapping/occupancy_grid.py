@@ -145,19 +145,11 @@ class OccupancyGrid:
 
         The patch is stamped with the latest observation of its cells.
         """
-        patch = self._patch_of(self.dirty)
-        if patch is not None:
-            rows, columns = patch.cells.shape
-            self.dirty[patch.row : patch.row + rows, patch.column : patch.column + columns] = False
-        return patch
-
-    def full_patch(self) -> PatchCells | None:
-        """All that is known, whoever saw it, or None; for one who joins late or missed patches.
-
-        It is stamped with the *earliest* observation of its cells: it fills gaps, and never passes old hearsay off
-        as newer than what the receiver saw since. What is dirty stays dirty.
-        """
-        return self._patch_of(self.known(), earliest=True)
+        row, column, cells, stamp_ms = kernels.patch_of(self.dirty, self.log_odds, self.stamp_ms)
+        if not cells.size:
+            return None
+        self.dirty[row : row + cells.shape[0], column : column + cells.shape[1]] = False
+        return PatchCells(row, column, cells, int(stamp_ms))
 
     def merge_patch(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int) -> int:
         """Take over statements int8 (h, w) about the box at (row, column); returns how many classes changed.
@@ -246,10 +238,6 @@ class OccupancyGrid:
     def _count(self, changed: int, discovered: int) -> None:
         self.version += changed > 0
         self.known_count += discovered
-
-    def _patch_of(self, mask: NDArray[np.bool_], *, earliest: bool = False) -> PatchCells | None:
-        row, column, cells, stamp_ms = kernels.patch_of(mask, self.log_odds, self.stamp_ms, earliest)
-        return PatchCells(row, column, cells, int(stamp_ms)) if cells.size else None
 
 
 def _check_stamp(stamp_ms: int) -> None:

@@ -39,9 +39,9 @@ def classes(log_odds: NDArray[np.int8]) -> NDArray[np.int8]:
 
 @njit(cache=True, nogil=True)
 def patch_of(
-    mask: NDArray[np.bool_], log_odds: NDArray[np.int8], stamps_ms: NDArray[np.int32], earliest: bool
+    mask: NDArray[np.bool_], log_odds: NDArray[np.int8], stamps_ms: NDArray[np.int32]
 ) -> tuple[int, int, NDArray[np.int8], int]:
-    """Classes of the masked cells: row and column of the smallest box of them, its cells, the latest or earliest stamp.
+    """Classes of the masked cells: row and column of the smallest box of them, its cells, the latest stamp.
 
     A box without cells if no cell is masked.
     """
@@ -73,9 +73,7 @@ def patch_of(
                 continue
             value = log_odds[row, column]
             cells[row - first_row, column - first_column] = UNKNOWN if value == 0 else (OCCUPIED if value > 0 else FREE)
-            seen_ms = stamps_ms[row, column]
-            is_it = stamp_ms < 0 or (seen_ms < stamp_ms if earliest else seen_ms > stamp_ms)
-            stamp_ms = seen_ms if is_it else stamp_ms
+            stamp_ms = max(stamp_ms, stamps_ms[row, column])
     return first_row, first_column, cells, stamp_ms
 
 

@@ -14,10 +14,11 @@ import pytest
 from robrain.coordinator.journal import salvage
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalError
-from robrain.coordinator.journal.journal import Journal, KnownRobot
+from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.wire.messages.team.standing_messages import KnownRobot
 from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 
 TASKS = 120

@@ -15,7 +15,7 @@ from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
 from robrain.coordinator.recording.foxglove.server import FoxgloveServer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -190,9 +190,7 @@ def test_open_tasks_are_drawn_when_one_changes_and_anew_in_a_new_file() -> None:
 def patch(value: int, width: int = 10) -> MapPatch:
     grid = OccupancyGrid(GridGeometry(0.5, 0.0, 0.0, width, width))
     grid.merge_patch(0, 0, np.full((value, 3), 100, np.int8), value)
-    found = grid.full_patch()
-    assert found is not None
-    return to_message("r1", grid.geometry, found)
+    return to_message("r1", grid.geometry, PatchCells(0, 0, grid.classes(), value))
 
 
 def test_the_map_is_drawn_when_it_has_grown_and_its_walls_less_often() -> None:

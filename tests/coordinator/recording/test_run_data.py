@@ -16,7 +16,7 @@ from robrain.coordinator.recording.report.run_data import RunData, read_run
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
@@ -176,8 +176,7 @@ def test_the_map_is_merged_and_a_patch_that_does_not_fit_is_left_out(path: Path)
     for width, rows in ((4, 2), (4, 1), (9, 9)):
         grid = OccupancyGrid(GridGeometry(0.5, 0.0, 0.0, width, width))
         grid.merge_patch(0, 0, np.full((rows, 3), FREE, np.int8), 1)
-        patch = grid.full_patch()
-        assert patch is not None
+        patch = PatchCells(0, 0, grid.classes(), 1)
         said.append((key("robot/r1/map"), float(len(said)), to_message("r1", grid.geometry, patch)))
     run = gathered(path, said)
     assert run.map.grid is not None

@@ -6,12 +6,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.coordinator.journal.journal import Journal, KnownRobot
+from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.consensus.ballot import Ballot
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot
-from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest
+from robrain.protocol.wire.messages.team.standing_messages import KnownRobot, LeadReply, LeadRequest
 from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.session import open_lockstep_session

@@ -15,6 +15,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
+from robrain.protocol.wire.messages.team.standing_messages import KnownRobot
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 from robrain.protocol.wire.topics import TASK_CANCEL, TASK_SUBMIT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.faulty_exchange import FaultyExchange
@@ -97,12 +99,18 @@ def pair() -> Pair:
 def test_one_that_joins_late_copies_all_that_there_is_and_then_follows(pair: Pair) -> None:
     for number in range(200):  # more than one page
         assert pair.submit(f"early{number}")
+    pair.run(TICK_S)
+    r1, r2 = (KnownRobot(5, False, RobotSummary(name=name, up=False, age_s=3.0)) for name in ("r1", "r2"))
+    pair.journal.note_robots({"r1": r1})
     pair.join()
     pair.run(1.0)
     assert pair.following is Following.IN_STEP
     assert pair.is_same()
+    assert pair.copy.robots == {"r1": r1}
     pair.waiting = ["late"]
+    pair.journal.note_robots({"r2": r2})
     pair.run(0.3)
+    assert pair.copy.robots == {"r2": r2}
     assert pair.acknowledged[-1] == "late"
     assert pair.is_same()
 

@@ -254,7 +254,10 @@ def test_memory_is_bounded_whatever_the_others_send_and_drops_are_counted(stage)
     grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
     other = OccupancyGrid(grid)
     other.merge_patch(0, 0, np.full((2, 2), FREE, np.int8), 1)
-    patch, publisher = to_message("r2", grid, other.full_patch()), one.publisher(ROBOT_MAP, robot="r2")
+    patch, publisher = (
+        to_message("r2", grid, PatchCells(0, 0, other.classes(), int(other.stamp_ms.max()))),
+        one.publisher(ROBOT_MAP, robot="r2"),
+    )
     for _ in range(4096 + 100):
         publisher.put(patch)
     one.run(0.6)
@@ -267,7 +270,7 @@ def hall(robot, observed_ms):
     grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
     other = OccupancyGrid(grid)
     other.merge_patch(0, 0, np.full((40, 40), FREE, np.int8), observed_ms)
-    return to_message(robot, grid, other.full_patch())
+    return to_message(robot, grid, PatchCells(0, 0, other.classes(), int(other.stamp_ms.max())))
 
 
 WRAPPED_MS = 2**31 - 1

@@ -9,7 +9,7 @@ from robrain.plugins.skill.mapper.mapper import Mapper
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
@@ -166,7 +166,9 @@ def mates_submap(one):
     one.wire.token(ROBOT_ALIVE, robot="r2")
     other = OccupancyGrid(GEOMETRY)
     other.merge_patch(0, 0, np.full((4, 4), FREE, np.int8), 10)
-    one.publisher(ROBOT_MAP, robot="r2").put(to_message("r2", GEOMETRY, other.full_patch(), submap=7))
+    one.publisher(ROBOT_MAP, robot="r2").put(
+        to_message("r2", GEOMETRY, PatchCells(0, 0, other.classes(), int(other.stamp_ms.max())), submap=7)
+    )
     scanned(one)
 
 

@@ -213,18 +213,6 @@ def test_cells_of_the_box_that_did_not_change_are_no_statement() -> None:
     assert patch.cells.tolist() == [[0, 0, 0, 100], [0, -1, -1, -1], [0, -1, -1, -1], [100, -1, -1, -1]]
 
 
-def test_full_patch_tells_hearsay_too_but_never_as_newer_than_it_is() -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    assert grid.full_patch() is None
-    say(grid, 100, 5)
-    look(grid, 0.15, stamp_ms=9)
-    patch = grid.full_patch()
-    assert patch is not None
-    assert (patch.row, patch.column, patch.stamp_ms) == (14, 20, 5)
-    assert patch.cells.tolist() == [[0, 0, 100, 100]]
-    assert grid.take_patch() is not None
-
-
 def test_team_mates_word_is_not_passed_on_as_ones_own() -> None:
     grid = OccupancyGrid(GEOMETRY)
     assert say(grid, 100, 5) == 1

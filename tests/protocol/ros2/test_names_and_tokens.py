@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.protocol.ros2.attachment import Attachment
 from robrain.protocol.ros2.errors import BadAttachment, BadRosName, BadToken
-from robrain.protocol.ros2.message_types import STRING, TRIGGER
+from robrain.protocol.ros2.message_types import STRING
 from robrain.protocol.ros2.qos import (
     LATCHED,
     RELIABLE,
@@ -26,7 +26,6 @@ from robrain.protocol.ros2.ros_names import (
     data_key,
     dds_type,
     full_name,
-    parse_data_key,
     ros_type,
 )
 from robrain.protocol.ros2.tokens import Entity, EntityKind, NodeId, domain_tokens
@@ -85,34 +84,6 @@ PATHS = st.lists(WORDS, min_size=1, max_size=4).map(lambda words: "/" + "/".join
 QOS = st.builds(
     Qos, st.sampled_from(Reliability), st.sampled_from(Durability), st.sampled_from(History), st.integers(1, 10_000)
 )
-
-
-@pytest.mark.slow
-@given(domain=st.integers(0, 232), name=PATHS)
-def test_a_key_is_read_back(domain, name):
-    assert parse_data_key(data_key(domain, name, TRIGGER.name, TRIGGER.type_hash)) == (
-        domain,
-        name,
-        TRIGGER.name,
-        TRIGGER.type_hash,
-    )
-
-
-@pytest.mark.parametrize(
-    "key",
-    [
-        "",
-        "0/chatter",
-        f"x/chatter/std_msgs::msg::dds_::String_/{CHATTER_HASH}",
-        f"233/chatter/std_msgs::msg::dds_::String_/{CHATTER_HASH}",
-        f"0/chatter/std_msgs/msg/String/{CHATTER_HASH}",
-        "0/chatter/std_msgs::msg::dds_::String_/RIHS01_df66",
-        f"0/*/std_msgs::msg::dds_::String_/{CHATTER_HASH}",
-    ],
-)
-def test_another_key_is_refused(key):
-    with pytest.raises(BadRosName):
-        parse_data_key(key)
 
 
 @pytest.mark.parametrize(

@@ -284,8 +284,8 @@ def test_the_charge_used_is_the_time_in_each_state_times_its_current(wire):
     assert rounds == 1000
     assert state_s[MoteState.LISTEN] == pytest.approx(0.2 * rounds, rel=0.01)
     assert sum(state_s.values()) == pytest.approx(4000.0, abs=4.0)
-    used_mas = 3600 * battery.used_mah
     fresh = Floor(wire, [HERE], [Point2D(2.0, 0.0)]).field.motes[0].battery
+    used_share = fresh.left_share - battery.left_share
     expected_mas = (
         0.1 * state_s[MoteState.SLEEP]
         + 8.7 * state_s[MoteState.SENSE]
@@ -293,7 +293,7 @@ def test_the_charge_used_is_the_time_in_each_state_times_its_current(wire):
         + (8.0 + 4.65) * state_s[MoteState.SEND]
         + (4.13 + 7.96) * state_s[MoteState.LISTEN]
     )
-    assert used_mas - 3600 * fresh.used_mah == pytest.approx(expected_mas)
+    assert 3600 * MoteSpec().capacity_mah * used_share == pytest.approx(expected_mas)
 
 
 def test_a_mote_whose_batteries_are_flat_falls_silent(wire):

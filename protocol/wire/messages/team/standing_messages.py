@@ -13,6 +13,7 @@ from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Stamp, Text
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.robots.witness_messages import Lead, Led
 from robrain.protocol.wire.messages.tasks.task_messages import TaskChange, TaskRecord
+from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 
 ENTRIES_MAX = 64
 PAGE_TASKS = 64
@@ -46,6 +47,20 @@ class JournalAlarm(msgspec.Struct, frozen=True, kw_only=True):
     """Whether it may make another one."""
 
 
+class KnownRobot(msgspec.Struct, frozen=True):
+    """A robot of the team as it was last heard."""
+
+    heard_ns: Stamp
+    """When that was."""
+    goes_on: bool
+    """Whether it may be doing tasks without a coordinator."""
+    summary: RobotSummary
+    """Its `task` is empty while the robot is there: then the tasks of the journal say which it has."""
+
+
+KnownRobots = Annotated[dict[Name, KnownRobot], Meta(max_length=10_000)]
+
+
 class JournalEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One transaction of the coordinator's journal."""
 
@@ -57,6 +72,8 @@ class JournalEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     """Alarms that have changed."""
     only_alarms: bool = False
     """Whether all other alarms are removed."""
+    robots: KnownRobots | None = None
+    """The robots of the team, if one came, went or was removed; and every minute."""
     epoch_ceiling: Epoch = 0
     """No greater epoch has been given out; 0 if it has not changed."""
 
@@ -135,6 +152,8 @@ class JournalPage(msgspec.Struct, frozen=True, kw_only=True):
     """As many as fit; none after the last."""
     alarms: Annotated[list[JournalAlarm], Meta(max_length=10_000)] = []
     """With the last page."""
+    robots: KnownRobots = {}
+    """The robots of the team, with the last page."""
     epoch_ceiling: Epoch = 0
     """No greater epoch has been given out."""
 
