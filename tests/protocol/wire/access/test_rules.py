@@ -64,7 +64,7 @@ MESSAGES = {
     Action.ANNOUNCE: ("liveliness_token",),
     Action.WATCH: ("liveliness_query", "declare_liveliness_subscriber"),
 }
-CASES = [pytest.param(row, role, id=f"{row.name}-{role}") for row, role in itertools.product(ROWS, MEMBERS)]
+EACH_ROW = pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.name))
 
 
 def _key(row: WireKey, own: str, asker: Member | None) -> str:
@@ -108,41 +108,44 @@ def _allowed(member: Member, action: Action, key: str) -> set[bool]:
     return {allows(RULES, member.common_name, "ingress", message, key) for message in MESSAGES[action]}
 
 
-@pytest.mark.parametrize(("row", "role"), CASES)
-def test_role_speaks_under_its_own_name_where_it_may_and_nowhere_else(row: WireKey, role: MemberRole) -> None:
-    member, action = MEMBERS_OF_TEAM[role], _actions(row)[0]
-    asker = member if isinstance(row, Topic) else None  # who answers hears whoever asks
-    may = role in _may_speak(row)
-    assert _allowed(member, action, _key(row, OWN, asker)) == {may}
-    is_named = (role is ROB and "robot" in row.fields) or (role is REC and "recorder" in row.fields)
-    assert _allowed(member, action, _key(row, OTHER, asker)) == {may and not is_named}
-    if row.name in ORDERS and isinstance(row, Topic):
-        assert _allowed(member, action, _key(row, OWN, Member(role, TEAM, OTHER))) == {False}
-        assert _allowed(member, action, row.key(TEAM, **dict.fromkeys(row.fields, OWN))) == {False}
+@EACH_ROW
+def test_role_speaks_under_its_own_name_where_it_may_and_nowhere_else(row: WireKey) -> None:
+    for role in MEMBERS:
+        member, action = MEMBERS_OF_TEAM[role], _actions(row)[0]
+        asker = member if isinstance(row, Topic) else None  # who answers hears whoever asks
+        may = role in _may_speak(row)
+        assert _allowed(member, action, _key(row, OWN, asker)) == {may}
+        is_named = (role is ROB and "robot" in row.fields) or (role is REC and "recorder" in row.fields)
+        assert _allowed(member, action, _key(row, OTHER, asker)) == {may and not is_named}
+        if row.name in ORDERS and isinstance(row, Topic):
+            assert _allowed(member, action, _key(row, OWN, Member(role, TEAM, OTHER))) == {False}
+            assert _allowed(member, action, row.key(TEAM, **dict.fromkeys(row.fields, OWN))) == {False}
 
 
-@pytest.mark.parametrize(("row", "role"), CASES)
-def test_role_hears_and_asks_in_its_own_name_what_it_may(row: WireKey, role: MemberRole) -> None:
-    member, action = MEMBERS_OF_TEAM[role], _actions(row)[1]
-    asker = member if isinstance(row, Query) else None
-    may = role in _may_listen(row)
-    assert _allowed(member, action, _key(row, OWN, asker)) == {may}
-    is_private = role is ROB and (row.by == "arena" or row.name in OF_ITS_OWN) and "robot" in row.fields
-    assert _allowed(member, action, _key(row, OTHER, asker)) == {may and not is_private}
-    if row.name in ORDERS and isinstance(row, Query):
-        for name in ("*", OTHER):
-            assert _allowed(member, action, _key(row, OWN, asker).replace(f"/{OWN}/", f"/{name}/", 1)) == {False}
-        assert _allowed(member, action, row.key(TEAM, **dict.fromkeys(row.fields, OWN))) == {False}
+@EACH_ROW
+def test_role_hears_and_asks_in_its_own_name_what_it_may(row: WireKey) -> None:
+    for role in MEMBERS:
+        member, action = MEMBERS_OF_TEAM[role], _actions(row)[1]
+        asker = member if isinstance(row, Query) else None
+        may = role in _may_listen(row)
+        assert _allowed(member, action, _key(row, OWN, asker)) == {may}
+        is_private = role is ROB and (row.by == "arena" or row.name in OF_ITS_OWN) and "robot" in row.fields
+        assert _allowed(member, action, _key(row, OTHER, asker)) == {may and not is_private}
+        if row.name in ORDERS and isinstance(row, Query):
+            for name in ("*", OTHER):
+                assert _allowed(member, action, _key(row, OWN, asker).replace(f"/{OWN}/", f"/{name}/", 1)) == {False}
+            assert _allowed(member, action, row.key(TEAM, **dict.fromkeys(row.fields, OWN))) == {False}
 
 
-@pytest.mark.parametrize(("row", "role"), CASES)
-def test_no_row_of_another_team_is_allowed(row: WireKey, role: MemberRole) -> None:
-    for asker in (None, MEMBERS_OF_TEAM[role]):
-        key = _key(row, OWN, asker).replace(f"/{TEAM}/", "/green/", 1)
-        wild = _key(row, OWN, asker).replace(f"/{TEAM}/", "/*/", 1)
-        assert not any(
-            _allowed(MEMBERS_OF_TEAM[role], action, each) == {True} for action in Action for each in (key, wild)
-        )
+@EACH_ROW
+def test_no_row_of_another_team_is_allowed(row: WireKey) -> None:
+    for role in MEMBERS:
+        for asker in (None, MEMBERS_OF_TEAM[role]):
+            key = _key(row, OWN, asker).replace(f"/{TEAM}/", "/green/", 1)
+            wild = _key(row, OWN, asker).replace(f"/{TEAM}/", "/*/", 1)
+            assert not any(
+                _allowed(MEMBERS_OF_TEAM[role], action, each) == {True} for action in Action for each in (key, wild)
+            )
 
 
 @pytest.mark.parametrize("role", MEMBERS)
@@ -168,12 +171,13 @@ def test_kept_samples_reach_those_who_may_hear_the_topic_and_no_others(row: Topi
             assert allows(RULES, member.common_name, "ingress", message, kept) == speaks
 
 
-@pytest.mark.parametrize(("row", "role"), CASES)
-def test_messages_and_replies_are_sent_to_those_alone_who_may_have_them(row: WireKey, role: MemberRole) -> None:
-    member, key = MEMBERS_OF_TEAM[role], _key(row, OWN, MEMBERS_OF_TEAM[role])
-    message = "put" if isinstance(row, Topic) else "reply"
-    if not isinstance(row, Token):
-        assert allows(RULES, member.common_name, "egress", message, key) == (role in _may_listen(row))
+@EACH_ROW
+def test_messages_and_replies_are_sent_to_those_alone_who_may_have_them(row: WireKey) -> None:
+    for role in MEMBERS:
+        member, key = MEMBERS_OF_TEAM[role], _key(row, OWN, MEMBERS_OF_TEAM[role])
+        message = "put" if isinstance(row, Topic) else "reply"
+        if not isinstance(row, Token):
+            assert allows(RULES, member.common_name, "egress", message, key) == (role in _may_listen(row))
 
 
 def test_who_is_not_named_may_do_nothing() -> None:
