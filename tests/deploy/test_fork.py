@@ -31,7 +31,7 @@ DRAWING = FloorDrawing(
     size_m=(14.0, 6.0),
     blocks=(Block(x_m=2.5, y_m=1.5, width_m=1.0, height_m=1.0), Block(x_m=7.0, y_m=0.0, width_m=0.5, height_m=4.0)),
 )
-LENGTH_S = 14.0
+LENGTH_S, SCRIPTED_S = 9.0, 14.0
 
 
 def explored(path: Path) -> None:
@@ -56,7 +56,7 @@ def scripted(path: Path) -> None:
         if not team.get(second).state.ended:
             team.cancel(second, "no longer wanted")
         team.call("r1", "driver", "pose")
-        team.run_for(LENGTH_S - team.now_s)
+        team.run_for(SCRIPTED_S - team.now_s)
         team.submit("visit", place=(3, 4))
 
 
@@ -104,13 +104,19 @@ def last_equal_s(one: Path, two: Path) -> tuple[int, float]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "at_s"), [("explored", 0.0), ("explored", 4.0), ("scripted", 4.0), ("scripted", 9.5), ("map_file", 4.0)]
+    ("name", "change"),
+    [
+        ("explored", Without(at_s=0.0, robot="r2")),
+        ("explored", SetPolicy(at_s=2.0, planning=PlanningPolicy(exploration="nearest"))),
+        ("scripted", Without(at_s=9.5, robot="r2")),
+    ],
 )
 def test_part_before_is_equal_and_the_rest_is_not(
-    recordings: dict[str, Path], tmp_path: Path, name: str, at_s: float
+    recordings: dict[str, Path], tmp_path: Path, name: str, change: Without | SetPolicy
 ) -> None:
+    at_s = change.at_s
     output = tmp_path / "fork.mcap"
-    result = fork(recordings[name], output, at_s, Without(at_s=at_s, robot="r2"), seconds=2.0)
+    result = fork(recordings[name], output, at_s, change, seconds=2.0)
     assert result.same_before
     assert result.difference is None
     assert result.digest_before == result.recorded_digest_before
@@ -144,14 +150,14 @@ def test_robot_that_is_switched_off_does_nothing_more_and_its_team_goes_on(
     recordings: dict[str, Path], tmp_path: Path
 ) -> None:
     output = tmp_path / "fork.mcap"
-    result = fork(recordings["explored"], output, 5.0, Without(at_s=5.0, robot="r3"))
+    result = fork(recordings["explored"], output, 4.0, Without(at_s=4.0, robot="r3"))
     assert result.ended == "time_limit"
     runs = compare_runs(recordings["explored"], output)
     before, after = ({robot.robot: robot for robot in run.robots} for run in (runs.first, runs.second))
     assert (after["r3"].distance_m or 0.0) < 0.6 * (before["r3"].distance_m or 0.0)
     assert (after["r1"].distance_m or 0.0) > 0.6 * (before["r1"].distance_m or 0.0)
     states = [message for message in read_messages(output) if message.topic_key.endswith("/r3/state")]
-    assert max(message.log_time_ns for message in states) <= 5.0e9
+    assert max(message.log_time_ns for message in states) <= 4.0e9
 
 
 @pytest.mark.slow
@@ -172,37 +178,19 @@ def test_task_policy_and_fault_of_a_fork_take_effect_at_its_moment(recordings: d
     assert [task.task for task in runs.second.tasks] == ["look"]
     before, after = ({robot.robot: robot for robot in run.robots} for run in (runs.first, runs.second))
     assert (after["r3"].distance_m or 0.0) < 0.7 * (before["r3"].distance_m or 0.0)
-
-
-@pytest.mark.slow
-def test_strategy_of_a_fork_explores_otherwise(recordings: dict[str, Path], tmp_path: Path) -> None:
-    output = tmp_path / "fork.mcap"
-    policy = PlanningPolicy(exploration="nearest")
-    result = fork(recordings["explored"], output, 2.0, SetPolicy(at_s=2.0, planning=policy))
-    assert result.same_before
-    _, after_s = last_equal_s(recordings["explored"], output)
-    assert after_s > 2.0
-
-
-@pytest.mark.slow
-def test_objective_of_a_fork_is_that_of_its_plans(recordings: dict[str, Path], tmp_path: Path) -> None:
-    output = tmp_path / "fork.mcap"
-    task = AddTask(at_s=5.0, kind="visit", fields={"place": [13.0, 9.9]})
-    policy = SetPolicy(at_s=5.0, planning=PlanningPolicy(objective=Objective.MAKESPAN))
-    fork(recordings["explored"], output, 5.0, task, policy)
-    planned = [message.payload for message in read_messages(output) if b'"objective":"makespan"' in message.payload]
-    assert planned
-    assert not any(b'"objective":"makespan"' in message.payload for message in read_messages(recordings["explored"]))
+    objective = b'"objective":"makespan"'
+    assert any(objective in message.payload for message in read_messages(output))
+    assert not any(objective in message.payload for message in read_messages(recordings["explored"]))
 
 
 @pytest.mark.slow
 def test_fork_of_a_fork_repeats_the_changes_of_its_parent(recordings: dict[str, Path], tmp_path: Path) -> None:
     parent, child = tmp_path / "parent.mcap", tmp_path / "child.mcap"
     task = AddTask(at_s=3.0, kind="visit", fields={"place": [2.0, 2.0]})
-    fork(recordings["scripted"], parent, 3.0, task, Without(at_s=3.0, robot="r2"))
-    result = fork(parent, child, 8.0)
+    fork(recordings["scripted"], parent, 3.0, task, Without(at_s=3.0, robot="r2"), seconds=2.0)
+    result = fork(parent, child, 4.5)
     assert result.same_whole, result.difference
-    result = fork(parent, tmp_path / "other.mcap", 8.0, AddTask(at_s=8.0, kind="visit", fields={"place": [1.0, 1.0]}))
+    result = fork(parent, tmp_path / "other.mcap", 4.5, AddTask(at_s=4.5, kind="visit", fields={"place": [1.0, 1.0]}))
     assert result.same_before
     assert result.same_whole is None
 
@@ -211,16 +199,16 @@ def test_fork_of_a_fork_repeats_the_changes_of_its_parent(recordings: dict[str, 
 def test_where_a_run_is_not_that_of_the_recording_is_told(tmp_path: Path) -> None:
     path = tmp_path / "poked.mcap"
     with Scenario.builtin("arena_small").replace(seed=3).team(record=path) as team:
-        team.run_for(3)
+        team.run_for(1.5)
         team.transport.run.arena.freeze_lidar("r1")  # type: ignore[attr-defined]  # behind the team's back
-        team.run_for(3)
-    result = fork(path, tmp_path / "fork.mcap", 5.0)
+        team.run_for(1.5)
+    result = fork(path, tmp_path / "fork.mcap", 2.5)
     assert not result.same_before
     assert result.same_whole is False
     assert result.difference is not None
-    assert 3.0 <= result.difference.time_s < 3.5
+    assert 1.5 <= result.difference.time_s < 2.0
     assert result.difference.key == "robrain/default/arena/r1/scan"
-    early = fork(path, tmp_path / "early.mcap", 2.0)
+    early = fork(path, tmp_path / "early.mcap", 1.0)
     assert early.same_before
     assert early.same_whole is False
 
@@ -231,8 +219,8 @@ def test_calls_of_other_processes_are_repeated_in_their_tick(tmp_path: Path) -> 
     scenario = Scenario.builtin("arena_small").replace(seed=4)
     run = scenario.open(scenario.world(), record=path, session=open_lockstep_session(), is_script=True)
     key = ROBOT_CALL.key(DEFAULT_TEAM, robot="r1", plugin="driver", function="stop")
-    for tick in range(300):
-        if tick in (100, 200):  # an endpoint takes for another process what comes on another thread
+    for tick in range(150):
+        if tick in (50, 100):  # an endpoint takes for another process what comes on another thread
             asking = threading.Thread(target=lambda: run.session.get(f"{key}?by=ann", lambda _: None, payload=b"[]"))
             asking.start()
             asking.join()
@@ -240,7 +228,7 @@ def test_calls_of_other_processes_are_repeated_in_their_tick(tmp_path: Path) -> 
     summary = run.close()
     assert summary is not None
     assert summary.digest.endswith("+outside:2")
-    result = fork(path, tmp_path / "fork.mcap", 3.0)
+    result = fork(path, tmp_path / "fork.mcap", 1.5)
     assert result.same_whole, result.difference
     assert result.digest == summary.digest
 
@@ -249,8 +237,8 @@ def test_calls_of_other_processes_are_repeated_in_their_tick(tmp_path: Path) -> 
 def test_run_by_radio_is_repeated_unless_a_script_has_called_its_team(tmp_path: Path) -> None:
     scenario = Scenario.builtin("arena_small").replace(robots=2, links=LinkSpec(range_m=4.0, loss=0.1))
     path = tmp_path / "radio.mcap"
-    digest = scenario.run(time_limit_s=3.0, record=path).digest
-    result = fork(path, tmp_path / "fork.mcap", 2.0)
+    digest = scenario.run(time_limit_s=1.5, record=path).digest
+    result = fork(path, tmp_path / "fork.mcap", 1.0)
     assert result.same_whole, result.difference
     assert result.digest == digest
     called = tmp_path / "called.mcap"
@@ -313,7 +301,7 @@ def test_recording_without_its_scenario_as_run_is_refused(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("toml", ["", "[scenario", "[scenario]\nname = 'x'\n[map]\nfile = '/etc/passwd'\n", "x = 1\n"])
+@pytest.mark.parametrize("toml", ["[scenario", "[scenario]\nname = 'x'\n[map]\nfile = '/etc/passwd'\n"])
 def test_recording_with_a_bad_setup_is_refused(tmp_path: Path, toml: str) -> None:
     path = tmp_path / "bad.mcap"
     scenario = Scenario.builtin("arena_small")

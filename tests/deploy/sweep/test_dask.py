@@ -9,6 +9,7 @@ import pytest
 from distributed import LocalCluster
 
 from robrain.deploy.errors import UsageError
+from robrain.deploy.sweep import crew
 from robrain.deploy.sweep.crew import DaskCrew
 from robrain.deploy.sweep.execution import execute
 from robrain.deploy.sweep.plan import SweepPlan
@@ -27,32 +28,20 @@ def cluster() -> Iterator[LocalCluster]:
         yield found
 
 
-def test_a_cluster_gives_the_same_table(
-    cluster: LocalCluster, plan: SweepPlan, swept: SweepResult, folder: Path
-) -> None:
-    told: list[SweepProgress] = []
-    options = SweepOptions(output=folder, dask=cluster.scheduler_address)
-    result = run_sweep(plan, options, told.append)
-    assert result.errors == []
-    assert (folder / "table.parquet").read_bytes() == (swept.folder / "table.parquet").read_bytes()
-    assert [progress.ended for progress in told] == list(range(7))
-    assert told[-1].workers == f"dask {cluster.scheduler_address}"
-
-
 def test_a_worker_of_another_version_is_refused_in_words(cluster: LocalCluster, plan: SweepPlan) -> None:
-    crew = DaskCrew(cluster.scheduler_address)
+    dask = DaskCrew(cluster.scheduler_address)
     records: list[RunRecord] = []
     try:
-        crew.versions = {**crew.versions, "robrain": "99.0"}
-        execute([RunTask(run="a", toml=plan.settings[0].toml, seed=1)], crew, records.append)
+        dask.versions = {**dask.versions, "robrain": "99.0"}
+        execute([RunTask(run="a", toml=plan.settings[0].toml, seed=1)], dask, records.append)
     finally:
-        crew.close()
+        dask.close()
     [record] = records
     assert (record.state, record.outcome) == ("failed", None)
     assert "expected 99.0" in record.error
 
 
-def test_an_interrupted_sweep_leaves_the_cluster_usable(
+def test_an_interrupted_sweep_leaves_the_cluster_usable_and_the_next_one_gives_the_same_table(
     cluster: LocalCluster, plan: SweepPlan, swept: SweepResult, folder: Path
 ) -> None:
     def interrupt(progress: SweepProgress) -> None:
@@ -65,12 +54,19 @@ def test_an_interrupted_sweep_leaves_the_cluster_usable(
     states = list(first.table()["state"])
     assert 1 <= states.count("done") < 6
     assert set(states) <= {"done", "interrupted", "not_run"}
-    second = run_sweep(plan, options)
+    told: list[SweepProgress] = []
+    second = run_sweep(plan, options, told.append)
     assert not second.interrupted
+    assert second.errors == []
+    assert told[-1].ended == 6
+    assert told[-1].workers == f"dask {cluster.scheduler_address}"
     assert (folder / "table.parquet").read_bytes() == (swept.folder / "table.parquet").read_bytes()
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x", "127.0.0.1"])
-def test_without_a_scheduler_it_is_told(plan: SweepPlan, folder: Path, address: str) -> None:
+def test_without_a_scheduler_it_is_told(
+    plan: SweepPlan, folder: Path, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(crew, "CONNECT_S", 1.0)
     with pytest.raises(UsageError, match=f"--dask {address}: no scheduler of Dask answers there"):
         run_sweep(plan, SweepOptions(output=folder, dask=address))
