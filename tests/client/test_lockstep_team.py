@@ -70,7 +70,8 @@ def test_a_wait_ends_in_the_tick_of_the_end() -> None:
 def test_equal_seeds_and_calls_give_equal_recordings_and_other_seeds_others(tmp_path: Path) -> None:
     def digest(name: str, seed: int) -> str:
         with SCENARIO.team(seed=seed, record=tmp_path / name) as team:
-            team.wait(team.submit("visit", place=(2, 1)))
+            team.submit("visit", place=(2, 1))
+            team.run_for(1.0)
         assert isinstance(team.transport, LockstepTransport)
         assert team.transport.summary is not None
         return team.transport.summary.digest

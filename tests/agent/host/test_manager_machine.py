@@ -264,7 +264,7 @@ def test_whatever_is_done_in_any_order_the_manager_keeps_its_promises(lockstep_s
         run_state_machine_as_test(
             Manager,
             settings=settings(
-                max_examples=60, stateful_step_count=40, deadline=None, suppress_health_check=list(HealthCheck)
+                max_examples=25, stateful_step_count=40, deadline=None, suppress_health_check=list(HealthCheck)
             ),
         )
     finally:

@@ -460,4 +460,4 @@ def folders(tmp_path: Path) -> None:
 
 
 TestCrashMachine = pytest.mark.slow(CrashMachine.TestCase)
-TestCrashMachine.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)
+TestCrashMachine.settings = settings(max_examples=12, stateful_step_count=25, deadline=None)

@@ -111,7 +111,7 @@ class Watch:
         assert estimate(told.energy, work).high_j(0.95) <= usable_j - RESERVE_J + 60.0, robot
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     st.lists(members, min_size=1, max_size=4),
     st.lists(wishes, min_size=1, max_size=7),

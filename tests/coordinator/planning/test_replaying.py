@@ -91,7 +91,7 @@ def digest() -> str:
             needs = ((), ("camera", "arm"), ("sensor_board",))[number % 3]
             place = Point2D(3.5 + 0.6 * number, 2.5 + 3.0 * (number % 2))
             team.submit(Task(id=f"t{number}", kind="visit", place=place, needs=needs), deadline_in_s=60.0)
-        run(team, workers, 40.0)
+        run(team, workers, 20.0)
         found = hashlib.sha256(b"".join(payload for _, _, payload in inbox.drain_raw())).hexdigest()
         team.close()
         return found
@@ -100,15 +100,12 @@ def digest() -> str:
 @pytest.mark.slow
 def test_what_is_said_of_plans_does_not_depend_on_the_hash_seed():
     code = "from tests.coordinator.planning.test_replaying import digest; import sys; sys.stdout.write(digest())"
-    found = set()
-    for hash_seed in ("1", "2"):
-        said = subprocess.run(
-            [sys.executable, "-c", code],
-            cwd=Path(__file__).parents[3],
-            env={**os.environ, "PYTHONHASHSEED": hash_seed},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        found.add(said.stdout)
-    assert len(found) == 1
+    said = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parents[3],
+        env={**os.environ, "PYTHONHASHSEED": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert said.stdout == digest()  # this process has another hash seed

@@ -16,7 +16,7 @@ EXAMPLE = Path(__file__).parents[3] / "examples" / "notebook_run_analysis.py"
 
 def test_the_notebook_example_looks_at_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    Scenario.builtin("depot").replace(robots=2, motes=4).run(time_limit_s=10.0, record=path)
+    Scenario.builtin("arena_small").replace(robots=2, motes=4).run(time_limit_s=3.0, record=path)
     done = subprocess.run(
         [sys.executable, str(EXAMPLE), str(path)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )

@@ -380,7 +380,7 @@ def test_a_flood_of_readings_costs_bounded_work_and_memory(begin):
     sensed = begin(rule(cooldown_s=0.0))
     desk = sensed.team.coordinator.rules
     desk.tracks._capacity = 100
-    for number in range(5000):
+    for number in range(2500):
         sensed.sense(20.0, mote=f"m{number}", sequence=1)
     assert len(desk._inbox) <= 2048
     sensed.team.run(0.1)

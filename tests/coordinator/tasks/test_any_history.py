@@ -127,7 +127,7 @@ class History:
         self.check()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(actions=st.lists(ACTIONS, min_size=30, max_size=120))
 def test_no_task_is_lost_and_each_ends_once_whatever_happens(actions):
     play(History, actions)

@@ -151,7 +151,7 @@ class History:
         assert {name for name, state in self.team.states().items() if state is TaskState.DONE} <= done
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(actions=st.lists(ACTIONS, min_size=20, max_size=100))
 def test_no_task_is_lost_or_done_twice_where_robots_hold_the_next(actions):
     play(History, actions)

@@ -41,7 +41,7 @@ def cast(surfaces, *angles_rad, sensor=SENSOR, circles=NO_CIRCLES, range_max_m=9
     return cast_rays_on_surfaces(surfaces, GEOMETRY, sensor, np.array(angles_rad), range_max_m, circles, echo_rad)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), yaw_rad=st.floats(-4.0, 4.0))
 @pytest.mark.slow
 def test_on_solid_walls_ranges_are_those_of_the_quick_kernel(seed, yaw_rad):
