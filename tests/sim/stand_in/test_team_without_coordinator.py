@@ -87,19 +87,18 @@ def test_rounds_save_ways_of_robots_that_run(monkeypatch):
     ways = []
     for rounds in (0, consensus_desk.ROUNDS):
         monkeypatch.setattr(consensus_desk, "ROUNDS", rounds)
-        ways.append(sum(Done(orphaned(seed)).driven_m for seed in (17, 18, 19, 20)))
+        ways.append(sum(Done(orphaned(seed)).driven_m for seed in (17, 18)))
     assert ways[1] < 0.97 * ways[0]
 
 
-@pytest.mark.parametrize("seed", [10, 48, 50, 59])
+@pytest.mark.parametrize("seed", [10, 50])
 def test_a_robot_that_was_cut_off_when_a_task_ended_does_not_do_it_again(seed):
     """In these drawn scripts it was told of the end by nobody, and then the coordinator ended."""
     script = msgspec.structs.replace(draw_script(seed), consensus=True)
     assert run_trial(script).broken == ()
 
 
-@pytest.mark.parametrize("apart", [("r1",), ("r1", "r2")])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("apart", "seed"), [(("r1",), 2), (("r1", "r2"), 1)])
 def test_what_robots_do_out_of_reach_of_the_coordinator_is_not_done_by_those_in_its_reach(seed, apart):
     """Both sides have queued tasks that they could begin."""
     script = orphaned(seed)
@@ -112,26 +111,8 @@ def test_what_robots_do_out_of_reach_of_the_coordinator_is_not_done_by_those_in_
     assert done.took_s < 120.0
 
 
-PARTED = (1724, 2048, 2968, 6436, 11283)
-"""Scripts in which a coordinator and most of its robots are apart, and a task was done twice."""
-FOUND = (
-    *PARTED,
-    200938,
-    204081,
-    204498,
-    206011,
-    208333,
-    208486,
-    208503,
-    209548,
-    209825,
-    302912,
-    707447,
-    1000508,
-    709417,
-    912196,
-    1103863,
-)
+FOUND = (1724, 208486, 208503, 209548, 707447, 709417, 912196, 1103863)
+"""In the first a coordinator and most of its robots are apart."""
 
 
 @pytest.mark.parametrize("seed", FOUND)
