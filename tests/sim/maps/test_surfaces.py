@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from robrain import Scenario
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.ray_cast import (
     GLASS_X,
@@ -119,12 +118,3 @@ def test_surfaces_without_sense_are_refused_with_file_and_key(line, sentence):
     with pytest.raises(ScenarioError) as error:
         parse_scenario(text, "s.toml")
     assert f"s.toml: {sentence}" in str(error.value)
-
-
-@pytest.mark.slow
-def test_run_among_glass_and_mirrors_repeats_and_differs_from_one_without():
-    plain = Scenario.builtin("arena_small").replace(robots=2)
-    scenario = plain.replace(surfaces=SurfaceSpec(glass_share=0.4, mirror_share=0.4, stretch_m=1.0))
-    first, second = scenario.run(time_limit_s=4.0), scenario.run(time_limit_s=4.0)
-    assert first.digest == second.digest != plain.run(time_limit_s=4.0).digest
-    assert first.distance_m > 0.1

@@ -5,12 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from robrain import Scenario
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.mapping.grid_geometry import GridGeometry
 from robrain.sim.errors import ScenarioError
 from robrain.sim.robot.lidar import Lidar, LidarSpec
-from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.scenarios.scenario_file import parse_scenario
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 80, 80)
@@ -67,12 +65,3 @@ def test_shares_are_from_0_to_1_and_the_file_and_key_are_named(name, value):
     text = f'[scenario]\nname = "s"\n[floor]\nsize_m = [4.0, 4.0]\n[robot.lidar]\n{name} = {value}\n'
     with pytest.raises(ScenarioError, match=f"s.toml: robot.lidar: expected {name} from 0 to 1, got {value}"):
         parse_scenario(text, "s.toml")
-
-
-@pytest.mark.slow
-def test_run_with_an_imperfect_lidar_repeats_and_differs_from_one_without():
-    plain = Scenario.builtin("arena_small").replace(robots=2)
-    scenario = plain.replace(hardware=RobotHardware(lidar=LidarSpec(dropout=0.1, outlier=0.02)))
-    first, second = scenario.run(time_limit_s=4.0), scenario.run(time_limit_s=4.0)
-    assert first.digest == second.digest != plain.run(time_limit_s=4.0).digest
-    assert first.distance_m > 0.1

@@ -15,43 +15,26 @@ NEAR_M = 0.5
 """How near to the true source the found one is over ten seeds: docs/how-to/rules.md."""
 
 
-@pytest.fixture
-def run():
-    opened = []
+def test_one_task_is_made_and_the_run_goes_on_until_the_source_is_found():
+    runs, told = [], {}
 
-    def begin(seed):
-        scenario = Scenario.builtin("plume").replace(seed=seed)
-        opened.append(scenario.open(scenario.world()))
-        return opened[-1]
+    def look(_):
+        tasks, rules = runs[0].coordinator.tasks, runs[0].coordinator.rules
+        told["records"] = tasks.journal.select(TaskFilter(by="rule:heat"))
+        told["histories"] = [tasks.journal.history(record.task.id) for record in told["records"]]
+        told["rule"] = rules.status()[0]
 
-    yield begin
-    for one in opened:
-        one.close()
-
-
-def test_one_task_is_made_and_the_source_found(run):
-    begun = run(2)
-    source = begun.arena.sensors._field._plumes[0]
-    journal = begun.coordinator.tasks.journal
-    records = []
-    while begun.sim_time_s < 150.0:
-        begun.tick()
-        records = journal.select(TaskFilter(by="rule:heat"))
-        if records and records[0].state.ended:
-            break
-    (record,) = records
+    scenario = Scenario.builtin("plume").replace(seed=2)
+    result = scenario.run(until_explored=0.5, before_start=runs.append, on_progress=look)
+    assert result.ended == "explored"
+    assert result.sim_time_s > 50.0  # half of the floor is known after some 15 s
+    assert result.collisions == 0
+    (record,) = told["records"]
     assert record.state is TaskState.DONE
+    source = runs[0].arena.sensors._field._plumes[0]
     assert math.hypot(record.result["x_m"] - source.x_m, record.result["y_m"] - source.y_m) < NEAR_M
-    first = journal.history(record.task.id)[0]
+    first = told["histories"][0][0]
     assert isinstance(first.reason, RuleReading)
     assert first.reason.value > 23.0
     assert first.reason.held_s >= 6.0
-    assert begun.truth.robots[0].collisions == 0
-    told = begun.coordinator.rules.status()[0]
-    assert (told.name, told.made, told.alarms) == ("heat", 1, 1)
-
-
-def test_the_run_goes_on_until_the_task_of_the_rule_has_ended():
-    result = Scenario.builtin("plume").replace(seed=2).run(until_explored=0.5)
-    assert result.ended == "explored"
-    assert result.sim_time_s > 50.0  # half of the floor is known after some 15 s
+    assert (told["rule"].name, told["rule"].made, told["rule"].alarms) == ("heat", 1, 1)

@@ -31,18 +31,6 @@ def test_of_each_built_in_floor_the_robots_can_reach_nearly_everything(name):
         assert f"place=({place.x_m:g}, {place.y_m:g})" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", builtin_names())
-def test_each_built_in_scenario_starts_and_its_robots_see(name):
-    scenario = Scenario.builtin(name)
-    plan = scenario.plan()
-    result = scenario.run(time_limit_s=1.0)
-    assert (result.scenario, result.ended, result.sim_time_s) == (name, "time_limit", 1.0)
-    floor_m2 = np.count_nonzero(~plan.occupied) * plan.resolution_m**2
-    assert result.explored_fraction * floor_m2 > 10.0
-    assert len(result.digest) == 64
-
-
 def test_a_map_that_is_missing_is_named(tmp_path: Path):
     path = tmp_path / "mine.toml"
     path.write_text('[scenario]\nname = "s"\n[map]\nfile = "maps/office.yaml"\n')
