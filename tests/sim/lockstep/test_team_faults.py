@@ -63,7 +63,7 @@ def test_faults_that_are_not_yet_due_change_nothing() -> None:
     digests = set()
     for faults in ((), (fault(FaultKind.KILL, at_s=900.0), fault(FaultKind.LOSE, at_s=900.0, share=0.5))):
         told = Told(*faults)
-        told.until(3.0)
+        told.until(1.5)
         digests.add(told.run.close().digest)
     assert len(digests) == 1
 
@@ -80,7 +80,7 @@ def test_a_killed_agent_is_silent_stands_and_finds_its_place_when_it_is_started_
     assert told.run.arena.bodies[1].pose.distance_m(stood) < 0.02
     told.until(5.04)
     assert [host.board.lost for host in told.run.hosts] == ["", "nobody has said where it starts"]
-    told.until(20.0)
+    told.until(14.0)
     since_s, until_s = told.silent_s("r2")
     assert (since_s, until_s) == (pytest.approx(2.0, abs=0.11), pytest.approx(5.0, abs=0.2))
     (again,) = [host for host in told.run.hosts if host.name == "r2"]
@@ -99,7 +99,8 @@ def test_a_killed_coordinator_goes_on_with_its_tasks() -> None:
     first = told.run.coordinator
     told.until(3.0)
     assert not told.run.has_coordinator
-    told.until(60.0)
+    while told.run.sim_time_s < 60.0 and told.state_of("t1") is not TaskState.DONE:
+        told.until(told.run.sim_time_s + 1.0)
     assert told.run.coordinator is not first
     assert told.state_of("t1") is TaskState.DONE
     assert told.silent_s(COORDINATOR)[1] == pytest.approx(4.0, abs=0.1)

@@ -92,13 +92,11 @@ def test_a_slow_robot_drives_slower_than_a_stock_one():
 
 
 @pytest.mark.slow
-def test_a_mixed_team_repeats_and_is_written_as_it_was_read():
+def test_a_mixed_team_is_written_as_it_was_read():
     scenario = Scenario.from_toml(HALL + TEAM)
-    one, other = (scenario.run(time_limit_s=4.0, until_explored=1.0) for _ in range(2))
-    assert one.digest == other.digest
     again = Scenario.from_toml(scenario.to_toml())
     assert (again.roster, again.robots) == (scenario.roster, 3)
-    assert again.run(time_limit_s=4.0, until_explored=1.0).digest == one.digest
+    assert again.run(time_limit_s=1.0).digest == scenario.run(time_limit_s=1.0).digest
 
 
 def test_robots_beyond_the_listed_ones_are_as_the_team_and_fewer_take_the_first():
