@@ -78,15 +78,15 @@ def broken():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "plugin"),
-    [(FaultKind.CAN_CUT, "mocdevice"), (FaultKind.CAN_SHORTED, "mocdevice"), (FaultKind.MOTORS_FAIL, "mocdevice")],
+    [(FaultKind.CAN_SHORTED, "mocdevice"), (FaultKind.MOTORS_FAIL, "mocdevice")],
 )
 def test_a_robot_that_has_lost_its_motors_says_so_and_stands_while_the_other_goes_on(broken, kind, plugin):
     run = broken(kind)
     run.go(BREAKS_S + 1.0)
     assert any(f"source='{plugin}', text='does not run" in words for words in run.words)
-    run.go(BREAKS_S + 12.0)
-    assert run.moved_m("r1", BREAKS_S + 1.0, BREAKS_S + 12.0) < 0.02
-    assert run.moved_m("r2", BREAKS_S + 1.0, BREAKS_S + 12.0) > 0.5
+    run.go(BREAKS_S + 6.0)
+    assert run.moved_m("r1", BREAKS_S + 1.0, BREAKS_S + 6.0) < 0.02
+    assert run.moved_m("r2", BREAKS_S + 1.0, BREAKS_S + 6.0) > 0.5
     assert plugin in run.told["r1"]
     assert run.told["r2"] == set()
 
@@ -94,19 +94,14 @@ def test_a_robot_that_has_lost_its_motors_says_so_and_stands_while_the_other_goe
 @pytest.mark.slow
 def test_a_robot_whose_can_bus_comes_back_drives_again(broken):
     run = broken(FaultKind.CAN_CUT, until_s=BREAKS_S + 4.0)
-    run.go(BREAKS_S + 20.0)
+    run.go(BREAKS_S + 1.0)
+    assert any("source='mocdevice', text='does not run" in words for words in run.words)
+    run.go(BREAKS_S + 4.0)
+    assert run.moved_m("r1", BREAKS_S + 1.0, BREAKS_S + 4.0) < 0.02
+    run.go(BREAKS_S + 12.0)
     assert "mocdevice" in run.told["r1"]
     assert run.state.faulted == []
-    assert run.moved_m("r1", BREAKS_S + 4.0, BREAKS_S + 20.0) > 0.5
-
-
-@pytest.mark.slow
-def test_a_robot_whose_lidar_freezes_stands_and_names_it(broken):
-    run = broken(FaultKind.LIDAR_FREEZES)
-    run.go(BREAKS_S + 14.0)
-    assert any("lidar" in words or "scan" in words for words in run.words)
-    assert run.moved_m("r1", BREAKS_S + 4.0, BREAKS_S + 14.0) < 0.3
-    assert run.run.arena.collisions == 0
+    assert run.moved_m("r1", BREAKS_S + 4.0, BREAKS_S + 12.0) > 0.5
 
 
 @pytest.mark.slow
@@ -116,9 +111,9 @@ def test_a_robot_whose_battery_lies_does_not_believe_it(broken):
     before = run.state.battery
     assert any("implausible" in words for words in run.words)
     assert "frozen" in before.implausible
-    run.go(BREAKS_S + 25.0)
+    run.go(BREAKS_S + 13.0)
     # It says to be full; what the robot counts on falls by more than the robot can have drawn meanwhile.
-    assert run.state.battery.remaining_low_j < before.remaining_low_j - 20.0 * 10.0
+    assert run.state.battery.remaining_low_j < before.remaining_low_j - 8.0 * 10.0
 
 
 @pytest.mark.slow
@@ -182,22 +177,21 @@ RAISES = ["localisation", "mapper", "planner", "driver", "teammates", "battery",
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plugin", RAISES)
-def test_a_stock_plugin_that_raises_once_is_restarted_and_its_robot_goes_on(plugin):
-    scenario = Scenario.builtin("depot").replace(robots=1, seed=4)
-    run = LockstepRun(scenario.world())
+def test_a_stock_plugin_that_raises_once_is_restarted_and_its_robot_goes_on():
+    """A robot for each of the plugins."""
+    run = LockstepRun(Scenario.builtin("depot").replace(robots=len(RAISES), motes=0, seed=4).world())
     try:
-        while run.sim_time_s < BREAKS_S:
+        while run.sim_time_s < 3.0:
             run.tick()
-        broken = run.hosts[0]._registry.plugins[plugin]
-        broken.fault(ZeroDivisionError("once"))
+        plugins = [host._registry.plugins[plugin] for host, plugin in zip(run.hosts, RAISES, strict=True)]
+        for broken in plugins:
+            broken.fault(ZeroDivisionError("once"))
         run.tick()
-        before = run.truth.robots[0].pose
-        while run.sim_time_s < BREAKS_S + 25.0:
+        before = [robot.distance_m for robot in run.truth.robots]
+        while run.sim_time_s < 18.0:
             run.tick()
-        assert broken.state is PluginState.ACTIVE
-        assert broken.restarts == 1
-        assert before.distance_m(run.truth.robots[0].pose) > 1.0
-        assert run.truth.robots[0].collisions == 0
+        assert [(one.state, one.restarts) for one in plugins] == [(PluginState.ACTIVE, 1)] * len(RAISES)
+        assert min(now.distance_m - then for now, then in zip(run.truth.robots, before, strict=True)) > 1.0
+        assert run.arena.collisions == 0
     finally:
         run.close()
