@@ -211,10 +211,10 @@ def test_a_room_in_which_nothing_happens_raises_no_alarm(errands):
     told = run.inbox(ROBOT_EVENT, plugin="monitor")
     begun_ns = run.clock.now_ns()
     status = run.finish(
-        Task(id="m", kind="monitor", place=Point2D(2.0, 2.0), parameters={"duration_s": 90.0, "interval_s": 15.0})
+        Task(id="m", kind="monitor", place=Point2D(2.0, 2.0), parameters={"duration_s": 30.0, "interval_s": 10.0})
     )
-    assert (status.state, status.result["rounds"], status.result["changes"]) == (TaskState.DONE, 6, 0)
-    assert run.clock.now_ns() - begun_ns >= 90e9
+    assert (status.state, status.result["rounds"], status.result["changes"]) == (TaskState.DONE, 3, 0)
+    assert run.clock.now_ns() - begun_ns >= 30e9
     assert told.drain() == []
 
 
@@ -223,12 +223,12 @@ def test_what_has_changed_in_a_room_is_told_with_the_picture_and_once(errands):
     run = errands("monitor", "visit", starts={"r2": Pose2D(5.3, 3.3, 0.0)})
     told, images = run.inbox(ROBOT_EVENT, robot="r1", plugin="monitor"), run.inbox(ROBOT_IMAGE, robot="r1")
     assert run.offer(
-        Task(id="m", kind="monitor", place=Point2D(1.5, 2.0), parameters={"duration_s": 120.0, "interval_s": 20.0})
+        Task(id="m", kind="monitor", place=Point2D(1.5, 2.0), parameters={"duration_s": 60.0, "interval_s": 10.0})
     ).accepted
-    run.run(30.0)
+    run.run(18.0)
     assert told.drain() == []
     assert run.offer(Task(id="v", kind="visit", place=Point2D(3.4, 2.6), service_s=300.0), "r2").accepted
-    run.run(100.0)
+    run.run(50.0)
     changes = [received.message.value for received in told.drain()]
     published = [key for _, key, _ in images.drain_raw()]
     assert 1 <= len(changes) <= 3  # some may see it come

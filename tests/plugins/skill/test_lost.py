@@ -146,7 +146,7 @@ def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     lose(run)
     run.run(PATIENCE_S + 5.0)
     way_m = run.way_m()
-    run.run(60.0)
+    run.run(15.0)
     assert run.way_m() == way_m
     assert run.hosts["r1"].board.behavior == "idle"
 

@@ -20,6 +20,7 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 
+SMALL = Scenario.builtin("arena_small").replace(motes=0)
 KEY = ROBOT_STATE.key("t", robot="r1")
 USED = ("declare_publisher", "declare_subscriber", "declare_queryable", "declare_keyexpr", "get", "put", "liveliness")
 
@@ -65,18 +66,8 @@ def test_what_is_put_reaches_the_run_itself_and_the_network_only_if_somebody_may
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("listen", "is_alone"), [(None, True), ("tcp/127.0.0.1:0", False)])
-def test_a_run_is_alone_unless_it_listens(listen: str | None, *, is_alone: bool) -> None:
-    run = LockstepRun(Scenario.builtin("arena_small").world(), listen=listen)
-    try:
-        assert Exchange.of(run.session).is_alone is is_alone
-    finally:
-        run.close()
-
-
-@pytest.mark.slow
-def test_a_run_on_a_session_of_somebody_else_is_not_alone() -> None:
-    run = LockstepRun(Scenario.builtin("arena_small").world(), session=open_lockstep_session())
+def test_a_run_that_listens_is_not_alone() -> None:
+    run = LockstepRun(SMALL.replace(robots=1).world(), listen="tcp/127.0.0.1:0")
     try:
         assert not Exchange.of(run.session).is_alone
     finally:
@@ -86,8 +77,8 @@ def test_a_run_on_a_session_of_somebody_else_is_not_alone() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("is_alone", [True, False])
 def test_only_a_run_that_others_may_join_uses_zenoh(used: Counter[str], *, is_alone: bool) -> None:
-    world = Scenario.builtin("arena_small").replace(robots=2).world()
-    run = LockstepRun(world, session=None if is_alone else open_lockstep_session())
+    run = LockstepRun(SMALL.replace(robots=2).world(), session=None if is_alone else open_lockstep_session())
+    assert Exchange.of(run.session).is_alone is is_alone
     for _ in range(25):
         run.tick()
     transport = LockstepTransport(run)
@@ -105,7 +96,7 @@ def test_only_a_run_that_others_may_join_uses_zenoh(used: Counter[str], *, is_al
 
 @pytest.mark.slow
 def test_a_team_that_is_not_there_is_told_which_is() -> None:
-    run = LockstepRun(Scenario.builtin("arena_small").world())
+    run = LockstepRun(SMALL.replace(robots=1).world())
     wire = Endpoint(run.session, "blue", run.clock, Drive.LOCKSTEP)
     try:
         assert [names["team"] for names in wire.present(COORDINATOR_ALIVE, every_team=True)] == ["default"]
@@ -118,19 +109,19 @@ def test_a_team_that_is_not_there_is_told_which_is() -> None:
 @pytest.mark.slow
 def test_runs_with_and_without_zenoh_are_the_same() -> None:
     def digest(session: zenoh.Session | None) -> str:
-        scenario = Scenario.builtin("arena_small").replace(robots=3, motes=2, seed=5)
+        scenario = SMALL.replace(robots=3, motes=2, seed=5)
         transport = LockstepTransport(LockstepRun(scenario.world(), session=session))
         team = Team(transport, by="test")
-        team.run_for(2.0)
-        team.submit("visit", id="look", place=(2.0, 2.0))
-        team.run_for(3.0)
-        team.halt(reason="a break")
         team.run_for(1.0)
+        team.submit("visit", id="look", place=(2.0, 2.0))
+        team.run_for(1.0)
+        team.halt(reason="a break")
+        team.run_for(0.5)
         team.resume()
         team.call("r1", "driver", "stop")
         with pytest.raises(NobodyThere):
             team.call("r9", "driver", "stop")
-        team.run_for(2.0)
+        team.run_for(1.0)
         transport.close()
         assert transport.summary is not None
         return transport.summary.digest

@@ -21,7 +21,7 @@ from robrain.sim.world.robot_specs import RobotSpec
 
 NORTH = {f"m{number}" for number in range(9, 17)}
 """Motes of the northern hall; the robot stays in the western one."""
-CUT_S = (20.0, 60.0)
+CUT_S = (10.0, 40.0)
 
 
 def standing_robot() -> Scenario:
@@ -80,12 +80,12 @@ def test_readings_of_a_cut_off_gateway_arrive_after_the_cut_none_twice_and_none_
         (gateway,) = heard.run.arena.gateways
         during = heard.run_until(CUT_S[1] - 0.5)
         assert {reading.mote for reading in during} & NORTH == set()
-        assert gateway.store.waiting >= 8 * 38 / 4 - 8
-        assert heard.run.coordinator.mote_field.state.oldest_s > 35.0
-        heard.run_until(110.0)
+        assert gateway.store.waiting >= 8 * 28 / 4 - 8
+        assert heard.run.coordinator.mote_field.state.oldest_s > 25.0
+        heard.run_until(75.0)
         after = [reading for reading in heard.readings if reading.via == "m9"]
-        late = [one for one in after if to_seconds(one.stamp_ns - one.taken_ns) > 20.0]
-        assert len(late) > 8 * 20 / 4 - 8
+        late = [one for one in after if to_seconds(one.stamp_ns - one.taken_ns) > 15.0]
+        assert len(late) > 8 * 15 / 4 - 8
         times = Counter((reading.mote, reading.sequence) for reading in heard.readings if reading.mote in NORTH)
         assert max(times.values()) == 1
         for name in NORTH:
@@ -106,8 +106,8 @@ def test_a_gateway_with_too_little_room_drops_the_oldest_and_says_how_many() -> 
         (gateway,) = heard.run.arena.gateways
         assert gateway.store.waiting == 24
         dropped = gateway.store.dropped
-        assert dropped > 20
-        heard.run_until(100.0)
+        assert dropped > 15
+        heard.run_until(70.0)
         came = {(reading.mote, reading.sequence) for reading in heard.readings}
         lost = {(name, number) for name in NORTH for number in own_numbers(heard.run, name)} - came
         newest = {(name, max(own_numbers(heard.run, name))) for name in NORTH}
@@ -120,7 +120,7 @@ def test_a_gateway_with_too_little_room_drops_the_oldest_and_says_how_many() -> 
 @pytest.mark.slow
 def test_the_field_tells_by_which_motes_readings_come() -> None:
     with islands(cut=False, links=False).team(seed=3) as team:
-        team.run_for(60.0)
+        team.run_for(30.0)
         state = team.state().mote_field
         names = {one.mote for one in state.forwarders}
         assert names & NORTH
@@ -131,7 +131,7 @@ def test_the_field_tells_by_which_motes_readings_come() -> None:
         assert motes >= NORTH
     plain = standing_robot().replace(planning=islands().planning)
     with plain.team(seed=3) as team:
-        team.run_for(60.0)
+        team.run_for(10.0)
         state = team.state().mote_field
         assert (state.forwarded, state.hops, state.forwarders, state.gateways) == (msgspec.UNSET,) * 4
         assert not {reading.mote for reading in team.readings(8.0)} & NORTH
@@ -171,14 +171,6 @@ def test_a_coordinator_that_begins_anew_is_told_what_was_sensed_while_there_was_
         first, newest = max(before), max(own_numbers(run, "m12"))
         assert lives["m12"].arrived >= newest - first - 1 >= 7
         assert run.coordinator.mote_field.state.delivery_ratio > 0.95
-
-
-@pytest.mark.slow
-def test_equal_seeds_have_equal_digests_with_gateways_mesh_and_cuts() -> None:
-    scenario = islands().replace(time_limit_s=30.0)
-    one, other = (scenario.run(until_explored=1.0) for _ in range(2))
-    assert one.digest == other.digest
-    assert one.digest != scenario.replace(links=LinkSpec()).run(until_explored=1.0).digest
 
 
 @pytest.mark.slow

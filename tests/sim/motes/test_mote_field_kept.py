@@ -15,7 +15,7 @@ ONLY_WATCH = MoteFieldPolicy(turns_s=1e6, rest_factor=1.0)
 
 
 def field(policy: MoteFieldPolicy, motes: int, *, sensitivity_dbm: float = -90.0, **spec: float) -> Scenario:
-    scenario = Scenario.builtin("arena_small").replace(robots=2, motes=motes)
+    scenario = Scenario.builtin("arena_small").replace(robots=1, motes=motes)
     radio = msgspec.structs.replace(scenario.network.radio, sensitivity_dbm=sensitivity_dbm)
     kind = msgspec.structs.replace(scenario.network.motes, **spec)
     network = msgspec.structs.replace(scenario.network, motes=kind, radio=radio)
@@ -35,7 +35,7 @@ def test_data_of_motes_out_of_reach_stay_young_if_robots_are_sent_to_collect() -
     for policy in (ONLY_WATCH, MoteFieldPolicy(collect_age_s=40.0)):
         with field(policy, 8, sensitivity_dbm=-72.0).team(seed=4) as team:
             ages_s = []
-            for _ in range(16):
+            for _ in range(12):
                 team.run_for(10.0)
                 ages_s.append(told(team).oldest_s)
             records = [record for record in team.list() if record.by == "mote field"]
@@ -43,7 +43,7 @@ def test_data_of_motes_out_of_reach_stay_young_if_robots_are_sent_to_collect() -
             if policy is not ONLY_WATCH:
                 done = [record for record in records if record.state is TaskState.DONE]
                 assert {record.task.kind for record in done} == {"collect"}
-                assert {record.robot for record in done} <= {"r1", "r2"}
+                assert {record.robot for record in done} == {"r1"}
                 assert "newest reading of" in team.why(done[0].task.id).changes[0].why
             else:
                 assert records == []
@@ -54,9 +54,9 @@ def test_data_of_motes_out_of_reach_stay_young_if_robots_are_sent_to_collect() -
 
 def test_motes_on_duty_in_turn_tell_of_the_floor_when_all_would_be_dead() -> None:
     covered, dead = {}, {}
-    for policy in (ONLY_WATCH, MoteFieldPolicy(turns_s=20.0, rest_factor=10.0)):
-        with field(policy, 10, capacity_mah=0.03, used_at_start_max=0.2).team(seed=4) as team:
-            team.run_for(170.0)
+    for policy in (ONLY_WATCH, MoteFieldPolicy(turns_s=10.0, rest_factor=10.0)):
+        with field(policy, 10, capacity_mah=0.015, used_at_start_max=0.2).team(seed=4) as team:
+            team.run_for(85.0)
             covered[policy], dead[policy] = told(team).coverage, flat(team)
             assert told(team).dead == dead[policy]
             assert (told(team).last_dead_ns is None) == (dead[policy] < 10)

@@ -9,7 +9,7 @@ from robrain.sim.scenarios.scenario import Scenario
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def team():
     with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as team:
         team.run_for(30.0)
@@ -39,11 +39,11 @@ def test_reading_is_brought_by_the_mote_that_is_there_for_less_than_a_robot_woul
 
 def test_dead_mote_s_task_is_done_by_a_robot(team):
     flatten(team, "m1")
-    team.submit("sense", id="warm", place=places(team)["m1"], parameters={"timeout_s": 12.0})
-    record = team.wait("warm", timeout_s=90.0)
+    team.submit("sense", id="dead", place=places(team)["m1"], parameters={"timeout_s": 12.0})
+    record = team.wait("dead", timeout_s=90.0)
     assert record.state is TaskState.DONE
     assert record.robot in ("r1", "r2")
-    states = [change.state for change in team.why("warm").changes]
+    states = [change.state for change in team.why("dead").changes]
     assert states.count(TaskState.RUNNING) == 2
 
 

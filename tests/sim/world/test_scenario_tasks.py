@@ -74,7 +74,7 @@ def test_what_becomes_of_a_task_is_told_in_words():
         'kind = "visit"', "place_m = [5.0, 1.0]", "at_s = 99.0"
     )
     late = task('kind = "wash"', "place_m = [5.0, 1.0]", "at_s = 1.0")
-    result = Scenario.from_toml(toml + wrong + late).run()
+    result = Scenario.from_toml(toml + wrong + late).run(time_limit_s=10.0)
     beyond, not_yet, unknown = result.tasks
     assert result.ended == "time_limit"  # one task was still to come
     assert (beyond.state, not_yet.state, unknown.state) == (TaskState.QUEUED, None, None)
