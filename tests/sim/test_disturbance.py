@@ -105,17 +105,6 @@ def test_nothing_is_late_by_default_and_then_nothing_is_drawn():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spec", [{"can": FRAMES}, {"scan": SCANS}, {"agent": AGENTS}])
-def test_disturbed_run_repeats_and_differs_from_one_without(spec):
-    scenario = PLAIN.replace(disturbance=DisturbanceSpec(**spec))
-    first, second = scenario.run(time_limit_s=5.0), scenario.run(time_limit_s=5.0)
-    assert first.digest == second.digest
-    assert first.digest != PLAIN.run(time_limit_s=5.0).digest
-    assert first.digest != scenario.replace(seed=2).run(time_limit_s=5.0).digest
-    assert first.distance_m > 0.1
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("stamped_at", list(StampedAt))
 def test_odometry_at_the_time_of_a_frame_is_right_however_late_the_frame_was(stamped_at):
     frames = FrameDelaySpec(per_minute=60, duration_s=(0.1, 0.35), stamped_at=stamped_at)
@@ -153,7 +142,7 @@ def test_late_scan_is_stamped_with_the_time_at_which_it_was_measured():
     run._watcher.subscribe(inbox, ARENA_SCAN)
     try:
         late_s, stamps_ns = [], []
-        for _ in range(1500):
+        for _ in range(900):
             run.tick()
             for received in inbox.drain():
                 late_s.append((run.clock.now_ns() - received.message.stamp_ns) / 1e9)
@@ -250,15 +239,3 @@ def test_scenario_of_the_documentation_is_one():
     assert tables.disturbance.agent.is_on
     assert not tables.surfaces.is_plain
     assert tables.robot.lidar.dropout == 0.03
-
-
-@pytest.mark.slow
-def test_scenario_of_the_documentation_runs_and_repeats(tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "how-to" / "imperfect-sensors.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
-    maps = Path(__file__).parents[2] / "examples" / "maps"
-    (tmp_path / "hard.toml").write_text(text.replace("office_ring.yaml", str(maps / "office_ring.yaml")))
-    scenario = Scenario.from_file(tmp_path / "hard.toml")
-    first, second = (scenario.run(time_limit_s=4.0) for _ in range(2))
-    assert first.digest == second.digest
-    assert first.distance_m > 0.5

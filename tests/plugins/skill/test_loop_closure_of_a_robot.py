@@ -66,6 +66,11 @@ class Driver:
     def map_accuracy(self):
         return measure_map_accuracy(self.view.classes, self.view.geometry, BLOCK.solid, BLOCK.FINE)
 
+    @property
+    def says_how_far_off_it_may_be(self):
+        sigmas_m = np.array(self.sigmas_m)
+        return np.all(np.array(self.errors_m) < 3.0 * sigmas_m) and sigmas_m.max() < 2.0
+
     def drive_around(self):
         for way_m, turn_rad in ROUND:
             steps = max(round(way_m / STEP_M), round(turn_rad / STEP_RAD))
@@ -103,7 +108,7 @@ class Driver:
         self.one.publisher(ARENA_SCAN, robot="r1").put(scan)
 
 
-def test_a_robot_that_comes_back_to_where_it_began_finds_out_how_far_it_has_drifted(stage):
+def test_a_robot_that_comes_back_finds_out_how_far_it_has_drifted_and_moves_the_frame_of_the_map(stage):
     driver = Driver(stage)
     driver.drive_around()
     assert max(driver.errors_m) > 0.7
@@ -111,6 +116,9 @@ def test_a_robot_that_comes_back_to_where_it_began_finds_out_how_far_it_has_drif
     driver.stand(3.0)
     assert driver.errors_m[-1] < 0.1
     assert driver.localisation.health().lost == ""
+    steps = list(zip(driver.frames[1:], driver.frames, strict=False))
+    assert max(now[0].distance_m(before[0]) for now, before in steps) > 0.3
+    assert max(now[1].distance_m(before[1]) for now, before in steps) < 0.02  # the robot on the map does not jump
 
 
 def test_when_the_loop_is_closed_the_whole_map_is_put_right(stage):
@@ -138,31 +146,14 @@ def test_a_robot_that_goes_by_walls_too_is_right_all_the_way_though_its_wheels_a
     assert counters["closures"] > 10
     assert counters["contradictions"] == 0
     assert counters["submaps"] > 8
+    assert driver.says_how_far_off_it_may_be
 
 
-@pytest.mark.parametrize("scan_matching", [False, True])
-def test_it_always_says_how_far_off_it_may_be(stage, scan_matching):
-    driver = Driver(stage, scan_matching=scan_matching)
-    driver.drive_around()
-    driver.drive_around()
-    assert np.all(np.array(driver.errors_m) < 3.0 * np.array(driver.sigmas_m))
-    assert max(driver.sigmas_m) < 2.0
-
-
-def test_closing_a_loop_moves_the_frame_of_the_map_and_not_the_robot_on_it(stage):
-    driver = Driver(stage)
-    driver.drive_around()
-    driver.stand(3.0)
-    steps = list(zip(driver.frames[1:], driver.frames, strict=False))
-    jumps_m = [now[0].distance_m(before[0]) for now, before in steps]
-    assert max(jumps_m) > 0.3
-    assert max(now[1].distance_m(before[1]) for now, before in steps) < 0.02
-
-
-def test_the_team_is_told_of_every_submap_that_is_moved(stage):
+def test_the_team_is_told_of_every_submap_that_is_moved_and_the_robot_of_how_far_off_it_may_be(stage):
     driver = Driver(stage)
     driver.drive_around()
     driver.drive_around()
+    assert driver.says_how_far_off_it_may_be
     driver.stand(3.0)
     team = SubmapAtlas(driver.view.geometry)
     moved = 0

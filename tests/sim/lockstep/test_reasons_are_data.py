@@ -30,7 +30,7 @@ from robrain.sim.world.chargers import ChargerSpec
 from tests.random_words import MEANINGLESS, MISLEADING, speak_at_random, wordless
 
 PLACES = ((1.0, 1.0), (7.0, 1.0), (4.2, 3.0), (7.2, 3.4), (3.4, 5.2), (1.2, 5.0))
-EXPLORED_S, END_S = 12.0, 60.0
+EXPLORED_S, END_S = 8.0, 40.0
 HEARD = (TASK_EVENT, TASK_DECISION, TASK_PROBLEM, COORDINATOR_CHARGES, COORDINATOR_STATE, ROBOT_STATE, ROBOT_PATH)
 SEED = 3
 
@@ -42,7 +42,7 @@ def what_is_said(recording: Path) -> list[tuple[str, Any]]:
         motes=0,
         seed=SEED,
         chargers=(ChargerSpec(place_m=(0.7, 0.7), power_w=90.0),),
-        hardware=RobotHardware(battery=BatterySpec(capacity_wh=2.0, soc_at_start=0.35, charge_a=5.0)),
+        hardware=RobotHardware(battery=BatterySpec(capacity_wh=2.0, soc_at_start=0.28, charge_a=5.0)),
     )
     run = LockstepRun(scenario.world(), planning=PlanningPolicy(), record=recording)
     asker = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)

@@ -55,25 +55,20 @@ def why(run, plugin):
     return next(f"{info.state}: {info.why}" for info in infos if info.name == plugin)
 
 
-def test_a_robot_whose_bus_is_cut_stands_the_team_is_told_and_the_others_go_on(team):
+def test_a_robot_whose_bus_is_cut_stands_until_it_is_whole_again_and_the_others_go_on(team):
     team.arena.break_can("r1", LineFault.CUT)
     ticks(team, 0.5)
     assert why(team, "mocdevice").startswith("faulted: BusFault: no encoder frame for 0.4")
     assert told(team, "mocdevice", "condition")[0]["ok"] is False
     ticks(team, 0.5)
     place, others_m = truth(team, "r1").pose, truth(team, "r2").distance_m
-    ticks(team, 10.0)
+    ticks(team, 5.0)
     assert truth(team, "r1").pose == place
-    assert truth(team, "r1").collisions == 0
     assert truth(team, "r2").distance_m > others_m + 1.0
-
-
-def test_when_its_bus_is_whole_again_it_explores_on_from_where_it_really_is(team):
-    team.arena.break_can("r1", LineFault.CUT)
-    ticks(team, 3.0)
     team.arena.break_can("r1", LineFault.NONE)
-    ticks(team, 15.0)
-    assert truth(team, "r1").distance_m > 3.0
+    before_m = truth(team, "r1").distance_m
+    ticks(team, 10.0)
+    assert truth(team, "r1").distance_m > before_m + 1.0
     believed = team.hosts[0].manager.get("localisation").plugin.pose()
     assert believed.distance_m(truth(team, "r1").pose) < 0.3
     assert truth(team, "r1").collisions == 0
@@ -85,9 +80,9 @@ def test_a_robot_whose_lidar_freezes_stands_and_maps_nothing_of_it(team):
     assert "the lidar is frozen" in told(team, "scan", "trouble")[0]
     ticks(team, 0.5)
     place = truth(team, "r1").pose
-    ticks(team, 10.0)
+    ticks(team, 5.0)
     assert truth(team, "r1").pose == place
     assert truth(team, "r1").collisions == 0
     team.arena.freeze_lidar("r1", frozen=False)
-    ticks(team, 20.0)
+    ticks(team, 10.0)
     assert truth(team, "r1").pose.distance_m(place) > 0.5
