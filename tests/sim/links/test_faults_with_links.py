@@ -37,7 +37,7 @@ def tokens(team, party="coordinator"):
 def test_faults_that_are_not_yet_due_change_nothing_with_links():
     def digest(*faults):
         with team_of(*faults, links=f"{RANGE}\nloss = 0.2\ndelay_s = 0.03") as team:
-            team.go(3.0)
+            team.go(1.5)
             return team.run.digest
 
     assert digest() == digest(fault(FaultKind.LOSE, at_s=900.0, share=0.5), fault(FaultKind.HANG, at_s=900.0))
@@ -89,7 +89,7 @@ def test_delayed_messages_are_late_and_in_order():
         heard = team.hear(ROBOT_STATE, "coordinator")
         team.go(3.5)
         heard.drain()
-        got = ages_s(team, heard, 8.0)
+        got = ages_s(team, heard, 6.0)
         assert all(now_s - said_s >= 0.28 for said_s, now_s in got)
         assert [said_s for said_s, _ in got] == sorted(said_s for said_s, _ in got)
 
@@ -99,7 +99,7 @@ def test_reordered_messages_overtake_each_other():
         heard = team.hear(ROBOT_STATE, "coordinator")
         team.go(3.5)
         heard.drain()
-        said = [said_s for said_s, _ in ages_s(team, heard, 8.0)]
+        said = [said_s for said_s, _ in ages_s(team, heard, 6.0)]
         assert said != sorted(said)
 
 
@@ -117,10 +117,10 @@ def test_a_slow_relay_still_carries_traffic_and_says_little_itself():
         heard = team.hear(ROBOT_STATE, "coordinator")
         team.go(3.0)
         heard.drain()
-        team.go(8.0)
+        team.go(6.0)
         robots = [received.message.robot for received in heard.drain()]
-        assert robots.count("r2") <= 6
-        assert robots.count("r3") > 10
+        assert robots.count("r2") <= 4
+        assert robots.count("r3") > 6
 
 
 def test_who_asks_a_hanging_robot_waits_in_vain_and_the_robot_sees_to_it_later():

@@ -85,7 +85,7 @@ def test_office_ring_is_a_loop_of_128_m_with_doors_a_robot_goes_through():
 @pytest.mark.parametrize("name", NAMES)
 def test_eight_robots_start_on_it_and_explore_without_touching(name):
     scenario = Scenario.from_map(FOLDER / f"{name}.yaml", robots=ROBOTS)
-    result = scenario.run(time_limit_s=3.0)
+    result = scenario.run(time_limit_s=1.5)
     assert (result.robots, result.collisions) == (ROBOTS, 0)
     assert result.distance_m > 1.0
     near = [Point2D(robot.pose.x_m, robot.pose.y_m) for robot in result.per_robot]
