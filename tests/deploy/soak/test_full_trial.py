@@ -1,5 +1,7 @@
 """Fault scripts with the full stack."""
 
+from pathlib import Path
+
 import msgspec
 import pytest
 from typer.testing import CliRunner
@@ -39,10 +41,13 @@ CUT_OFF = FaultScript(
 
 
 @pytest.mark.slow
-def test_a_robot_that_is_cut_off_leaves_its_task_to_another() -> None:
-    verdict = run_full_trial(CUT_OFF)
+def test_a_robot_that_is_cut_off_leaves_its_task_to_another_and_the_recording_is_judged_alike(tmp_path: Path) -> None:
+    file = tmp_path / "trial.mcap"
+    verdict = run_full_trial(CUT_OFF, record=file)
     assert (verdict.broken, verdict.done) == ((), 1)
     assert verdict.lost > 100
+    checked = check_recording(file, surroundings=surroundings_of_recording(file))
+    assert [ruling.broken for ruling in checked.invariants] == [0] * len(JUDGES)
 
 
 @pytest.mark.slow
@@ -102,7 +107,8 @@ def test_halts_of_the_operator_reach_the_team_and_end() -> None:
     script = msgspec.structs.replace(CUT_OFF, faults=(), halts=(HaltOrder(at_s=2.0, until_s=10.0),))
     verdict = run_full_trial(script)
     assert (verdict.broken, verdict.done) == ((), 1)
-    assert verdict.sim_time_s > run_full_trial(msgspec.structs.replace(script, halts=())).sim_time_s + 6.0
+    assert NEAR.service_s is not None
+    assert verdict.sim_time_s > 10.0 + NEAR.service_s  # it was still under way when it was halted
 
 
 def test_drawn_scripts_differ_by_seed_and_have_faults_of_all_sorts() -> None:
@@ -117,15 +123,6 @@ def test_drawn_scripts_differ_by_seed_and_have_faults_of_all_sorts() -> None:
     assert {fault.robot for fault in faults if fault.kind is FaultKind.CLOCK_SKEW} == {COORDINATOR}
 
 
-@pytest.mark.slow
-def test_a_recording_of_a_trial_is_judged_alike(tmp_path) -> None:
-    file = tmp_path / "trial.mcap"
-    verdict = run_full_trial(draw_full_script(4), record=file)
-    assert verdict.broken == ()
-    checked = check_recording(file, surroundings=surroundings_of_recording(file))
-    assert [ruling.broken for ruling in checked.invariants] == [0] * len(JUDGES)
-
-
 def robrain(*words: object):
     return CliRunner().invoke(app, [str(word) for word in words])
 
@@ -135,8 +132,9 @@ def test_the_command_runs_scripts_of_the_full_stack_and_one_again_from_its_file(
     ended = robrain("soak", "--full", "--runs", 1, "--seed", 8, "--jobs", 1, "-o", tmp_path)
     assert ended.exit_code == 0
     assert "1 scripts, 0 broke an invariant; 6 tasks done" in ended.output
-    file = tmp_path / "cut_off.json"
-    file.write_bytes(script_json(CUT_OFF))
+    file = tmp_path / "short.json"
+    radio = ScriptRadio(range_m=15.0, loss=0.05, delay_s=0.01)
+    file.write_bytes(script_json(msgspec.structs.replace(CUT_OFF, tasks=(), faults=(), radio=radio)))
     assert "no invariant broken" in robrain("soak", "--repeat", file).output
 
 
@@ -155,13 +153,6 @@ def test_some_scripts_have_a_radio_and_their_scenario_has_its_links() -> None:
         assert links is not None
         assert ScriptRadio(range_m=links.range_m, loss=links.loss, delay_s=links.delay_s) == script.radio
     assert scenario_of(CUT_OFF).links is None
-
-
-@pytest.mark.slow
-def test_a_robot_that_is_cut_off_on_top_of_a_radio_leaves_its_task_to_another() -> None:
-    radio = ScriptRadio(range_m=15.0, loss=0.05, delay_s=0.01)
-    verdict = run_full_trial(msgspec.structs.replace(CUT_OFF, radio=radio))
-    assert (verdict.broken, verdict.done) == ((), 1)
 
 
 @pytest.mark.parametrize("seed", [900113, 900163, 900169, 900229])

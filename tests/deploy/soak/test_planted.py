@@ -4,6 +4,8 @@ import pytest
 
 from robrain.deploy.soak.planted import BUGS, planted
 from robrain.deploy.soak.soaking import SoakTask, soak_one
+from robrain.deploy.sweep.run_outcome import RunState
+from robrain.sim.stand_in import judge
 from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.trial import run_trial
 
@@ -22,11 +24,20 @@ FOUND_BY = {
 """The first seed that finds each; docs/how-to/soak.md has the same."""
 
 
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Judge sooner that something never settles; the product does settle by then."""
+    monkeypatch.setattr(judge, "PATIENCE_S", 20.0)
+    monkeypatch.setattr(judge, "TASK_S", 8.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", BUGS)
 def test_a_planted_bug_is_found_by_the_seed_in_the_docs(bug):
     record = soak_one(SoakTask(seed=FOUND_BY[bug], trials_max=0, bug=bug))
+    assert record.state is RunState.DONE
     assert record.verdict.broken
+    assert record.cpu_s > 0
 
 
 @pytest.mark.slow
@@ -46,7 +57,7 @@ def test_a_planted_bug_is_gone_after_its_block():
 
 @pytest.mark.slow
 def test_a_failing_script_is_shrunk_and_fails_by_itself():
-    record = soak_one(SoakTask(seed=FOUND_BY["strays_stay"], bug="strays_stay"))
+    record = soak_one(SoakTask(seed=FOUND_BY["strays_stay"], trials_max=15, bug="strays_stay"))
     script = draw_script(FOUND_BY["strays_stay"])
     assert len(record.script.faults) < len(script.faults)
     assert len(record.script.tasks) < len(script.tasks)

@@ -5,8 +5,7 @@ from typer.testing import CliRunner
 
 from robrain.cli import app
 from robrain.deploy.soak.planted import planted
-from robrain.deploy.soak.soaking import SoakOptions, SoakTask, soak, soak_one
-from robrain.deploy.sweep.run_outcome import RunState
+from robrain.deploy.soak.soaking import SoakOptions, soak
 from robrain.sim.stand_in.fault_script import script_json
 from robrain.sim.stand_in.script_drawing import draw_script
 
@@ -59,11 +58,3 @@ def test_bad_options_are_refused(words, told):
     ended = robrain("soak", *words)
     assert ended.exit_code != 0
     assert told in f"{ended.output} {ended.exception}"
-
-
-@pytest.mark.slow
-def test_the_record_of_a_seed_tells_its_cost():
-    record = soak_one(SoakTask(seed=SEED))
-    assert record.state is RunState.DONE
-    assert record.verdict.broken == ()
-    assert record.cpu_s > 0
