@@ -335,7 +335,7 @@ class DeskWithNext(RuleBasedStateMachine):
         assert self.begun == self.started
 
 
-DeskWithNext.TestCase.settings = settings(max_examples=100, stateful_step_count=30, deadline=None)
+DeskWithNext.TestCase.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
 TestDeskWithNext = pytest.mark.slow(DeskWithNext.TestCase)
 
 

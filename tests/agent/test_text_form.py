@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, NewType
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.agent.host.text_command import Call, Question, parse_call, parse_command
@@ -182,6 +182,7 @@ def test_text_that_means_nothing_is_refused_in_words(text, hint, complaint):
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(st.text(), st.sampled_from([hint for hint, _ in SUPPORTED]))
 def test_any_text_is_a_value_or_a_value_error(text, hint):
     with contextlib.suppress(ValueError):
@@ -333,6 +334,7 @@ def test_what_is_no_command_is_refused_in_words(text, complaint):
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(st.text() | st.text("call ()[]{}\"'\\,= a1").map(lambda text: f"call a b{text}"))
 def test_any_text_is_a_command_or_bad_arguments(text):
     def outcome():
@@ -345,6 +347,7 @@ def test_any_text_is_a_command_or_bad_arguments(text):
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(st.lists(st.text(max_size=20), min_size=1, max_size=5))
 def test_quoted_arguments_arrive_as_they_were_meant(texts):
     call = parse_call(f"call a b({', '.join(map(json.dumps, texts))})")

@@ -207,7 +207,7 @@ def test_without_the_simulator_all_but_walls_is_judged(run: Path, monkeypatch: p
 
 @pytest.mark.slow
 @given(st.floats(-1.0, 25.0), st.floats(-1.0, 15.0))
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_clearance_that_is_looked_up_is_that_of_the_floor(x_m: float, y_m: float) -> None:
     found_m, true_m = CLEARANCE(x_m, y_m), clearance_m(PLAN, Point2D(x_m, y_m))
     if found_m <= LOOKED_UP_M:

@@ -138,7 +138,7 @@ def teams(draw):
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(teams(), st.sampled_from([CALM, SHORT]), st.randoms(use_true_random=False))
 def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(team, demand, shuffle):
     turns = schedule_charges(team, demand, lambda _: POWER_W)
@@ -164,7 +164,7 @@ def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(t
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=33, deadline=None)
 @given(teams())
 def test_nobody_waits_while_a_charger_that_it_knows_stands_empty(team):
     turns = schedule_charges(team, CALM, lambda _: POWER_W)

@@ -4,7 +4,7 @@ from typing import Literal
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.coordinator.dashboard.panels.function_form import Field, FieldKind, arguments_of, fields_of
@@ -108,6 +108,7 @@ json_values = st.recursive(
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(st.dictionaries(st.sampled_from(SCHEMA_WORDS), json_values, max_size=5))
 def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> None:
     for field in fields_of(schema):
@@ -146,6 +147,7 @@ def test_a_kind_that_only_a_robot_knows_has_a_form_made_of_its_schema() -> None:
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(json_values)
 def test_a_kind_whose_schema_is_nonsense_has_the_fields_that_every_task_has(nonsense: object) -> None:
     schema = nonsense if isinstance(nonsense, dict) else {"properties": nonsense, "required": nonsense}

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import MCAP0_MAGIC, Writer
 
@@ -290,6 +290,7 @@ JSON = st.recursive(
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(JSON, JSON)
 def test_values_differ_exactly_when_their_json_does(one: Any, two: Any) -> None:
     same = json.dumps(one, sort_keys=True) == json.dumps(two, sort_keys=True)

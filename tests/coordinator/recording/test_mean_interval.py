@@ -1,7 +1,7 @@
 """Means, intervals and paired tests, compared with published values and with scipy."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -11,6 +11,7 @@ NUMBERS = st.lists(st.integers(-1000, 1000).map(float), min_size=2, max_size=30)
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(NUMBERS)
 def test_the_interval_is_within_the_values(values: list[float]) -> None:
     found = mean_interval(values)
@@ -46,6 +47,7 @@ def test_one_value_has_no_interval_and_none_no_mean() -> None:
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(NUMBERS)
 def test_the_paired_test_is_that_of_student(differences: list[float]) -> None:
     first = dict.fromkeys(range(len(differences)), 100.0)

@@ -230,7 +230,7 @@ FAULTS = st.lists(
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10_000), faults=FAULTS, joins_after=st.integers(0, 100))
 def test_a_copy_in_step_has_all_that_was_acknowledged(seed, faults, joins_after) -> None:
     pair = Pair(seed)

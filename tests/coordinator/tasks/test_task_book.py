@@ -153,7 +153,7 @@ class BookMachine(RuleBasedStateMachine):
 
 
 TestBookMachine = pytest.mark.slow(BookMachine.TestCase)
-TestBookMachine.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
+TestBookMachine.settings = settings(max_examples=15, stateful_step_count=30, deadline=None)
 
 
 def test_each_change_is_told_with_robot_epoch_and_why():

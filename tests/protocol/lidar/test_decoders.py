@@ -49,7 +49,7 @@ def test_turn_ends_where_the_sensor_passes_its_front() -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=200)
+@settings(max_examples=66)
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=40), st.data())
 def test_points_are_the_same_in_whatever_parts_the_bytes_come(parts: list[int], data: st.DataObject) -> None:
     for encoded, decoder, other in (
@@ -66,7 +66,7 @@ def test_points_are_the_same_in_whatever_parts_the_bytes_come(parts: list[int], 
 
 
 @pytest.mark.slow
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.binary(max_size=200), st.integers(0, 37), st.binary(min_size=1, max_size=30))
 def test_noise_costs_no_more_than_the_packets_that_it_hits(before: bytes, where: int, noise: bytes) -> None:
     packets = [encode_ld19(packet * 9.6, 0.8, [1.0] * 12, 3600, packet) for packet in range(38)]
@@ -127,7 +127,7 @@ def test_rplidar_nodes_are_clockwise_degrees_and_quarters_of_a_millimetre() -> N
 
 
 @pytest.mark.slow
-@settings(max_examples=200)
+@settings(max_examples=66)
 @given(st.integers(5, 170), st.binary(min_size=1, max_size=14))
 def test_rplidar_finds_its_nodes_again_after_noise(where: int, noise: bytes) -> None:
     nodes = encode_rplidar(range(0, 360, 2), [2.0] * 180)
@@ -148,7 +148,7 @@ def test_rplidar_that_scans_already_is_heard_without_its_descriptor(cut: int) ->
 
 
 @pytest.mark.slow
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.lists(st.binary(max_size=300), max_size=20))
 def test_no_bytes_at_all_break_a_decoder_or_fill_its_memory(chunks: list[bytes]) -> None:
     for decoder in (Ld19Decoder(), RplidarDecoder()):

@@ -58,7 +58,7 @@ def test_splitting_keeps_mean_and_covariance_of_all_states():
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(events=st.lists(st.one_of(STEP, SIGNAL), max_size=80), sigma_rad=st.floats(0.01, 1.0))
 def test_whatever_is_measured_there_are_few_parts_and_their_covariance_is_sound(events, sigma_rad):
     mixture = fresh(sigma_rad)

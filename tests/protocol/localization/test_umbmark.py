@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Pose2D, Twist2D
@@ -32,6 +32,7 @@ def end_of_square(true: Differential, said: Differential, corner: float, *, has_
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(
     track=st.floats(min_value=0.96, max_value=1.04), ratio=st.floats(min_value=0.98, max_value=1.02), yaw=st.booleans()
 )

@@ -119,6 +119,7 @@ def test_circles_hold_for_one_path_only():
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(st.lists(st.tuples(st.floats(-2, 8), st.floats(-2, 6), st.floats(0, 3)), max_size=3))
 def test_the_cells_left_are_those_whose_middles_lie_outside_all_circles(circles):
     grid = navigation(hall())

@@ -82,7 +82,7 @@ def cheapest(traversable: np.ndarray, cost: np.ndarray, source: tuple[int, int])
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=33)
 @given(st.integers(0, 2**32 - 1))
 def test_distance_field_is_that_of_a_plain_dijkstra(seed: int) -> None:
     traversable, cost, source, _ = random_world(seed)
@@ -91,7 +91,7 @@ def test_distance_field_is_that_of_a_plain_dijkstra(seed: int) -> None:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=33)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 1.0]), st.sampled_from([10.0, 1e3, 1e7]))
 def test_distance_field_is_right_however_much_costs_differ(seed: int, least: float, times: float) -> None:
     traversable, cost, source, _ = random_world(seed)

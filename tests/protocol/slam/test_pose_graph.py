@@ -136,7 +136,7 @@ def test_places_away_from_the_nodes_are_put_together_from_either_side(held, at_o
 
 @pytest.mark.slow
 @given(st.data())
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 def test_no_place_near_the_solution_is_likelier_and_the_covariance_is_its_curvature(data):
     places = data.draw(st.lists(PLACE, min_size=3, max_size=3))
     held = [ORIGIN, data.draw(PLACE)]

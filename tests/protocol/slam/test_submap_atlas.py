@@ -90,7 +90,7 @@ def composed(atlas):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=20)
 @given(histories(), st.randoms(use_true_random=False))
 def test_in_whatever_order_robots_are_heard_the_map_is_the_same(history, random):
     order = [robot for robot in ROBOTS for _ in history[robot]]
@@ -102,7 +102,7 @@ def test_in_whatever_order_robots_are_heard_the_map_is_the_same(history, random)
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(histories(), st.randoms(use_true_random=False))
 def test_the_map_is_what_the_rule_says_of_all_submaps_where_they_lie(history, random):
     order = [robot for robot in ROBOTS for _ in history[robot]]
@@ -113,7 +113,7 @@ def test_the_map_is_what_the_rule_says_of_all_submaps_where_they_lie(history, ra
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(histories(), PLACE)
 def test_a_submap_that_is_moved_there_and_back_leaves_the_map_as_it_was(history, there):
     atlas = told(history, [robot for robot in ROBOTS for _ in history[robot]])
@@ -128,7 +128,7 @@ def test_a_submap_that_is_moved_there_and_back_leaves_the_map_as_it_was(history,
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=20)
 @given(histories(), st.dictionaries(st.tuples(st.sampled_from(ROBOTS), st.integers(0, 2)), PLACE, max_size=6))
 def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, places):
     order = [robot for robot in ROBOTS for _ in history[robot]]
@@ -145,7 +145,7 @@ def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, pla
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(histories())
 def test_a_map_without_a_submap_is_the_map_of_the_others(history):
     order = [robot for robot in ROBOTS for _ in history[robot]]
@@ -263,7 +263,7 @@ def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
 
 
 @pytest.mark.slow
-@settings(deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(boxes(), boxes())
 def test_a_submap_holds_what_it_was_told_last(first, second):
     submap, everywhere = Submap(), np.full((80, 80), UNKNOWN)

@@ -81,7 +81,7 @@ def test_the_map_of_another_frame_can_be_had_without_changing_ones_own(told, fra
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=20)
 @given(SUBMAPS, st.dictionaries(st.sampled_from(KEYS), PLACES, max_size=4), st.sampled_from(FRAMES))
 def test_submaps_that_are_moved_into_a_frame_together_lie_as_if_moved_one_by_one(told, places, frame):
     for drawn in FRAMES:

@@ -77,7 +77,7 @@ def same(one, other, *, versions=True):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=50)
 @given(messages())
 def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(told: list[MapPatch]) -> None:
     alone, first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM), SubmapAtlas(TEAM)

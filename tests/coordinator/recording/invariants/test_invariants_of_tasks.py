@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import UNSET
 
@@ -391,6 +391,7 @@ def play(changes: list[tuple[str, TaskState]], again: set[int]) -> Told:
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(histories(), st.sets(st.integers(0, 24)))
 def test_no_legal_history_breaks_an_invariant_however_often_its_changes_are_repeated(
     changes: list[tuple[str, TaskState]], again: set[int]
@@ -404,6 +405,7 @@ def test_no_legal_history_breaks_an_invariant_however_often_its_changes_are_repe
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(histories(), st.integers(1, 3))
 def test_any_task_that_disappears_from_the_count_is_found(changes: list[tuple[str, TaskState]], lost: int) -> None:
     told = play(changes, set())
