@@ -70,7 +70,7 @@ def test_python_that_cannot_be_started_is_told(monkeypatch: pytest.MonkeyPatch, 
 
 @pytest.mark.slow
 def test_left_block_ends_the_processes_within_the_limit(empty_cache: Path) -> None:
-    compiler = KernelCompiler(PARTS, 2)
+    compiler = KernelCompiler(PARTS, 1)
     pids = [worker._process.pid for worker in compiler._workers]
     until(lambda: list(empty_cache.rglob("*.nbc")), step=compiler.step)
     begun_s = time.monotonic()

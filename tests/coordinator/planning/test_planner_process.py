@@ -46,26 +46,31 @@ def next_plan(planner, made):
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_amid_a_plan_is_followed_by_another_that_makes_it(planner, made, caplog):
-    planner.ask(open_floor_snapshot(7, 200, robots=10), LONG)
-    next_plan(planner, made)
-    first = planner.pid
-    os.kill(first, signal.SIGKILL)
-    until(lambda: planner.pid not in (first, None))
-    assert planner.is_busy
-    plans = next_plan(planner, made)
-    assert plans[-1].problem.plan == 7
-    assert "was ended by SIGKILL" in caplog.text
-
-
-@pytest.mark.slow
-def test_a_process_that_is_killed_while_nobody_asks_is_there_again_for_the_next_question(planner, made):
+def test_a_process_outlives_an_interrupt_and_is_replaced_when_it_is_killed_idle_or_amid_a_plan(
+    planner, made, caplog, capfd
+):
     planner.ask(open_floor_snapshot(1, 3), SHORT)
     next_plan(planner, made)
+    first = planner.pid
+    assert os.getpgid(first) != os.getpgid(0)
+    assert os.getpriority(os.PRIO_PROCESS, first) > os.getpriority(os.PRIO_PROCESS, 0)
+    os.kill(first, signal.SIGINT)  # as for the whole terminal
     until(lambda: not planner.is_busy)
-    os.kill(planner.pid, signal.SIGKILL)
     planner.ask(open_floor_snapshot(2, 3), SHORT)
     assert next_plan(planner, made)[-1].problem.plan == 2
+    assert planner.pid == first
+    until(lambda: not planner.is_busy)
+    os.kill(first, signal.SIGKILL)
+    planner.ask(open_floor_snapshot(7, 200, robots=10), LONG)
+    assert next_plan(planner, made)[-1].problem.plan == 7
+    second = planner.pid
+    os.kill(second, signal.SIGKILL)
+    until(lambda: planner.pid not in (second, None))
+    assert planner.is_busy
+    assert next_plan(planner, made)[-1].problem.plan == 7
+    assert "was ended by SIGKILL" in caplog.text
+    planner.close()
+    assert "Traceback" not in capfd.readouterr().err
 
 
 @pytest.mark.slow
@@ -172,22 +177,6 @@ def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_sea
         parent.kill()
         parent.communicate()
     until(lambda: has_ended(pid))
-
-
-@pytest.mark.slow
-def test_an_interrupt_for_the_whole_terminal_is_none_for_the_process(planner, made, capfd):
-    planner.ask(open_floor_snapshot(1, 3), SHORT)
-    next_plan(planner, made)
-    pid = planner.pid
-    os.kill(pid, signal.SIGINT)
-    until(lambda: not planner.is_busy)
-    planner.ask(open_floor_snapshot(2, 3), SHORT)
-    assert next_plan(planner, made)[-1].problem.plan == 2
-    assert planner.pid == pid
-    assert os.getpgid(pid) != os.getpgid(0)
-    assert os.getpriority(os.PRIO_PROCESS, pid) > os.getpriority(os.PRIO_PROCESS, 0)
-    planner.close()
-    assert capfd.readouterr().err == ""
 
 
 def test_the_floor_goes_over_once_for_as_long_as_it_stays_the_same():
