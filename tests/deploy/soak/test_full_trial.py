@@ -107,7 +107,6 @@ def test_halts_of_the_operator_reach_the_team_and_end() -> None:
     script = msgspec.structs.replace(CUT_OFF, faults=(), halts=(HaltOrder(at_s=2.0, until_s=10.0),))
     verdict = run_full_trial(script)
     assert (verdict.broken, verdict.done) == ((), 1)
-    assert NEAR.service_s is not None
     assert verdict.sim_time_s > 10.0 + NEAR.service_s  # it was still under way when it was halted
 
 
