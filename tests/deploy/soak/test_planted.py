@@ -57,10 +57,10 @@ def test_a_planted_bug_is_gone_after_its_block():
 
 @pytest.mark.slow
 def test_a_failing_script_is_shrunk_and_fails_by_itself():
-    record = soak_one(SoakTask(seed=FOUND_BY["strays_stay"], trials_max=15, bug="strays_stay"))
-    script = draw_script(FOUND_BY["strays_stay"])
+    record = soak_one(SoakTask(seed=FOUND_BY["halt_forgotten"], trials_max=6, bug="halt_forgotten"))
+    script = draw_script(FOUND_BY["halt_forgotten"])
     assert len(record.script.faults) < len(script.faults)
     assert len(record.script.tasks) < len(script.tasks)
-    with planted("strays_stay"):
+    with planted("halt_forgotten"):
         assert run_trial(record.script).broken[0].invariant is record.verdict.broken[0].invariant
     assert run_trial(record.script).broken == ()
