@@ -1,6 +1,6 @@
 """Deterministic figures, compared with their bounds and with the pages.
 
-After a change that affects them, run `make bench ARGS="exploration real_maps"`, then `make figures`.
+After a change that affects them, run `make bench ARGS=exploration`, then `make figures`.
 """
 
 from unittest import mock
@@ -16,12 +16,9 @@ from robrain.sim.maps.map_server import load_map
 from tests.bench import exploration
 from tests.bench.call_count import calls_per_robot_second
 from tests.bench.results import Results
-from tests.real_maps import REAL_MAPS, needs_real_maps
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 PRINTED = Results.read().named()
-SHORT = [run for run in exploration.RUNS if run is exploration.OWN or run.map_path.stem == "stage_cave"]
-"""`make bench` compares the other maps too."""
 SMALL = Scenario.builtin("arena_small").replace(robots=1)
 
 
@@ -47,18 +44,11 @@ def misprinted(section: str, figures: list[Figure]) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize(
-    "run",
-    [
-        pytest.param(run, marks=needs_real_maps if run.map_path.is_relative_to(REAL_MAPS) else (), id=run.map_path.stem)
-        for run in SHORT
-    ],
-)
-def test_map_is_explored_in_time_without_collisions_as_the_pages_print(run: exploration.Exploration) -> None:
-    figures = exploration.run_figures(run, run.run())
-    section = "exploration" if run is exploration.OWN else "real_maps"
+def test_map_is_explored_in_time_without_collisions_as_the_pages_print() -> None:
+    """`make bench` compares the real maps too."""
+    figures = exploration.run_figures(exploration.OWN, exploration.OWN.run())
     assert missed(figures) == []
-    assert misprinted(section, figures) == []
+    assert misprinted("exploration", figures) == []
 
 
 def test_calls_are_counted_alike_in_each_run_and_a_call_more_a_step_is_seen() -> None:

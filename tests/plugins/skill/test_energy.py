@@ -61,9 +61,9 @@ def test_what_a_way_costs_is_learned_over_the_bus_and_told_in_the_state(robot):
 
 @pytest.mark.slow
 def test_a_wait_costs_what_standing_costs(robot):
-    robot.run(60.0)
-    told = robot.call("energy", "estimate", {"wait_s": 60.0})
-    assert told["mean_j"] == pytest.approx(cost_j(robot, lambda: robot.run(60.0)), rel=0.03)
+    robot.run(30.0)
+    told = robot.call("energy", "estimate", {"wait_s": 30.0})
+    assert told["mean_j"] == pytest.approx(cost_j(robot, lambda: robot.run(30.0)), rel=0.03)
     assert robot.call("energy", "power_w") == pytest.approx(8.0, rel=0.03)
 
 

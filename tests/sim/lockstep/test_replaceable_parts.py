@@ -135,8 +135,7 @@ BAD = {
         "draws": "parts.py:{draws}: AttributeError: 'str' object has no attribute 'objective'",
     },
 }
-IN_FULL = [("exploration", "raises"), ("exploration", "nan_cost"), ("method", "NotMade"), ("method", "BadSearch"),
-           ("passes", "nothing")]  # fmt: skip
+IN_FULL = [("exploration", "raises"), ("method", "NotMade"), ("method", "BadSearch"), ("passes", "nothing")]
 
 
 def line_of(name: str) -> int:
@@ -253,7 +252,6 @@ MANIFEST = '[plugin]\nclass = "lamps.lamp:Lamp"\n'
     [
         ("pass", "[][0]", "plugin lamp failed: lamps/lamp.py:12 in step: IndexError"),
         ("1 / 0", "pass", "plugin lamp failed: lamps/lamp.py:9 in init: ZeroDivisionError"),
-        ("import nowhere_at_all", "pass", "plugin lamp failed: lamps/lamp.py:9 in init: ModuleNotFoundError"),
     ],
 )
 def test_a_run_ends_with_the_failure_of_an_installed_plugin(parts, install, init, step, said):  # noqa: F811

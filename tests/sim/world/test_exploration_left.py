@@ -12,6 +12,7 @@ from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind
+from robrain.protocol.wire.reasons.idle import TooNarrow
 from robrain.protocol.wire.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall
@@ -154,7 +155,7 @@ def test_at_the_time_limit_open_frontiers_are_unseen_and_the_last_word_is_in_the
 
 
 @pytest.mark.slow
-def test_a_room_behind_a_gap_in_which_robots_failed_is_told_once_with_the_width_that_they_measured() -> None:
+def test_a_room_behind_a_gap_in_which_robots_failed_is_told_once_with_the_width_and_by_idle_robots() -> None:
     with running(scenario(two_rooms(0.4))) as run:
         inbox = Inbox()
         run._watcher.subscribe(inbox, COORDINATOR_LEFT)
@@ -166,6 +167,11 @@ def test_a_room_behind_a_gap_in_which_robots_failed_is_told_once_with_the_width_
             run.tick()
         assert run.nothing_left
         assert run.arena.collisions == 0
+        assert set(run.idle) == {"r1", "r2"}
+        for reason in run.idle.values():
+            assert isinstance(reason, TooNarrow)
+            assert reason.gap_m == pytest.approx(0.4, abs=0.04)
+            assert reason.place.x_m < 4.2
         for _ in range(round(12.0 / TICK_S)):
             run.tick()
         (told,) = inbox.drain()
