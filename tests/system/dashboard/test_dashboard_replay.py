@@ -18,6 +18,8 @@ from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
+DEMO = "from robrain import cli; cli.DEMO = 'arena_small'; cli.main()"
+"""`robrain demo`, of a scenario that takes seconds."""
 TYPED_MS = 5000
 """What was typed shows long before, unless it was lost."""
 
@@ -78,7 +80,7 @@ def test_recording_is_scrubbed_stepped_and_played(url: str) -> None:
 def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(commands) -> None:
     keyboard, terminal = pty.openpty()
     try:
-        words = [sys.executable, "-m", "robrain.cli", "demo", "--speed", "0", "--port", "0"]
+        words = [sys.executable, "-c", DEMO, "demo", "--speed", "0", "--port", "0"]
         process = subprocess.Popen(
             words, cwd=commands.folder, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )

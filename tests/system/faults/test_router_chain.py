@@ -84,9 +84,11 @@ def _session(pki: Path, who: Member, router: Router) -> "closing[zenoh.Session]"
     return closing(open_session(connect=[router.endpoint], identity=read_identity(folder_of(pki, who))))
 
 
-@pytest.fixture
-def chain(commands: Commands) -> Iterator[Chain]:
-    return Chain(commands)
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chain]:
+    commands = Commands(tmp_path_factory.mktemp("chain"))
+    yield Chain(commands)
+    commands.stop_all()
 
 
 def test_members_of_two_routers_are_one_team(chain: Chain) -> None:
