@@ -4,6 +4,7 @@ import math
 import signal
 import subprocess
 import time
+from typing import Any
 
 import pytest
 
@@ -53,6 +54,18 @@ def runs(team: Team, *plugins: str) -> bool:
     return all(infos[plugin].state == "active" for plugin in plugins)
 
 
+def called(team: Team, plugin: str, function: str) -> Any:
+    """What a plugin answers; on a busy machine its device may have a fault for a moment."""
+
+    def answers() -> list[Any]:
+        try:
+            return [team.call("r1", plugin, function)]
+        except (NobodyThere, CallError):
+            return []
+
+    return until(answers, f"{plugin} does not answer", pause_s=0.1)[0]
+
+
 def wander(team: Team, seconds: float) -> None:
     """Have the robot drive around, as soon as it can."""
 
@@ -66,10 +79,10 @@ def wander(team: Team, seconds: float) -> None:
     until(started, "the robot does not wander", pause_s=0.1)
 
 
-@pytest.mark.parametrize("holonomic", [False, True], ids=["differential", "holonomic"])
-def test_a_ros2_robot_explores_a_room_and_then_does_a_task(ros_robot, listener, commands, coordinator, team, holonomic):
-    ros_robot(holonomic=holonomic)
-    start_agent(commands, coordinator, mocdevice={"holonomic": holonomic})
+def test_a_ros2_robot_explores_a_room_and_then_does_a_task(ros_robot, listener, commands, coordinator, team):
+    """A differential one; the others here are holonomic."""
+    ros_robot(holonomic=False)
+    start_agent(commands, coordinator, mocdevice={"holonomic": False})
     until(lambda: team.state().known_area_m2 > 0.9 * ROOM_M2, "the room is not explored", pause_s=0.5)
     done = team.wait(team.submit("visit", place=(5.0, 3.0)), timeout_s=120.0)
     assert done.state == "done"
@@ -84,11 +97,24 @@ def test_a_ros2_robot_explores_a_room_and_then_does_a_task(ros_robot, listener, 
     assert (counters["rejected"], counters["lost"], counters["errors"]) == (0, 0, 0)
 
 
-def test_a_robot_whose_node_dies_is_a_named_fault_and_is_back_when_it_is_started_again(
+def test_a_robot_that_hangs_or_whose_node_dies_is_a_named_fault_and_is_back_when_it_speaks_again(
     ros_robot, listener, commands, coordinator, team
 ):
     robot = ros_robot(holonomic=True)
     start_agent(commands, coordinator, mocdevice={"holonomic": True})
+    until(lambda: called(team, "driver", "bus_counters")["believed"] > 20, "no odometry", pause_s=0.1)
+    robot.signal(signal.SIGSTOP)
+    try:
+        began_s = time.monotonic()
+        why = until(lambda: fault_of(team, "mocdevice"), "no fault")
+        assert time.monotonic() - began_s < 0.6 + GRACE_S
+        assert why.startswith("BusFault: no odometry for 0.5")
+        time.sleep(1.0)
+    finally:
+        robot.signal(signal.SIGCONT)
+    began_s = time.monotonic()
+    until(lambda: runs(team, "mocdevice", "driver"), "the robot is not back")
+    assert time.monotonic() - began_s < BACK_S + GRACE_S
     wander(team, 600.0)
     until(lambda: listener.way_m(0.3) > 0.02, "the robot does not drive")
     robot.kill()
@@ -102,28 +128,6 @@ def test_a_robot_whose_node_dies_is_a_named_fault_and_is_back_when_it_is_started
     began_s = time.monotonic()
     until(lambda: runs(team, "mocdevice", "scan", "driver", "localisation"), "the robot is not back")
     assert time.monotonic() - began_s < BACK_S + GRACE_S
-
-
-def test_a_robot_that_hangs_is_a_named_fault_and_goes_on_when_it_speaks_again(
-    ros_robot, listener, commands, coordinator, team
-):
-    robot = ros_robot(holonomic=True)
-    start_agent(commands, coordinator, mocdevice={"holonomic": True})
-    until(lambda: team.call("r1", "driver", "bus_counters")["believed"] > 20, "no odometry", pause_s=0.1)
-    robot.signal(signal.SIGSTOP)
-    try:
-        began_s = time.monotonic()
-        why = until(lambda: fault_of(team, "mocdevice"), "no fault")
-        assert time.monotonic() - began_s < 0.6 + GRACE_S
-        assert why.startswith("BusFault: no odometry for 0.5")
-        time.sleep(3.0)
-    finally:
-        robot.signal(signal.SIGCONT)
-    began_s = time.monotonic()
-    until(lambda: runs(team, "mocdevice", "driver"), "the robot is not back")
-    assert time.monotonic() - began_s < BACK_S + GRACE_S
-    wander(team, 600.0)
-    until(lambda: listener.way_m(0.3) > 0.02, "the robot does not drive")
 
 
 def test_messages_that_cannot_be_are_refused_and_counted_and_the_robot_drives_on(
@@ -142,9 +146,9 @@ def test_messages_that_cannot_be_are_refused_and_counted_and_the_robot_drives_on
         LaserScan(angle_increment=0.1, angle_max=0.7, range_max=8.0, ranges=[math.nan] * 8),
     ]
     for message in (*places, _odometry_at(0.0, w=0.0)):
-        _refused(odometry, message, lambda: team.call("r1", "driver", "bus_counters")["rejected"])
+        _refused(odometry, message, lambda: called(team, "driver", "bus_counters")["rejected"])
     for turn in turns:
-        _refused(scans, turn, lambda: team.call("r1", "scan", "rejected"))
+        _refused(scans, turn, lambda: called(team, "scan", "rejected"))
     assert "expected" in team.call("r1", "scan", "why_rejected")
     wander(team, 600.0)
     until(lambda: listener.way_m(0.3) > 0.02, "the robot does not drive")
