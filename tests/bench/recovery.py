@@ -249,9 +249,9 @@ class RecoveryTeam:
 
 
 @contextmanager
-def recovery_team(folder: Path, *, secured: bool = False) -> Iterator[RecoveryTeam]:
+def recovery_team(folder: Path, *, secured: bool = False, robots: int = 2) -> Iterator[RecoveryTeam]:
     """A team for the duration of the block; a secured one has its router in place of the hub."""
-    words = ("up", "arena_small", "--robots", "2", "--stand-by", "--record", str(folder / "recovery.mcap"))
+    words = ("up", "arena_small", "--robots", f"{robots}", "--stand-by", "--record", str(folder / "recovery.mcap"))
     words += ("--secured",) if secured else ("--listen", "tcp/127.0.0.1:0")
     words += ("--port", "0", "--journal", str(folder / "recovery.journal"), "--json")
     variables = {name: value for name, value in os.environ.items() if not name.startswith("ROBRAIN_")}

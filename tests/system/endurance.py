@@ -115,10 +115,11 @@ def endure(folder: Path, minutes: float, *, robots: int, seed: int, scenario: st
     )  # fmt: skip
     try:
         hub = up.wait_for(r"hub: (\S+)")[1]
-        up.wait_for("dashboard: ")
+        for part in ("dashboard: ", *(rf"r{number}: up" for number in range(1, robots + 1))):
+            up.wait_for(part)
         with Team.connect(hub, by="operator:endurance", patience_s=60.0) as team:
             began_s = time.monotonic()
-            due_s = {"sample": 0.0, "task": 10.0, "halt": HALT_S, "reload": RELOAD_S}
+            due_s = {"sample": 0.0, "task": 3.0, "halt": HALT_S, "reload": RELOAD_S}
             reloads = 0
             while (now_s := time.monotonic() - began_s) < 60.0 * minutes:
                 if now_s >= due_s["sample"]:
@@ -162,7 +163,7 @@ def _submit(team: Team, draw: random.Random, submitted: list[str]) -> None:
     """A visit to where some robot has been: a place that is known, and that robots can get to."""
     with suppress(CallError, NobodyThere, BadTask):
         still_open = TaskFilter(states=[state for state in TaskState if not state.ended])
-        if len(team.list(still_open)) >= OPEN_TASKS:
+        if len(team.list(still_open)) >= OPEN_TASKS or not team.robots:
             return
         state = team.state(draw.choice(team.robots))
         pose = state.pose

@@ -173,7 +173,7 @@ class Submitter(threading.Thread):
 
 
 def soak(folder: Path, victim: str, kills: int, seed: int, robots: int = 2) -> dict[str, Any]:
-    """Kill coordinator or agents so often; returns what became of the tasks."""
+    """Kill coordinator, agents or both in turn so often; returns what became of the tasks."""
     draw = random.Random(seed)
     processes: list[Process] = []
     began_s = time.monotonic()
@@ -194,7 +194,8 @@ def soak(folder: Path, victim: str, kills: int, seed: int, robots: int = 2) -> d
         try:
             for number in range(kills):
                 ears.listen(draw.uniform(0.0, LONGEST_S))
-                struck = coordinator if victim == "coordinator" else draw.choice(agents)
+                of_agents = victim == "agent" or (victim == "both" and number % 2 == 1)
+                struck = draw.choice(agents) if of_agents else coordinator
                 struck.kill()
                 if struck is not coordinator:
                     ears.listen(STANDS_S)
@@ -263,7 +264,7 @@ def judge(path: Path, accepted: list[str], done: set[tuple[str, str, int]]) -> d
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--of", choices=["coordinator", "agent"], default="coordinator")
+    parser.add_argument("--of", choices=["coordinator", "agent", "both"], default="coordinator")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()

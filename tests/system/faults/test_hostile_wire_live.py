@@ -33,8 +33,8 @@ pytestmark = pytest.mark.system
 
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
 NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}
-ROUNDS = 7
-SETTLED_ROUNDS = 4
+ROUNDS = 4
+SETTLED_ROUNDS = 2
 """Rounds after which a process has whatever buffers it needs for large payloads."""
 GROWTH_MAX_MB = 60.0
 """What a process may grow by after that: less than what one round sends."""
