@@ -121,7 +121,7 @@ def test_responses_of_a_live_robot_are_measured(commands) -> None:
 
 def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(agents, "SETTLING_S", 1.0)
-    done = commands.run_here("bench", "agents", "--robots", "4", "--minutes", "0.02", "--json")
+    done = commands.run_here("bench", "agents", "--robots", "2", "--minutes", "0.02", "--json")
     assert done.returncode == 0, done.stderr
     cpu, age, unseen, memory = json.loads(done.stdout)["figures"]
     assert cpu["unit"] == "%"

@@ -27,6 +27,8 @@ WATCHDOG_FRAMES = 15
 """Encoder frames, one each 20 ms of the arena's time, in which wheels may turn on: 300 ms."""
 FLIGHT_FRAMES = 5
 """Frames on their way when the process is killed."""
+STALLED = ("no data from the wheel encoders", "no turn of the lidar", "no encoder frame")
+"""What is said where the arena of a busy machine stood still."""
 
 
 class Yard:
@@ -38,11 +40,11 @@ class Yard:
         self.arena = commands.start("arena", "yard.toml", "--robot-files", "robots")
         commands.line_with(self.arena, "arena: yard at ")
         self.file = commands.folder / "robots" / "r1.toml"
-        self._text = self.file.read_text()
+        self.text = self.file.read_text()
 
     def spoil(self) -> None:
         """Swap the encoders, have the wheels too large, and forget how the lidar is mounted."""
-        said = tomllib.loads(self._text)
+        said = tomllib.loads(self.text)
         said["parameters"]["mocdevice"]["frames"]["encoders"].reverse()
         said["parameters"].pop("scan", None)
         text = tomli_w.dumps(said)
@@ -73,9 +75,18 @@ class Wheels:
         self._bus.shutdown()
 
 
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Yard]:
+    commands = Commands(tmp_path_factory.mktemp("yard"))
+    yield Yard(commands)
+    commands.stop_all()
+
+
 @pytest.fixture
-def yard(commands: Commands) -> Yard:
-    return Yard(commands)
+def yard(shared: Yard) -> Yard:
+    """With the robot's file as the arena wrote it."""
+    shared.file.write_text(shared.text)
+    return shared
 
 
 @pytest.fixture
@@ -91,7 +102,7 @@ def test_a_robot_is_brought_up_live_and_its_file_corrected(yard: Yard) -> None:
         words = ("bringup", str(yard.file), "--yes", "--rounds", "0", "--json")
         # An interpreter of its own: forked from one that has loaded numpy, its native threads abort at the very end.
         done = yard.commands.run(*words, PYTHONFAULTHANDLER="1")
-        if "no data from the wheel encoders" not in done.stderr and "no turn of the lidar" not in done.stderr:
+        if not any(text in done.stderr for text in STALLED):
             break
     assert done.returncode == 1, done.stderr
     report = json.loads(done.stdout)
@@ -109,8 +120,17 @@ def test_a_robot_is_brought_up_live_and_its_file_corrected(yard: Yard) -> None:
 def test_the_wheels_stand_within_300_ms_after_its_process_is_ended(
     yard: Yard, wheels: Wheels, how: signal.Signals
 ) -> None:
-    process = yard.commands.start("bringup", str(yard.file), "--yes", "--no-air", "--rounds", "0")
-    until(wheels.turn, "the robot does not move", pause_s=0.0)
+    words = ("bringup", str(yard.file), "--yes", "--no-air", "--rounds", "0")
+    process = yard.commands.start(*words)
+
+    def moves() -> bool:
+        """On a busy machine it may find no frames, and end."""
+        nonlocal process
+        if process.poll() is not None:
+            process = yard.commands.start(*words)
+        return wheels.turn()
+
+    until(moves, "the robot does not move", pause_s=0.0)
     for _ in range(50):
         wheels.turn()
     assert wheels.turn()

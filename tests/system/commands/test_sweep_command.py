@@ -4,16 +4,19 @@ import json
 import os
 import re
 import signal
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
 import pytest
 
+from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
-WORDS = ("sweep", "arena_small", "--vary", "robots=1,2", "--time-limit", "6", "--output", "out", "--workers", "2")
+WORDS = ("sweep", "arena_small", "--vary", "robots=1,2", "--time-limit", "3", "--output", "out", "--workers", "2")
 SEEDS = ("--seeds", "1..3")
 
 
@@ -26,27 +29,37 @@ def finished(folder: Path) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The table of the same sweep without an interruption."""
-    from robrain import Scenario
-    from robrain.deploy.sweep.sweep import sweep
-
-    folder = tmp_path_factory.mktemp("whole") / "out"
-    scenario = Scenario.builtin("arena_small").replace(time_limit_s=6.0)
-    sweep(scenario, [1, 2, 3], vary={"robots": [1, 2]}, output=folder, workers=2)
-    return (folder / "table.parquet").read_bytes()
+def sweeping(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
+    """Runs the sweep without an interruption."""
+    commands = Commands(tmp_path_factory.mktemp("whole"))
+    yield commands
+    commands.stop_all()
 
 
-def test_it_says_how_many_runs_there_are_and_prints_means_and_differences(commands) -> None:
-    done = commands.run(*WORDS, "--seeds", "1,2")
+@pytest.fixture(scope="module")
+def swept(sweeping: Commands) -> "subprocess.CompletedProcess[str]":
+    """What it said."""
+    return sweeping.run(*WORDS, *SEEDS)
+
+
+@pytest.fixture(scope="module")
+def whole(sweeping: Commands, swept: object) -> bytes:
+    """Its table."""
+    return (sweeping.folder / "out" / "table.parquet").read_bytes()
+
+
+def test_it_says_how_many_runs_there_are_and_prints_means_and_differences(
+    sweeping: Commands, swept: "subprocess.CompletedProcess[str]"
+) -> None:
+    done = swept
     assert done.returncode == 0, done.stderr
-    assert "arena_small: 4 runs (2 settings × 2 seeds), 2 processes" in done.stderr
+    assert "arena_small: 6 runs (2 settings × 3 seeds), 2 processes" in done.stderr
     assert "arena_small: mean [95 % interval]" in done.stdout
     assert "difference from robots=1, by seed" in done.stdout
     assert "written to out: table.parquet, runs.csv, summary.json, summary.csv, figures" in done.stdout
-    again = commands.run(*WORDS, "--seeds", "1,2", "--json")
+    again = sweeping.run(*WORDS, *SEEDS, "--json")
     assert (again.returncode, again.stderr) == (0, "")
-    assert json.loads(again.stdout)["summary"]["settings"][0]["runs"] == {"done": 2}
+    assert json.loads(again.stdout)["summary"]["settings"][0]["runs"] == {"done": 3}
 
 
 def test_a_run_that_fails_is_told_and_gives_the_exit_status(commands) -> None:
@@ -76,14 +89,10 @@ def test_killed_and_called_again_it_loses_nothing_and_does_nothing_twice(command
     assert (commands.folder / "out" / "table.parquet").read_bytes() == whole
 
 
-@pytest.mark.parametrize("everyone", [True], ids=["at a terminal"])
-def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes, everyone: bool) -> None:
+def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes) -> None:
     process = commands.start(*WORDS, *SEEDS)
     until(lambda: len(finished(commands.folder)) >= 1, "a run", pause_s=0.02)
-    if everyone:
-        os.killpg(process.pid, signal.SIGINT)
-    else:
-        process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, said
     assert "Traceback" not in said

@@ -45,7 +45,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     folder = tmp_path_factory.mktemp("any_language")
     commands = Commands(folder)
     try:
-        words = ("arena_small", "--robots", "2", "--motes", "2", "--port", "0", "--record", "run.mcap")
+        words = ("arena_small", "--robots", "2", "--motes", "2", "--no-dashboard", "--record", "run.mcap")
         team = commands.start("up", *words)
         hub = commands.line_with(team, "hub: ").split()[1]
         missing = {"r1: up", "r2: up"}

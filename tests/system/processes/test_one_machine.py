@@ -123,6 +123,7 @@ def test_up_tells_hub_page_and_forwarders_as_lines_of_json_while_it_runs(command
         assert process.returncode == 0
         (result,) = [one for one in map(json.loads, rest.splitlines()) if one["event"] != "part"]
         assert (result["event"], result["ended"]) == ("result", "interrupted")
+        assert result["serial_forwarders"] == {"r1": by_event["serial_forwarder"]["address"]}
     finally:
         hub.close()  # type: ignore[no-untyped-call]
 

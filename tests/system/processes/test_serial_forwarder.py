@@ -110,11 +110,3 @@ def test_a_robot_goes_by_its_base_station_s_forwarder(commands) -> None:
         counters = told("mote_base", "counters")
         assert counters["line"] == {"unsent": 0, "reconnects": 0}
         wire.close()
-
-
-def test_a_whole_team_tells_where_its_base_stations_are(commands) -> None:
-    done = commands.run("up", "arena_small", "--robots", "2", "--no-dashboard", "--time-limit", "4", "--json")
-    assert done.returncode == 0, done.stderr
-    forwarders = json.loads(done.stdout.splitlines()[-1])["serial_forwarders"]
-    assert sorted(forwarders) == ["r1", "r2"]
-    assert all(address.startswith("127.0.0.1:") for address in forwarders.values())
