@@ -200,6 +200,7 @@ class Clapper:
     rung = Event[int](outside=True)
 
 
+@pytest.mark.slow
 def test_events_notified_while_the_link_is_cut_arrive_afterwards_all_and_in_order():
     router = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
     (endpoint,) = listening_at(router)

@@ -49,6 +49,7 @@ def test_section_that_fails_says_why(code: str, said: str) -> None:
         measure_apart("any", lambda figure: None, command=script(code))
 
 
+@pytest.mark.slow
 def test_section_that_hangs_is_ended_with_all_that_it_started(tmp_path: Path) -> None:
     note = tmp_path / "pid"
     code = (

@@ -73,6 +73,7 @@ def test_a_second_process_is_told_which_one_has_the_name(join, is_settled):
             alive.close()
 
 
+@pytest.mark.slow
 def test_a_busy_process_has_time_to_say_that_it_has_the_name(join, monkeypatch):
     said: list[str] = []
     with claim_robot(join(), TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:

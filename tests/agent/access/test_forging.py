@@ -434,6 +434,7 @@ def isolated(tmp_path_factory) -> Iterator[IsolatedLab]:
     lab.close()
 
 
+@pytest.mark.slow
 def test_an_isolated_plugin_holds_nothing_but_itself_in_its_process(isolated):
     assert isolated.call("process") == isolated.host.manager.get("stranger").plugin.pid
     assert isolated.call("own") == 1

@@ -107,6 +107,7 @@ def hang(robot):
     tag.turn.set_limit(HANG_S)
 
 
+@pytest.mark.slow
 def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on(mine):
     robot = mine()
     inbox = Inbox(every=True)
@@ -180,6 +181,7 @@ def test_callers_of_a_plugin_that_hangs_are_told_within_the_limit(mine):
     assert late.value.plugin == "mule"
 
 
+@pytest.mark.slow
 def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_again(mine):
     robot = mine(restart="on-failure", backoff_s=0.2)
     miner, space = robot.tag("miner").plugin, robot.space
@@ -203,6 +205,7 @@ def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_a
     assert (miner.pushed, states(robot)["miner"][0]) == (1, "active")
 
 
+@pytest.mark.slow
 def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
     robot = mine(restart="on-failure", backoff_s=0.1)
     old, space = robot.tag("mule").plugin, robot.space

@@ -118,6 +118,7 @@ def halt(robot):
     return robot.wire.ask(HOST_HALT, HaltRequest(by="ann"), robot="r1")
 
 
+@pytest.mark.slow
 def test_plugins_that_hang_or_fail_while_they_are_halted_hold_up_no_other(start):
     robot = start("hanging", "raising", "wheels", "above")
     answer = halt(robot)
@@ -128,6 +129,7 @@ def test_plugins_that_hang_or_fail_while_they_are_halted_hold_up_no_other(start)
     assert halted[-1] == "above"
 
 
+@pytest.mark.slow
 def test_a_plugin_that_still_hangs_from_the_last_halt_is_not_entered_again(start):
     robot = start("hanging", "wheels")
     for _ in range(3):
@@ -179,6 +181,7 @@ def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_
         call.join(PATIENCE_S)
 
 
+@pytest.mark.slow
 def test_a_worker_pool_tells_what_failed_and_what_is_late():
     pool = WorkerPool("test", 1.0)
     release = threading.Event()

@@ -232,6 +232,7 @@ def test_a_halt_is_heard_while_the_hosts_own_loop_hangs(start, monkeypatch):
     held.set()
 
 
+@pytest.mark.slow
 def test_a_plugin_that_hangs_is_left_behind_at_the_end(stuck_robot):
     stuck_robot.stop()
     states = {name: tag.state.value for name, tag in stuck_robot.host.manager.plugins.items()}

@@ -84,6 +84,7 @@ def test_each_plugin_that_hangs_takes_one_thread_and_the_others_go_on(start):
     until(lambda: len(plugin_threads()) <= SPARE + 1)
 
 
+@pytest.mark.slow
 def test_a_plugin_whose_period_is_none_is_faulted_and_the_others_go_on(start):
     robot = start(2, 0, odd=3)
     odd = [robot.tag(f"odd{number}") for number in range(3)]

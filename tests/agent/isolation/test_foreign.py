@@ -197,6 +197,7 @@ def test_what_is_no_json_is_an_error(robot):
     assert caught.value.code is ErrorCode.FAILED
 
 
+@pytest.mark.slow
 def test_one_that_hangs_is_waited_for_no_longer_than_the_limit(robot):
     robot.join(info(functions=["hang"]))
     robot.until(lambda: "gauge" in robot.foreign)

@@ -26,6 +26,8 @@ from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
 from tests.agent.isolation.isolation_bench import IsolationBench, StandInEnvironment
 from tests.waiting import PATIENCE_S, until
 
+pytestmark = pytest.mark.slow
+
 VISION = """
 class Blob(msgspec.Struct, frozen=True):
     place: Point2D
@@ -182,7 +184,6 @@ def test_period_may_be_set_when_it_starts(bench):
     assert vision.period_s == 0.75
 
 
-@pytest.mark.slow
 def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench):
     ranger = bench.env.others["ranger"] = Ranger()
     vision = bench.start(
@@ -200,7 +201,6 @@ def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench):
     assert bench.env.asked == [("ranger", RangerInterface)]
 
 
-@pytest.mark.slow
 def test_calls_from_its_own_threads_come_back_here_too(bench):
     bench.env.others["ranger"] = Ranger()
     vision = bench.start(
@@ -219,7 +219,6 @@ def test_calls_from_its_own_threads_come_back_here_too(bench):
     assert told == [Point2D(0.5, 1.0)]
 
 
-@pytest.mark.slow
 def test_events_of_lower_plugins_reach_it_in_its_turn(bench):
     ranger = bench.env.others["ranger"] = Ranger()
     vision = bench.start(
@@ -236,7 +235,6 @@ def test_events_of_lower_plugins_reach_it_in_its_turn(bench):
     assert vision.all_heard() == [1.5, 2.5]
 
 
-@pytest.mark.slow
 def test_it_has_the_rights_of_its_plugin_and_no_more(bench):
     with pytest.raises(AccessDenied, match="not in the visibility of ranger") as caught:
         bench.start(RANGED)
@@ -244,7 +242,6 @@ def test_it_has_the_rights_of_its_plugin_and_no_more(bench):
     assert bench.plugins[0].pid is None
 
 
-@pytest.mark.slow
 def test_only_the_interface_is_offered_through_its_handles(bench):
     bench.env.others["ranger"] = Ranger()
     vision = bench.start(
@@ -288,7 +285,6 @@ def test_what_it_raises_is_raised_here(bench, raised, kind, text):
     assert vision.works()
 
 
-@pytest.mark.slow
 def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_called_it(bench):
     class OutOfReach(Exception):
         pass
@@ -470,7 +466,6 @@ def is_nobody_there(operator):
     return False
 
 
-@pytest.mark.slow
 def test_it_has_a_place_of_its_own_on_the_wire(bench):
     with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub:
         operator = Endpoint(hub, "default", LiveClock(), Drive.LIVE)

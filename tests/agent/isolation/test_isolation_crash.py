@@ -18,6 +18,8 @@ from robrain.agent.plugin_traceback import raised
 from tests.agent.isolation.isolation_bench import IsolationBench
 from tests.waiting import PATIENCE_S, until
 
+pytestmark = pytest.mark.slow
+
 PATIENT = Limits(call_s=PATIENCE_S, start_s=PATIENCE_S, halt_s=PATIENCE_S, memory_mb=800)
 QUICK = Limits(call_s=1.0, start_s=PATIENCE_S, halt_s=PATIENCE_S, memory_mb=800)
 """For calls that never end; what does end has all the time that a busy machine takes."""
@@ -108,7 +110,6 @@ def test_a_crash_is_an_error_of_the_plugin(fragile, function, text):
     check_crash(fragile, function, text)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "text"),
     [
@@ -135,7 +136,6 @@ def check_crash(vision, function, text):
     return caught.value
 
 
-@pytest.mark.slow
 def test_memory_beyond_the_limit_is_not_given_and_the_plugin_lives(bench):
     fragile = bench.start(FRAGILE, limits=Limits(call_s=PATIENCE_S, start_s=PATIENCE_S, memory_mb=400))
     with pytest.raises(MemoryError):
@@ -143,7 +143,6 @@ def test_memory_beyond_the_limit_is_not_given_and_the_plugin_lives(bench):
     assert fragile.halted() == 0
 
 
-@pytest.mark.slow
 def test_a_step_that_does_not_end_is_killed(stuck):
     stuck.stumble()
     with pytest.raises(PluginCrashed, match="did not come back from step"):
@@ -187,7 +186,6 @@ def test_waiting_for_a_lower_plugin_is_not_held_against_it(bench):
     assert vision.rest() == 5
 
 
-@pytest.mark.slow
 def test_after_a_crash_it_can_be_started_anew(fragile):
     with pytest.raises(PluginCrashed):
         fragile.abort()
@@ -196,7 +194,6 @@ def test_after_a_crash_it_can_be_started_anew(fragile):
     assert fragile.halted() == 0
 
 
-@pytest.mark.slow
 def test_deactivate_ends_the_process_and_activate_starts_another(fragile):
     pid = fragile.pid
     fragile.deactivate()
@@ -205,7 +202,6 @@ def test_deactivate_ends_the_process_and_activate_starts_another(fragile):
     assert fragile.pid not in (None, pid)
 
 
-@pytest.mark.slow
 def test_a_plugin_that_is_initialised_again_runs_in_another_process_and_the_first_one_has_ended(fragile):
     pid = fragile.pid
     fragile.init()
@@ -274,7 +270,6 @@ def test_a_process_that_does_not_halt_is_killed(bench):
     assert len(errors) == 1
 
 
-@pytest.mark.slow
 def test_a_plugin_that_is_dropped_takes_its_process_along(bench):
     vision = bench.start(FRAGILE)
     pid = vision.pid
@@ -313,7 +308,6 @@ def test_the_process_ends_with_its_parent_whatever_it_is_at(tmp_path):
     assert gone(pid)
 
 
-@pytest.mark.slow
 def test_ten_restarts_leave_no_process_thread_or_descriptor(bench):
     vision = bench.start(FRAGILE, limits=PATIENT)
     vision.deactivate()

@@ -14,6 +14,7 @@ LIMIT_S = 2.0
 """So long that the first questions arrive within it on a busy machine too."""
 
 
+@pytest.mark.slow
 def test_repeated_counter_questions_do_not_extend_the_time_limit():
     """Each of its questions arrives in time, but together they exceed the time limit."""
     near_end, far_end = socket.socketpair()

@@ -16,6 +16,8 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
+pytestmark = pytest.mark.slow
+
 START_S = 1.2
 """Limit for a start that hangs; any other has all the time that a busy machine takes."""
 LONG_S = 4 * PATIENCE_S
@@ -129,7 +131,6 @@ def test_a_load_that_hangs_is_refused_in_time_and_the_next_one_is_not_kept_waiti
     assert robot.which() == b"1"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("where", ["init", "activate"])
 def test_what_a_plugin_does_that_was_left_behind_in_its_start_has_no_consequence(shop, bench, where):
     robot = shop(start_s=START_S)

@@ -9,6 +9,8 @@ from robrain.coordinator.dashboard.replay.replay_source import ReplaySource
 from robrain.coordinator.dashboard.state.robot_view import Condition
 from robrain.sim.scenarios.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -165,6 +165,7 @@ def test_closing_while_it_starts_leaves_no_process(made):
     assert has_ended(pid)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_stopped", [False, True])
 def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_search_or_stopped(is_stopped):
     parent = subprocess.Popen([sys.executable, "-c", PARENT], cwd=ROOT, stdout=subprocess.PIPE, text=True)

@@ -19,6 +19,8 @@ from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.sim.scenarios.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 NS_PER_S = 1_000_000_000
 RUN_S = 25.0
 
@@ -81,7 +83,6 @@ def assert_same_map(one: OccupancyGrid | None, two: OccupancyGrid | None) -> Non
         np.testing.assert_array_equal(one.classes(), two.classes())
 
 
-@pytest.mark.slow
 @settings(max_examples=20)
 @given(t_s=st.floats(-1.0, RUN_S + 1.0))
 def test_the_run_at_a_time_is_the_last_message_of_each_key_and_the_merged_map(
@@ -94,7 +95,6 @@ def test_the_run_at_a_time_is_the_last_message_of_each_key_and_the_merged_map(
     assert_same_map(prepared.map_at(t_s), map_of(before))
 
 
-@pytest.mark.slow
 @settings(max_examples=20)
 @given(t_s=st.floats(0.0, RUN_S))
 def test_what_follows_a_seek_completes_the_map_of_the_whole_run(run: Path, prepared: Player, t_s: float) -> None:

@@ -17,6 +17,8 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import REPLAY_CONTROL
 from robrain.sim.scenarios.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 NS_PER_S = 1_000_000_000
 RUN_S = 20.0
 

@@ -91,6 +91,7 @@ def test_no_certificate_is_wrong_where_one_is_asked_for_and_nothing_elsewhere() 
     assert check_certificates(wanted, ["tcp/127.0.0.1:1"]) == []
 
 
+@pytest.mark.slow
 def test_a_robots_file_names_the_certificate_that_is_looked_at(pki: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv(TLS_VARIABLE, "/nowhere")  # is put back afterwards
     path = tmp_path / "r2.toml"

@@ -103,6 +103,7 @@ def test_router_that_cannot_be_reached(free) -> None:
     wrong(check_router([f"tcp/127.0.0.1:{free}"]), CheckName.ROUTER, f"nobody listens at tcp/127.0.0.1:{free}")
 
 
+@pytest.mark.slow
 def test_something_that_is_no_router(taken) -> None:
     wrong(check_router([f"tcp/127.0.0.1:{taken}"]), CheckName.ROUTER, "admits no client")
 
@@ -111,6 +112,7 @@ def test_key_space_that_is_open(endpoints) -> None:
     assert check_key_space(endpoints, TEAM, "r1").ok
 
 
+@pytest.mark.slow
 def test_key_space_that_the_router_denies(monkeypatch) -> None:
     monkeypatch.setattr("robrain.deploy.doctor.team_checks.ASK_S", 0.5)
     config = zenoh.Config()
@@ -209,6 +211,7 @@ def test_name_that_another_machine_has_and_the_robots_own(tmp_path) -> None:
     wrong(check_name_free("r1", [info], "there", tmp_path), CheckName.NAME, "another machine has the name r1")
 
 
+@pytest.mark.slow
 def test_port_that_is_taken(taken) -> None:
     endpoint = f"tcp/127.0.0.1:{taken}"
     wrong(check_port("the hub", endpoint), CheckName.PORT, f"the hub cannot listen at {endpoint}: the port is taken")
@@ -219,6 +222,7 @@ def test_port_that_is_free_or_has_the_router_itself(free, endpoints) -> None:
     assert check_port("the hub", endpoints[0]).sentence == f"the hub is at {endpoints[0]} already"
 
 
+@pytest.mark.slow
 def test_port_of_a_robots_plugin_that_is_taken(tmp_path, taken) -> None:
     [said] = check_robot_ports(robot(tmp_path, PORT.format(taken)))
     wrong(said, CheckName.PORT, "tcp_socket cannot listen at")

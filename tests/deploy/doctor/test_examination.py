@@ -56,6 +56,7 @@ def team_file(tmp_path: Path, port: int, scenario: str = "arena_small", parts: s
     return path
 
 
+@pytest.mark.slow
 def test_robot_that_may_join_is_told_so(capsys, hub, robot_file) -> None:
     assert doctor_command(robot_file, None, hub, None, as_json=True)
     told = json.loads(capsys.readouterr().out)
@@ -65,6 +66,7 @@ def test_robot_that_may_join_is_told_so(capsys, hub, robot_file) -> None:
     assert all(check["ok"] is not False for check in told)
 
 
+@pytest.mark.slow
 def test_robot_whose_router_is_away_is_told_in_words(capsys, free, robot_file) -> None:
     assert not doctor_command(robot_file, None, f"tcp/127.0.0.1:{free}", None, as_json=False)
     said = capsys.readouterr().out
@@ -103,6 +105,7 @@ def test_scenario_without_the_simulator_names_the_extra(tmp_path, free, monkeypa
     assert (wrong.name, wrong.remedy) == (CheckName.EXTRA, "pip install 'robrain[sim]'")
 
 
+@pytest.mark.slow
 def test_hub_whose_port_another_program_has(tmp_path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         checks = examine_host(team_file(tmp_path, server.getsockname()[1]), None)

@@ -152,6 +152,7 @@ def router(tmp_path: Path) -> Iterator[zenoh.Session]:
     session.close()
 
 
+@pytest.mark.slow
 def test_router_with_the_files_settings_carries_what_clients_say(router: zenoh.Session) -> None:
     where = next(at for at in listening_at(router) if at.startswith("tcp/127.0.0.1"))
     one, other = open_session(connect=[where]), open_session(connect=[where])

@@ -50,6 +50,7 @@ def test_a_robot_with_nothing_to_do_goes_home_after_a_while(errands):
     assert run.way_m() == pytest.approx(way_m, abs=0.01)
 
 
+@pytest.mark.slow
 def test_home_can_be_told(errands):
     run = errands()
     run.call("idle", "wait_at", HOME.x_m, HOME.y_m)
@@ -66,6 +67,7 @@ def test_a_task_on_the_way_home_is_done_first(errands):
     assert run.pose().distance_m(FAR) < 0.2
 
 
+@pytest.mark.slow
 def test_a_home_that_cannot_be_reached_keeps_nobody_busy(errands):
     run = errands(home=[-5.0, 1.0])
     run.run(20.0)

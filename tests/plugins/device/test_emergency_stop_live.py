@@ -78,6 +78,7 @@ def robot(tmp_path: Path, chip: GpioChip) -> Iterator[Robot]:
     one.close()
 
 
+@pytest.mark.slow
 def test_a_pressed_button_stops_the_wheels_again_and_again_and_lets_go_when_an_operator_says_so(
     robot: Robot, chip: GpioChip
 ) -> None:

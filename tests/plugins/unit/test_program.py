@@ -190,6 +190,7 @@ def test_what_it_started_ends_with_it(start):
     until(lambda: has_ended(int(bench.told[0])))
 
 
+@pytest.mark.slow
 def test_a_program_that_ignores_requests_to_end_is_killed(start):
     code = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); input()"
     bench = start(code)

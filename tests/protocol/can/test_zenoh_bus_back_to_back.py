@@ -284,6 +284,7 @@ def test_a_node_opens_beside_one_that_hangs(clients, monkeypatch):
         release.set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("duration_s", "period_s"), [(0.01, 0.003), (0.1, 0.011), (1.0, 0.4)])
 def test_a_periodic_frame_is_sent_for_no_longer_than_was_asked(clients, duration_s, period_s):
     receiver, sender = clients(), clients()
@@ -334,6 +335,7 @@ def test_nothing_is_sent_after_a_node_was_shut_down(clients):
     assert isinstance(error, can.CanOperationError)
 
 
+@pytest.mark.slow
 def test_a_notifier_hands_frames_to_its_listeners(clients):
     receiver, sender = clients(), clients()
     heard: list[can.Message] = []

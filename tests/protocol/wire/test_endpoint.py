@@ -336,6 +336,7 @@ def test_an_unanswered_query_ends_as_a_timeout(wire):
     assert late.value.code is ErrorCode.TIMEOUT
 
 
+@pytest.mark.slow
 def test_a_handler_that_takes_longer_than_the_time_limit_is_waited_for_in_lockstep(wire):
     def slow(request):
         time.sleep(SLOW_S)

@@ -275,6 +275,7 @@ def test_the_end_waits_for_an_answer_that_is_being_made(one_at_a_time):
     until(lambda: outcomes.get("first") == b'"first"')
 
 
+@pytest.mark.slow
 def test_the_end_does_not_wait_for_ever_for_an_answer_that_is_stuck(one_at_a_time, caplog):
     robot, _, outcomes, _ = one_at_a_time
     robot.close()

@@ -110,6 +110,7 @@ def asks(client: socket.socket, text: bytes = b"hello") -> bytes:
         return b""
 
 
+@pytest.mark.slow
 def test_500_sockets_on_a_robots_text_port_are_bounded_and_leave_nothing_behind(
     text_port: TcpSocket, caplog: pytest.LogCaptureFixture
 ) -> None:

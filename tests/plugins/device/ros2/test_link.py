@@ -19,6 +19,8 @@ from robrain.protocol.wire.endpoint import Drive
 from tests.ros_domain import Domain
 from tests.waiting import until
 
+pytestmark = pytest.mark.slow
+
 QOS = QoSProfile(depth=10)
 
 
