@@ -5,8 +5,10 @@ and for all processes below it. The set-up of fixtures that several tests share 
 with worker processes are judged: in these, everything that is loaded at its first use is loaded before the first test.
 """
 
+import gc
 import importlib
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ import pytest
 from tests.system.prefork import import_everything
 
 CPU_MAX_S = 1.0
+FULL = 2
+"""Generation of a search for garbage among all objects."""
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 PROC = Path("/proc")
 
@@ -57,6 +61,12 @@ class CpuBudget:
             import_everything()
             importlib.import_module("matplotlib.pyplot")
             importlib.import_module("pandas")
+            gc.callbacks.append(self._charge_nobody)
+
+    def _charge_nobody(self, phase: str, info: dict[str, int]) -> None:
+        """Charge no test for a search for garbage among all objects of the process."""
+        if info["generation"] == FULL:
+            self._shared_s += time.process_time() if phase == "stop" else -time.process_time()
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:

@@ -24,7 +24,7 @@ class CalmCollector:
             CalmCollector._usual = gc.get_threshold()
             gc.set_threshold(YOUNG_OBJECTS, *CalmCollector._usual[1:])
         CalmCollector._held += 1
-        gc.collect()
+        gc.collect(1)  # what is young; all objects of a large process would take a second
         gc.freeze()
 
     def settle(self) -> None:
