@@ -1,10 +1,14 @@
 """Turns: one at a time in a plugin, and nobody waits for ever for one that hangs."""
 
+import sys
 import threading
+from traceback import walk_stack
 from types import TracebackType
 
 from robrain.agent.errors import PluginHung
 from robrain.protocol.wire.clock import Clock, to_ns
+
+COMPILER = "numba.core.dispatcher"
 
 
 class Turn:
@@ -60,6 +64,12 @@ class Turn:
     def is_overdue(self, now_ns: int) -> bool:
         """Whether somebody has been in the plugin for longer than the limit."""
         return self.depth > 0 and now_ns - self._since_ns > self._limit_ns
+
+    @property
+    def compiles(self) -> bool:
+        """Whether the thread in the plugin compiles a kernel, or waits for one that does: that takes long, and ends."""
+        frame = sys._current_frames().get(self._owner) if self.depth else None
+        return frame is not None and any(one.f_globals.get("__name__") == COMPILER for one, _ in walk_stack(frame))
 
     def __enter__(self) -> None:
         # As `acquire`, written out: every call of a plugin by another passes here.

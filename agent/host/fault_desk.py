@@ -121,7 +121,7 @@ class FaultDesk:
         overdue = [
             plugin for plugin in self._registry.plugins.values() if plugin.turn.depth and plugin.turn.is_overdue(now_ns)
         ]
-        if overdue:
+        if overdue and not any(plugin.turn.compiles for plugin in overdue):
             # The lowest one hangs; those above it are in a call to it, and are deactivated as its users.
             plugin = min(overdue, key=lambda plugin: plugin.level)
             error = PluginHung(plugin.name, f"{plugin.name} has not come back for {plugin.turn.limit_s:g} s")

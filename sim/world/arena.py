@@ -179,12 +179,8 @@ class FaultSchedule:
             if fault.until_s is not None:
                 self._waiting.append((fault.until_s, number, fault, False))
         self._waiting.sort(key=lambda due: due[:2])
-        self._floods = {
-            fault.robot: endpoint.publisher(ARENA_RADIO_RX, robot=fault.robot)
-            for fault in faults
-            if fault.kind is FaultKind.MOTE_BASE_FLOODS
-        }
-        self._flooding: list[str] = []
+        self._floods: dict[str, Any] = {}
+        """By robot: where its mote base is flooded at present."""
         self.is_on = bool(faults)
         """Whether `step` must be called."""
         self._noise = ActiveMessage(type=FLOOD_TYPE, payload=bytes(16), source=0).pack()
@@ -194,9 +190,9 @@ class FaultSchedule:
         while self._waiting and self._waiting[0][0] <= sim_time_s + 1e-9:
             _, _, fault, breaks = self._waiting.pop(0)
             self.set(fault, breaks=breaks)
-        for robot in self._flooding:
+        for radio in self._floods.values():
             for _ in range(FLOOD_PACKETS_A_TICK):
-                self._floods[robot].put_bytes(self._noise)
+                radio.put_bytes(self._noise)
 
     def set(self, fault: FaultSpec, *, breaks: bool) -> None:
         """Break something now, or mend it."""
@@ -219,12 +215,10 @@ class FaultSchedule:
                 assert fault.soc is not None
                 robot.battery.drain(fault.soc)
             case FaultKind.MOTE_BASE_FLOODS if breaks:
-                if name not in self._floods:
-                    self._floods[name] = self._endpoint.publisher(ARENA_RADIO_RX, robot=name)
+                self._floods[name] = self._endpoint.publisher(ARENA_RADIO_RX, robot=name)
                 self.is_on = True
-                self._flooding.append(name)
             case FaultKind.MOTE_BASE_FLOODS:
-                self._flooding.remove(name)
+                del self._floods[name]
 
 
 __all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]

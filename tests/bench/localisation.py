@@ -210,7 +210,8 @@ class _Eyes:
         self._team = OccupancyGrid(self._geometry)
         """All that was ever seen: where a lost robot is looked for."""
         self._own = OccupancyGrid(self._geometry, surfaces=True)
-        self._trajectory = 0
+        self._trajectory = -1
+        self._begun = IDENTITY, NONE, NO_DRIFT, (0.0, 0.0)
         self._angles_rad = np.linspace(-math.pi, math.pi, RAYS, endpoint=False)
         self._rng = np.random.default_rng(5)
         self._nobody = np.empty((0, 3))
@@ -220,7 +221,9 @@ class _Eyes:
         ranges_m[ranges_m < RANGE_M] += RANGE_NOISE_M * self._rng.standard_normal(int((ranges_m < RANGE_M).sum()))
         points = beam_ends(self._angles_rad, ranges_m, RANGE_M)
         self._begin_anew(localiser)
-        localiser.see(points, LocalMap(self._own, IDENTITY, IDENTITY, NONE, NO_DRIFT, 1, 1, self._trajectory))
+        anchor, variances, drift, with_yaw = self._begun
+        own = LocalMap(self._own, IDENTITY, anchor, variances, drift, 1, 1, self._trajectory, with_yaw=with_yaw)
+        localiser.see(points, own)
         if localiser.lost and step % SEARCH_STEPS == 0:
             self._find(localiser)
         self._begin_anew(localiser)
@@ -236,6 +239,8 @@ class _Eyes:
         if localiser.beginnings != self._trajectory:
             self._trajectory = localiser.beginnings
             self._own.forget()
+            xx, _, xt, _, yy, yt, _, _, tt = localiser.covariances
+            self._begun = localiser.pose, (xx, yy, tt), localiser.drift, (xt, yt)
 
     def _find(self, localiser: Localiser) -> None:
         """As the mapper, but with one answer: what the robot has seen since it was lost is laid on the team's map."""
@@ -319,4 +324,4 @@ def _median(tracks: list[Track]) -> float:
 
 
 def _nees(tracks: list[Track]) -> str:
-    return f"{statistics.median(track.nees for track in tracks):.1f}"
+    return f"{statistics.fmean(track.nees for track in tracks):.1f}"

@@ -48,11 +48,8 @@ class Drive(NamedTuple):
     """For each step, motes and the strength of their signals in dBm."""
     biases: tuple[float, float, float]
     """Scale error, curve (rad/m), turn error."""
-
-    @property
-    def start(self) -> Pose2D:
-        """Where the robot believes to begin."""
-        return Pose2D(*self.true[0].tolist())
+    start: Pose2D
+    """Where the robot believes to begin."""
 
 
 def drive(seed: int, *, static_share: float = 0.0, sigma_db: float = SIGMA_DB) -> Drive:
@@ -79,7 +76,9 @@ def drive(seed: int, *, static_share: float = 0.0, sigma_db: float = SIGMA_DB) -
                 noise_db = statics[mote] + varying_db * radio.standard_normal()
                 now.append((mote, TRUE_LOSS.mean_dbm(distance_m) + noise_db))
         heard.append(now)
-    return Drive(motes, blocks, true, measured, heard, (float(biases[0]), float(biases[1]), float(biases[2])))
+    off = np.random.default_rng([seed, 8]).standard_normal(3) * (START_SIGMA_M, START_SIGMA_M, START_SIGMA_RAD)
+    start = Pose2D(*(true[0] + off).tolist())
+    return Drive(motes, blocks, true, measured, heard, (float(biases[0]), float(biases[1]), float(biases[2])), start)
 
 
 def _mote_places(rng: np.random.Generator) -> list[Point2D]:

@@ -108,6 +108,29 @@ def hang(robot):
 
 
 @pytest.mark.slow
+def test_a_plugin_that_compiles_kernels_for_longer_than_its_limit_and_who_waits_for_it_are_no_faults(mine):
+    robot = mine()
+    compiles = {"__name__": "numba.core.dispatcher", "go": robot.space["GO"], "started": robot.space["IN_CALL"]}
+    exec("def step(): started.set(); go.wait(600)", compiles)
+    mule, miner = robot.tag("mule"), robot.tag("miner")
+    first = miner.plugin
+    step, mule.plugin.step = mule.plugin.step, compiles["step"]
+    assert robot.space["IN_CALL"].wait(PATIENCE_S)
+    mule.plugin.step = step
+    mule.turn.set_limit(HANG_S)
+    miner.turn.set_limit(HANG_S)
+    miner.plugin.pushing = True
+    watch = robot.tag("watch").plugin
+    steps = watch.steps
+    until(lambda: watch.steps > steps + 100)  # a second, three times the limit
+    assert {state for state, _ in states(robot).values()} == {"active"}
+    robot.space["GO"].set()
+    until(lambda: robot.tag("miner").plugin.pushed > 0)
+    assert robot.tag("miner").plugin is first
+    assert {name: state for name, (state, _) in states(robot).items() if state != "active"} == {}
+
+
+@pytest.mark.slow
 def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on(mine):
     robot = mine()
     inbox = Inbox(every=True)
