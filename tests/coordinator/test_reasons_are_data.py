@@ -129,6 +129,7 @@ def test_the_same_is_planned_offered_and_charged_whatever_the_reasons_are_called
     assert told == (tired if socs is TIRED else fresh)[0]
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(problem=problems(), objective=st.sampled_from(Objective), seed=st.integers(0, 1000))
 def test_allocators_plan_the_same_whatever_the_reasons_are_called(problem, objective, seed) -> None:

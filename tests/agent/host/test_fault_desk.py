@@ -20,7 +20,7 @@ class Turn:
     def __init__(self) -> None:
         self.owner: int | None = None
         self.depth = 0
-        self.overdue = False
+        self.overdue = self.compiles = False
         self.limit_s = 2.0
 
     def is_overdue(self, _now_ns: int) -> bool:
@@ -275,7 +275,11 @@ def test_lowest_hanging_plugin_is_blamed() -> None:
     device.turn.overdue = True  # nobody is in it
     robot.look(HUNG_PERIOD_NS - 1)
     assert unit.state is PluginState.ACTIVE
+    unit.turn.compiles = True  # then the skill waits for it
     robot.look(HUNG_PERIOD_NS)
+    assert unit.state is skill.state is PluginState.ACTIVE
+    unit.turn.compiles = False
+    robot.look(2 * HUNG_PERIOD_NS)
     assert [tag.state for tag in (device, unit, skill)] == [
         PluginState.ACTIVE,
         PluginState.FAULTED,
