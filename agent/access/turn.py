@@ -67,7 +67,7 @@ class Turn:
 
     @property
     def compiles(self) -> bool:
-        """Whether the thread in the plugin compiles a kernel, or waits for one that does: that takes long, and ends."""
+        """Whether the thread in the plugin compiles a kernel or waits for one: that may take minutes, but it ends."""
         frame = sys._current_frames().get(self._owner) if self.depth else None
         return frame is not None and any(one.f_globals.get("__name__") == COMPILER for one, _ in walk_stack(frame))
 

@@ -54,10 +54,10 @@ SECTIONS = {
     ),
     "localisation": Section(
         "Localisation",
-        "20 × 20 m, 8 motes, 4 dB, 5 minutes, 50 seeds; each start is told with an error. NEES, a mean of all runs, is "
-        "2 if the covariance is right. A run is lost in silence if the truth lies outside the 99.999 % ellipse for "
-        "10 s on end without a report. *Fresh seeds* were not used for choosing parameters; *the filter alone* knows "
-        "the radio's true parameters.",
+        "20 × 20 m, 8 motes, 4 dB, 5 minutes, 50 seeds; each robot gets its start with an error. NEES, the mean of "
+        "all runs, is 2 if the covariance is right. A run is lost in silence if the truth lies outside the 99.999 % "
+        "ellipse for 10 s on end without a report. *Fresh seeds* were not used for choosing parameters; *the filter "
+        "alone* knows the radio's true parameters.",
         "tests.bench.localisation:measure",
     ),
     "mapping": Section(
