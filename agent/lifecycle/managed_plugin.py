@@ -127,9 +127,9 @@ class ManagedPlugin:
 
     @property
     def period_s(self) -> float | None:
-        """How often the plugin wants its step; None if it is passive or not there."""
-        instance = self.instance  # it may go meanwhile
-        return instance.plugin.period_s if instance is not None else None
+        """How often the plugin wants its step; None if it is passive or not active."""
+        plugin = self.callable  # it may go meanwhile
+        return plugin.period_s if plugin is not None else None
 
     @property
     def halts_itself(self) -> bool:
@@ -222,6 +222,7 @@ class ManagedPlugin:
             self._note_callable()
         if trigger in (Trigger.ACTIVATED, Trigger.RESUME):
             self._context.newly_running = True
+            self.holdings.mailbox.ring()  # its runner sleeps while there is nothing to step
         instance, failure = self.instance, None
         for step in steps:
             match step:
@@ -328,7 +329,7 @@ class ManagedPlugin:
             instance.begin(self._context.make_environment(self).wire)
             instance.plugin.activate()
             self._check_there(instance.environment)
-            period_s = self.period_s
+            period_s = instance.plugin.period_s
             if period_s is not None and not period_s > 0:
                 raise PluginError(self.name, f"{self.name}: expected period_s > 0 or None, got {period_s}")
             self.period_ns = to_ns(period_s) if period_s is not None else 0
@@ -336,7 +337,6 @@ class ManagedPlugin:
             self.apply(Trigger.ACTIVATED)
             if self._context.halted:  # looked at last: a halt that comes now sees that it is active
                 self.refuse_calls()
-            self.holdings.mailbox.ring()  # its runner sleeps while there is nothing to step
 
     def fault(self, error: ForeignError) -> None:
         """The plugin raised, hangs or floods: it is not called any more; the host sees to the rest in its step."""

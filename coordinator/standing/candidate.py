@@ -53,7 +53,7 @@ class Lost(NamedTuple):
             if names := [name for name in self.witnesses if refusals.get(name) is refusal]:
                 parts.append(f"{', '.join(names)}: {words}")
         if silent := [name for name in self.witnesses if name not in self.granted and name not in refusals]:
-            parts.append(f"{', '.join(silent)}: no answer")
+            parts.append(f"{', '.join(silent)}: no answer yet")
         return f"{len(self.granted)} of {len(self.witnesses)} witnesses elect it; {'; '.join(parts)}"
 
 
