@@ -213,6 +213,7 @@ class Mapper(Skill):
             self._finish_submap()
             covariance = np.array(self.env.board.pose_covariance).reshape(3, 3)
             self._own.begin_submap(map_stamp_ms(scan.stamp_ns), local, local_pose.drift, covariance)
+            self._withdraw_covered()
         self._own.integrate(
             local,
             scan.angles_rad,
@@ -288,7 +289,7 @@ class Mapper(Skill):
         if why := self._desk.why_wrong():
             # Somewhere in this trajectory is a break, as when somebody has carried the robot off unnoticed.
             nodes = self._graph.own.values()
-            self._withdraw([node.number for node in nodes if node.trajectory == self._own.trajectory])
+            self._withdraw_wrong([node.number for node in nodes if node.trajectory == self._own.trajectory])
             board.misplaced = why
         elif why := self._frames.why_unsure():
             self._frames.part(why)
@@ -349,16 +350,26 @@ class Mapper(Skill):
         if self._has_begun_anew:
             return
         self._has_begun_anew = True
-        self._withdraw(list(self._graph.own))
+        self._withdraw_wrong(list(self._graph.own))
+
+    def _withdraw_wrong(self, numbers: list[int]) -> None:
+        self._withdraw(numbers)
+        self._own.begin_trajectory(self._own.trajectory)
+
+    def _withdraw_covered(self) -> None:
+        """Remove own submaps that can no longer be moved and that the map no longer shows: else maps grow for ever."""
+        robot, movable = self.env.robot, self._graph.own
+        fixed = sorted(number for name, number in self._atlas.submaps if name == robot and number not in movable)
+        # The oldest submap that can be moved is placed relative to the last fixed one.
+        self._withdraw([number for number in fixed[:-1] if self._atlas.is_covered((robot, number))])
 
     def _withdraw(self, numbers: list[int]) -> None:
-        """Remove own submaps that are wrong, and queue the message about it."""
+        """Remove own submaps, and queue the message about it."""
         for number in numbers:
             self._graph.withdraw(number)
             self._atlas.withdraw((self.env.robot, number))
         self._hearing.withdrawn.update(numbers)
         self._telling.withdrawn(numbers)
-        self._own.begin_trajectory(self._own.trajectory)
 
     def _pause(self, why: str) -> None:
         if bool(why) != bool(self.env.board.map_paused):

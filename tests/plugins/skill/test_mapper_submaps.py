@@ -30,10 +30,10 @@ def lies_at(place=IDENTITY, *, trajectory=0, until_ns=STAMP_MAX, fits=True, sigm
     return LocalPose(place, trajectory, NO_DRIFT, until_ns, fits, sigma_m)
 
 
-def mapping(stage, *, local_map=None):
+def mapping(stage, *, local_map=None, **settings):
     """A robot whose localisation says that it stands at the origin."""
     one = stage()
-    host = one.host("mapper", mapper=GRID, start=False)
+    host = one.host("mapper", mapper=GRID | settings, start=False)
     host.board.local_map = local_map
     host.start()
     host.board.local_pose = lies_at()
@@ -95,6 +95,24 @@ def test_a_submap_begins_with_the_first_scan_and_another_after_five_metres(stage
     assert {patch.submap for patch in told} == {first.number, second.number}
     assert [patch.submap for patch in told] == sorted(patch.submap for patch in told)
     assert one.call("mapper", "counters")["submaps"] == 2
+
+
+def test_old_submaps_that_the_map_no_longer_shows_go_and_those_that_it_shows_stay(stage):
+    one, host = mapping(stage, graph={"submaps_max": 2})
+    patches, team = one.inbox(ROBOT_MAP), SubmapAtlas(GEOMETRY)
+    seen_once_m = 5.2
+    for way in range(40):
+        host.board.local_pose = lies_at(Pose2D(seen_once_m if way == 1 else 1.5 * (way % 2), 0.0, 0.0))
+        scanned(one, 0.5)
+        for received in patches.drain():
+            take_message(team, received.message)
+    scanned(one)
+    for received in patches.drain():
+        take_message(team, received.message)
+    # Of twelve submaps: two that can be moved, the last fixed one, and the one that saw the far place.
+    assert one.call("mapper", "counters")["submaps"] == len(team.submaps) == 4
+    assert class_at(host, seen_once_m + 2.05, 0.0) == OCCUPIED
+    assert (view(host).classes == team.grid.classes()).all()
 
 
 def test_what_was_seen_last_of_a_submap_is_told_with_it(stage):
