@@ -1,8 +1,8 @@
 """A live team with tasks for a long time: do memory, descriptors and threads of its processes stay as they are?
 
 `python -m tests.system.endurance --minutes 30` is what `make endurance` runs: `robrain up` with eight robots, a
-recorder and a page, a seeded flow of tasks, and a halt of the team now and then. Every five seconds it notes what each
-process takes; `endurance.csv` and `endurance.png` have all of it.
+recorder and a page, a seeded flow of tasks, reloads of plugins, faults of hardware that pass, and a halt of the team
+now and then. Every five seconds it notes what each process takes; `endurance.csv` and `endurance.png` have all of it.
 """
 
 import argparse
@@ -17,12 +17,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from robrain import Team
+from robrain import Scenario, Team
 from robrain.client.errors import BadTask
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.errors import CallError, NobodyThere, RobrainError
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from tests.system.soak import Process
 
 SCENARIO = "depot"
@@ -37,6 +38,12 @@ UNLOAD = 4
 RELOADED = ("mocdevice", "scan", "driver", "localisation", "mapper", "planner", "energy", "explore", "visit")
 HALT_S, HALTED_S = 120.0, 5.0
 """The team is halted this often, for so long."""
+FAULT_S, FAULTY_S = 60.0, 2.0
+"""The hardware of some robot fails this often, for so long."""
+FAULTS = (
+    FaultKind.CAN_CUT, FaultKind.CAN_SHORTED, FaultKind.MOTORS_FAIL, FaultKind.LIDAR_FREEZES,
+    FaultKind.BATTERY_LIES, FaultKind.MOTE_BASE_FLOODS,
+)  # fmt: skip
 END_S = 180.0
 """The last tasks have so long to end."""
 SETTLED_SHARE = 1 / 3
@@ -109,8 +116,9 @@ def endure(folder: Path, minutes: float, *, robots: int, seed: int, scenario: st
     samples: list[Sample] = []
     submitted: list[str] = []
     halts = 0
+    (folder / "faulty.toml").write_text(_with_faults(Scenario.builtin(scenario), minutes, robots, draw).to_toml())
     up = Process(
-        folder, "up", "up", scenario, "--robots", str(robots), "--seed", str(seed), "--port", "0",
+        folder, "up", "up", "faulty.toml", "--robots", str(robots), "--seed", str(seed), "--port", "0",
         "--record", RECORDING, "--journal", JOURNAL, "--listen", "tcp/127.0.0.1:0",
     )  # fmt: skip
     try:
@@ -145,6 +153,15 @@ def endure(folder: Path, minutes: float, *, robots: int, seed: int, scenario: st
     finally:
         up.stop()
     return Endured(samples, submitted, ended, halts)
+
+
+def _with_faults(scenario: Scenario, minutes: float, robots: int, draw: random.Random) -> Scenario:
+    """The scenario, with faults that pass."""
+    faults = []
+    for at_s in range(int(FAULT_S), int(60.0 * minutes), int(FAULT_S)):
+        robot, kind = f"r{draw.randint(1, robots)}", draw.choice(FAULTS)
+        faults.append(FaultSpec(robot=robot, kind=kind, at_s=float(at_s), until_s=at_s + FAULTY_S))
+    return scenario.replace(faults=tuple(faults))
 
 
 def _reload(team: Team, draw: random.Random, *, unload: bool) -> None:
