@@ -3,7 +3,7 @@
 from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario
 
 POSTS = [(1.0, 1.0), (4.2, 3.0), (3.6, 4.8), (6.0, 3.0)]
-battery = BatterySpec(capacity_wh=2.5, soc_at_start=0.6)  # some minutes
+battery = BatterySpec(capacity_wh=2.5, soc_at_start=0.5)  # some minutes
 scenario = Scenario.builtin("arena_small").replace(
     robots=1, motes=0, seed=2, hardware=RobotHardware(battery=battery), chargers=(ChargerSpec(place_m=(0.6, 5.2)),)
 )

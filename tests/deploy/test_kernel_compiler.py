@@ -12,16 +12,15 @@ import pytest
 from robrain.deploy.run import preparing
 from robrain.deploy.run.kernels import PARTS
 from robrain.deploy.run.preparing import KernelCompiler
-from robrain.protocol.model.warm_up import Part
-from tests.waiting import until
+from tests.waiting import has_ended, until
 
 FEW = {"obstacles": PARTS["obstacles"], "map overlap": PARTS["map overlap"]}
 SCRIPT = """
 import time
 from robrain.deploy.run.preparing import KernelCompiler
 from robrain.deploy.run.kernels import PARTS
-with KernelCompiler(PARTS, 2) as compiler:
-    print(*(worker._process.pid for worker in compiler._workers), flush=True)
+with KernelCompiler(PARTS, 1) as compiler:
+    print(compiler._workers[0]._process.pid, flush=True)
     time.sleep(600)
 """
 
@@ -33,30 +32,27 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_parts_at_the_start_are_compiled_first_and_stored(empty_cache: Path) -> None:
-    with KernelCompiler(FEW, 1) as compiler:
+def test_parts_at_the_start_are_stored_first_then_one_process_compiles_and_ends_with_the_block(
+    empty_cache: Path,
+) -> None:
+    with KernelCompiler(FEW, 2) as compiler:
+        first, second = (worker._process for worker in compiler._workers)
         assert compiler.progress == (0, 1, None)
-        until(lambda: compiler.is_done, step=compiler.step)
+        until(lambda: compiler.is_done and second.poll() is not None, step=compiler.step)
         assert compiler.progress.ready == 1
         assert compiler.failure == ""
-    assert list(empty_cache.rglob("obstacles*.nbc"))
+        assert second.returncode == 0
+        assert first.poll() is None  # it is left with what is needed later
+        assert list(empty_cache.rglob("obstacles*.nbc"))
+        begun_s = time.monotonic()
+    assert time.monotonic() - begun_s < 2 * preparing.STOP_S
+    assert first.poll() is not None
     assert not list(empty_cache.rglob("*.tmp.*"))
 
 
-@pytest.mark.slow
-def test_parts_that_are_needed_later_are_left_to_one_process(empty_cache: Path) -> None:
-    later = {name: part for name, part in PARTS.items() if not part.at_start}
-    with KernelCompiler(later, 2) as compiler:
-        first, second = (worker._process for worker in compiler._workers)
-        until(lambda: second.poll() is not None, step=compiler.step)
-        assert second.returncode == 0
-        assert first.poll() is None
-        assert compiler.failure == ""
-
-
-@pytest.mark.slow
-def test_process_that_fails_is_told_and_nobody_waits_for_it(empty_cache: Path) -> None:
-    with KernelCompiler({"no such part": Part(PARTS["obstacles"].warm_up, at_start=True)}, 1) as compiler:
+def test_process_that_fails_is_told_and_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(preparing, "MODULE", "no_such_module")
+    with KernelCompiler(FEW, 1) as compiler:
         until(lambda: compiler.is_done, step=compiler.step)
         assert compiler.failure == "a compiling process ended with status 1"
 
@@ -69,30 +65,11 @@ def test_python_that_cannot_be_started_is_told(monkeypatch: pytest.MonkeyPatch, 
 
 
 @pytest.mark.slow
-def test_left_block_ends_the_processes_within_the_limit(empty_cache: Path) -> None:
-    compiler = KernelCompiler(PARTS, 1)
-    pids = [worker._process.pid for worker in compiler._workers]
-    until(lambda: list(empty_cache.rglob("*.nbc")), step=compiler.step)
-    begun_s = time.monotonic()
-    compiler.close()
-    assert time.monotonic() - begun_s < 2 * preparing.STOP_S
-    assert not any(_runs(pid) for pid in pids)
-
-
-@pytest.mark.slow
-def test_processes_end_when_their_parent_is_killed(empty_cache: Path) -> None:
+def test_process_ends_when_its_parent_is_killed(empty_cache: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", SCRIPT], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
-        pids = [int(word) for word in parent.stdout.readline().split()]
+        pid = int(parent.stdout.readline())
         until(lambda: list(empty_cache.rglob("*.nbc")))
         os.kill(parent.pid, signal.SIGKILL)
-    assert len(pids) == 2
-    until(lambda: not any(_runs(pid) for pid in pids))
+    until(lambda: has_ended(pid))
     assert not list(empty_cache.rglob("*.tmp.*"))
-
-
-def _runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False

@@ -1,6 +1,5 @@
 """A mutant replaces loaded functions, compiled kernels and their callers, also in child processes."""
 
-import gc
 import os
 import subprocess
 import sys
@@ -13,29 +12,55 @@ from robrain.protocol.model.navigation import clearance_kernels
 from tests.mutation.mutant import Mutant, mutants_of
 from tests.mutation.running import ROOT
 from tests.mutation.scope import draw, files_in_scope
-from tests.mutation.swapping import LoadedFunctions
 
-IN_CHILD = """
-import sys
+CLEARANCE = "protocol/model/navigation/clearance_kernels.py"
+SHOW_CLEARANCE = """
+from robrain.protocol.model.navigation import clearance_kernels
+import numpy as np
+print(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist(), flush=True)
+"""
+SHOW_ANGLE = """
+from robrain.protocol.model import geometry
+print(round(geometry.wrap_angle_rad(7.0), 3), flush=True)
+"""
+IN_PROCESS = f"""
+import gc, subprocess, sys
 from pathlib import Path
 from tests.mutation.mutant import mutants_of
 from tests.mutation.swapping import LoadedFunctions
 from robrain.protocol.model import geometry
+from robrain.protocol.model.localization.gauss_newton_kernels import eigen
 from robrain.protocol.model.navigation import clearance_kernels
-from robrain.protocol.model.localization import odometry
-from robrain.protocol.model.localization import scan_match_kernels
-import numpy as np, subprocess
+import numpy as np
 root = Path.cwd()
-path, change = sys.argv[1:3]
-(mutant,) = [mutant for mutant in mutants_of(root, path) if mutant.name.endswith(change)][:1]
-LoadedFunctions(root).put(mutant, Path(sys.argv[3]))
-exec(sys.argv[4])
+gc.freeze()
+loaded = LoadedFunctions(root)
+print("callers", [function for path, function in loaded.callers_of_kernel(({CLEARANCE!r}, "_clearance_m"))])
+print("no kernel", list(loaded.callers_of_kernel(("protocol/model/geometry.py", "wrap_angle_rad"))))
+
+def put(path, change):
+    mutant = next(mutant for mutant in mutants_of(root, path) if mutant.name.endswith(change))
+    loaded.put(mutant, Path(sys.argv[1]))
+
+def show(code):
+    exec(code)
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+put("protocol/model/geometry.py", "2 * math.pi -> 2 / math.pi")
+show({SHOW_ANGLE!r})
+put("protocol/model/localization/gauss_newton_kernels.py", "eigen::3 -> 4")
+try:
+    eigen(np.eye(3), np.zeros(3), np.zeros((3, 3)))
+except IndexError:
+    print("out of bounds", flush=True)
+put({CLEARANCE!r}, "_clearance_m::1 -> 2")
+show({SHOW_CLEARANCE!r})
 """
 
 
-def _run(path: str, change: str, folder: Path, code: str) -> str:
+def _run(code: str, *words: str) -> list[str]:
     ran = subprocess.run(
-        [sys.executable, "-c", IN_CHILD, path, change, str(folder), code],
+        [sys.executable, "-c", code, *words],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
@@ -43,68 +68,25 @@ def _run(path: str, change: str, folder: Path, code: str) -> str:
         check=False,
     )
     assert ran.returncode == 0, ran.stderr
-    return ran.stdout.strip()
+    return ran.stdout.splitlines()
 
 
 @pytest.mark.slow
-def test_a_loaded_function_makes_the_mistake_for_all_who_imported_it_also_in_a_child_process(tmp_path: Path) -> None:
-    code = "from robrain.protocol.model.geometry import wrap_angle_rad; print(round(wrap_angle_rad(7.0), 3))"
-    said = _run(
-        "protocol/model/geometry.py",
-        "2 * math.pi -> 2 / math.pi",
-        tmp_path,
-        f"print(round(geometry.wrap_angle_rad(7.0), 3), flush=True)\nsubprocess.run([sys.executable, '-c', {code!r}])",
-    )
-    here, child = said.split()
-    assert here == child != "0.717"
+def test_functions_and_compiled_kernels_make_the_mistake_also_in_a_child_process_and_leave_it_to_nobody(
+    tmp_path: Path,
+) -> None:
+    """numba's cache does not tell a kernel from one with another constant; the collector leaves what is frozen alone.
 
-
-@pytest.mark.slow
-def test_a_compiled_kernel_makes_the_mistake_too(tmp_path: Path) -> None:
-    code = "print(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
-    right = clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0)[2].tolist()
-    said = _run("protocol/model/navigation/clearance_kernels.py", "width + 1 -> width - 1", tmp_path, code)
-    assert said.startswith("[")
-    assert said != str(right)
-
-
-@pytest.mark.slow
-def test_a_child_process_compiles_mutated_kernels_for_itself_and_leaves_them_to_nobody(tmp_path: Path) -> None:
-    """numba's cache does not tell a kernel from one with another constant."""
-    code = "from robrain.protocol.model.navigation import clearance_kernels; import numpy as np; {}".format(
-        "print(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())"
-    )
-    right = clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist()
-    unchanged = [sys.executable, "-c", code]
-    path, change = "protocol/model/navigation/clearance_kernels.py", "_clearance_m::1 -> 2"
-    said = _run(path, change, tmp_path, f"print(subprocess.run({unchanged!r}, capture_output=True).stdout)")
-    assert said != f"b'{right}\\n'"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    after = subprocess.run(unchanged, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
-    assert after.stdout == f"{right}\n"
-
-
-@pytest.mark.slow
-def test_a_mutated_kernel_that_leaves_its_arrays_raises(tmp_path: Path) -> None:
-    code = """
-from robrain.protocol.model.localization.gauss_newton_kernels import eigen
-try:
-    eigen(np.eye(3), np.zeros(3), np.zeros((3, 3)))
-except IndexError:
-    print("out of bounds")
-"""
-    assert (
-        _run("protocol/model/localization/gauss_newton_kernels.py", "eigen::3 -> 4", tmp_path, code) == "out of bounds"
-    )
-
-
-@pytest.mark.slow
-def test_the_callers_of_a_compiled_kernel_are_known_though_the_collector_leaves_them_alone() -> None:
-    gc.freeze()
-    loaded = LoadedFunctions(ROOT)
-    callers = set(loaded.callers_of_kernel(("protocol/model/navigation/clearance_kernels.py", "_clearance_m")))
-    assert ("protocol/model/navigation/clearance_kernels.py", "clearance_m") in callers
-    assert not list(loaded.callers_of_kernel(("protocol/model/geometry.py", "wrap_angle_rad")))
+    A mutated kernel that leaves its arrays raises.
+    """
+    callers, no_kernel, angle, child_angle, out_of_bounds, clearance, child_clearance = _run(IN_PROCESS, str(tmp_path))
+    assert "'clearance_m'" in callers
+    assert no_kernel == "no kernel []"
+    assert angle == child_angle != "0.717"
+    assert out_of_bounds == "out of bounds"
+    right = str(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())
+    assert clearance == child_clearance != right
+    assert _run(SHOW_CLEARANCE) == [right]
 
 
 def test_equal_seeds_draw_equal_mutants_and_others_do_not() -> None:
