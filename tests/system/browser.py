@@ -46,7 +46,7 @@ MIDDLE_OF = """async (selector) => {
 """The point to click on an element, once it has stopped moving and nothing covers it, as sections open gradually."""
 CALM = """
 (() => {
-  const PAUSE_MS = 125;
+  const PAUSE_MS = 500;
   window.requestAnimationFrame = (draw) => {
     const wait_ms = PAUSE_MS - (performance.now() % PAUSE_MS);
     return setTimeout(() => draw(performance.now()), wait_ms);
@@ -54,7 +54,7 @@ CALM = """
   window.cancelAnimationFrame = (number) => clearTimeout(number);
 })();
 """
-"""Limits pages to eight frames a second, as each frame costs much CPU without a graphics card."""
+"""Limits pages to two frames a second, as each frame costs much CPU without a graphics card."""
 NOTICES = """
 (() => {
   const told = (window.toldNotices = new Set());

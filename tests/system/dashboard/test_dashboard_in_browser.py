@@ -76,14 +76,9 @@ def stoppable(team: FakeTeam) -> Iterator[Stoppable]:
     dashboard.stop()
 
 
-@pytest.fixture
-def url(stoppable: Stoppable) -> str:
-    return stoppable.url
-
-
-def test_team_is_seen_and_halted_in_a_browser(browser: Browser, team: FakeTeam, url: str) -> None:
+def test_team_is_seen_and_halted_in_a_browser(browser: Browser, team: FakeTeam, stoppable: Stoppable) -> None:
     with window(browser, width=1100, height=740) as context:
-        page, errors = open_page(context, url)
+        page, errors = open_page(context, stoppable.url)
         title = page.title()
         assert title == "robrain"
         _check_figures(page)
@@ -147,22 +142,6 @@ def test_two_browsers_have_selections_and_layers_of_their_own_one_halt_and_see_t
         expect(second.locator("#rb-lost")).to_be_hidden()
         stoppable.stop()
         expect(second.locator("#rb-lost")).to_be_visible()
-
-
-def test_halt_and_resume_stay_in_reach_on_a_narrow_screen(browser: Browser, team: FakeTeam, url: str) -> None:
-    with window(browser, width=390, height=800) as context:
-        page, errors = open_page(context, url)
-        keep(page, "dashboard-narrow")
-        page.locator("#rb-halt").click()
-        assert next_halt(team).halted
-        expect(page.get_by_test_id("halt-state")).to_be_visible()
-        expect(page.get_by_test_id("halt-missing")).to_have_text("Not stopped: r1, r2")
-        click_on(page, "[data-rb='resume']")
-        page.get_by_role("button", name="Resume all robots", exact=True).click()
-        assert not next_halt(team).halted
-        expect(page.get_by_test_id("halt-state")).to_have_count(0)
-        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-        assert errors == []
 
 
 def _layers_are_each_browsers_own(first: Page, second: Page) -> None:

@@ -1,4 +1,4 @@
-"""The dashboard on a recording: the same page, with a time that can be moved."""
+"""The dashboard on a recording: the same page, with a time that can be moved, and what if from there."""
 
 import os
 import pty
@@ -10,10 +10,11 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from robrain import Scenario
-from tests.system.browser import chromium, keep, open_page, picture_of, wait_for
+from robrain.coordinator.recording.reader.reading import recording_info
+from tests.system.browser import keep, open_page, picture_of, wait_for, window
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
@@ -27,20 +28,19 @@ TYPED_MS = 5000
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
-    Scenario.builtin("depot").replace(robots=3, seed=7).run(time_limit_s=20.0, record=path)
+    Scenario.builtin("depot").replace(robots=2, seed=7).run(time_limit_s=20.0, record=path)
     return path
 
 
-@pytest.fixture
-def url(commands: Commands, recording: Path) -> str:
+def replay(commands: Commands, recording: Path, *options: str) -> str:
     """The page of a replay, which is paused at its start."""
-    process = commands.start("replay", str(recording), "--port", "0")
+    process = commands.start("replay", str(recording), "--port", "0", *options)
     return commands.line_with(process, "dashboard: ").split()[1]
 
 
-def test_recording_is_scrubbed_stepped_and_played(url: str) -> None:
-    with chromium() as context:
-        page, errors = open_page(context, url)
+def test_recording_is_scrubbed_stepped_and_played(browser: Browser, commands: Commands, recording: Path) -> None:
+    with window(browser) as context:
+        page, errors = open_page(context, replay(commands, recording))
         expect(page.get_by_role("button", name="EMERGENCY HALT")).to_have_count(0)
         # A replay is paused at its start.
         play = page.get_by_role("button", name="▶ Play", exact=True)
@@ -75,6 +75,39 @@ def test_recording_is_scrubbed_stepped_and_played(url: str) -> None:
         wait_for(lambda: _position_s(page), lambda at_s: at_s >= 14, "the replay going on")
         expect(page.get_by_test_id("robot-r1-contact")).to_have_text("● up")
         assert errors == []
+
+
+def test_replay_is_run_again_without_a_robot_from_the_time_shown(
+    browser: Browser, commands: Commands, recording: Path
+) -> None:
+    with window(browser) as context:
+        page, errors = open_page(context, replay(commands, recording, "--start", "3"))
+        page.get_by_role("tab", name="What if").click()
+        page.get_by_label("r2", exact=True).last.check()
+        task = page.get_by_text("New task", exact=True).locator("xpath=ancestor::div[.//input][1]//input")
+        task.fill("visit --at 14,6.5")
+        page.wait_for_timeout(1000)
+        page.get_by_role("button", name="What if from here (0:03)", exact=True).click()
+        expect(page.get_by_role("button", name="Stop", exact=True)).to_be_visible()
+        outcome = page.get_by_test_id("what-if-done")
+        expect(outcome).to_be_visible(timeout=1000 * PATIENCE_S)
+        expect(outcome).to_contain_text(re.compile(r"before it: equal, \d+ messages"))
+        expect(outcome).to_contain_text("visit-1")
+        expect(page.get_by_role("button", name="What if from here (0:03)", exact=True)).to_be_visible()
+        link = page.get_by_test_id("what-if-link")
+        expect(link).to_be_visible(timeout=1000 * PATIENCE_S)
+        keep(page, "dashboard-what-if")
+        forked = recording.parent / "run.fork-3.02s.mcap"
+        assert recording_info(forked).digest
+        with urllib.request.urlopen(link.get_attribute("href") or "") as answer:
+            assert answer.status == 200
+
+        task.fill("dance")
+        page.wait_for_timeout(1000)
+        page.get_by_role("button", name="What if from here (0:03)", exact=True).click()
+        expect(page.get_by_test_id("what-if-failed")).to_contain_text("dance", timeout=1000 * PATIENCE_S)
+        assert errors == []
+    assert not (recording.parent / "run.fork-3.02s-2.mcap").exists()
 
 
 def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(commands) -> None:
