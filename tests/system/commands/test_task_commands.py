@@ -11,7 +11,7 @@ import pytest
 
 from robrain import Team
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.wire.errors import CallError
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
@@ -159,16 +159,6 @@ def test_a_coordinator_of_another_team_on_the_same_journal_is_refused(team: Live
     )
 
 
-def test_without_a_coordinator_a_client_gives_up_with_a_sentence(commands) -> None:
-    arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0")
-    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-    with (
-        Team.connect(endpoint, patience_s=0.5) as client,
-        pytest.raises(NobodyThere, match="no coordinator of team default answers; `robrain up` brings a team up"),
-    ):
-        client.list()
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -186,8 +176,6 @@ def test_without_a_coordinator_a_client_gives_up_with_a_sentence(commands) -> No
         (["add", "odd.toml"], "odd.toml: task 1: a task to visit has no colour"),
         (["add", "odd.toml", "--priority", "2"], "odd.toml: a file has all fields of its tasks"),
         (["list", "--state", "gone"], "--state gone: expected one of queued, offered"),
-        (["list"], "the hub of this machine: `robrain up` starts a team"),
-        (["show", "t1", "--connect", "tcp/127.0.0.1:9"], "nobody answers at tcp/127.0.0.1:9"),
     ],
 )
 def test_bad_input_is_one_sentence(commands, words: list[str], said: str) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+import zenoh
 
 import robrain
 from robrain import (
@@ -21,6 +22,7 @@ from robrain import (
     Team,
 )
 from robrain.protocol.wire.errors import BadName
+from robrain.protocol.wire.session import listening_at
 from robrain.sim.lockstep.lockstep import LockstepTransport
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
@@ -347,11 +349,9 @@ def test_time_passes_for_as_long_as_it_is_told_or_until_a_condition_holds(team: 
     assert not team.run_for(0.3, until=lambda: False)
 
 
-def test_without_a_coordinator_a_live_client_gives_up_with_a_sentence(commands: Commands) -> None:
-    arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0")
-    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
+def test_without_a_coordinator_a_live_client_gives_up_with_a_sentence(hub: zenoh.Session) -> None:
     wanted = "no coordinator of team default"
-    with Team.connect(endpoint, patience_s=0.5) as team:
+    with Team.connect(listening_at(hub)[0], patience_s=0.5) as team:
         for ask in (team.list, team.planning, team.state, lambda: team.submit("visit", place=(2, 1))):
             with pytest.raises(NobodyThere, match=wanted):
                 ask()
