@@ -67,7 +67,7 @@ def test_of_three_that_start_at_once_exactly_one_comes_up(commands, start, kind)
 def test_after_a_kill_the_next_one_comes_up_without_waiting(commands, start, kind) -> None:
     first = start()
     commands.line_with(first, UP[kind])
-    for _ in range(3):
+    for _ in range(2):
         first.send_signal(signal.SIGKILL)
         first.wait(PATIENCE_S)
         first = start()

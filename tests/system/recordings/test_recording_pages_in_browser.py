@@ -77,6 +77,6 @@ def test_a_hostile_recording_does_nothing_in_the_page_that_plays_it(tmp_path: Pa
     with window(browser) as context:
         page, wrong, fetched = looked_at(context, path)
         wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 3, "a picture")
-        page.wait_for_timeout(3000)
+        page.wait_for_timeout(1000)
         assert wrong == []
         assert beside(path, fetched) == []
