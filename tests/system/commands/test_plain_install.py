@@ -1,6 +1,7 @@
 """After a plain `pip install robrain`, every documented command works or says in one sentence which extra it needs."""
 
 import ast
+import json
 import re
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from robrain.protocol.wire.hub import HUB_VARIABLE
 from robrain.protocol.wire.session import open_session
 from tests.system.conftest import ROOT, Commands
 from tests.system.plain_install import plain_packages, plain_python_path
+from tests.system.processes.test_light_host import PLAIN as PLAIN_PLUGINS
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
@@ -98,6 +100,16 @@ LACKING = [
 """Commands that need something that is not there, and what they say of it."""
 WITH_ROS = {"tf2_msgs", "nav2_msgs", "robrain_msgs"}
 """Come with an installed ROS 2, or are built there; what uses them does without, or says so."""
+NEED_NAVIGATION = {"localisation", "mapper", "planner", "explore", "idle", "visit", "recharge"}
+ROS2_ROBOT = """
+[robot]
+name = "r3"
+load = ["mocdevice", "scan", "bm2", "command"]
+[robot.roles]
+mocdevice = "ros2_base"
+scan = "ros2_scan"
+bm2 = "ros2_battery"
+"""
 LIVE = ("agent", "hub")
 """Commands that run in the plain install until they are stopped: in the fixture and in the test below."""
 
@@ -108,6 +120,8 @@ class Plain:
     def __init__(self, commands: Commands, python_path: str, port: int) -> None:
         self.commands = commands
         self.port = port
+        self.left_out = ""
+        """What the robot's agent says of plugins that need an extra."""
         self._path = python_path
 
     def run(self, *words: str) -> "subprocess.CompletedProcess[str]":
@@ -144,7 +158,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plain]:
         agent, coordinator = found.start("agent", "r1.toml"), coordinators.start("coordinator")
         line = commands.line_with(agent, "agent: r1 is up")
         assert re.fullmatch(r"agent: r1 is up with [1-9]\d plugins\n?", line)
-        assert "localisation" in commands.line_with(agent, "pip install 'robrain[navigation]'")
+        found.left_out = commands.line_with(agent, "agent: r1 without")
         coordinators.line_with(coordinator, "coordinator: of team default")
         yield found
         assert (agent.poll(), coordinator.poll()) == (None, None)
@@ -166,6 +180,27 @@ def test_a_command_works_or_says_which_extra_it_needs(
     assert (done.returncode, done.stdout) == (2, "")
     said = rf"robrain: \w+ is not installed: pip install 'robrain\[{extra}\]'\n"
     assert re.fullmatch(said, done.stderr), done.stderr
+
+
+def test_plugins_that_need_an_extra_are_left_out_with_that_reason(plain: Plain) -> None:
+    said = re.fullmatch(r"agent: r1 without (.+): pip install 'robrain\[navigation\]'\n", plain.left_out)
+    assert said is not None, plain.left_out
+    assert set(said[1].split(", ")) >= NEED_NAVIGATION
+    listed = json.loads(plain.run_until_it_works("plugin", "list", "r1", "--json").stdout)
+    infos = {info["name"]: info for info in listed}
+    assert {infos[name]["needs"] for name in NEED_NAVIGATION} == {"robrain[navigation]"}
+    assert infos["localisation"]["why"] == "needs robrain[navigation]"
+    assert {infos[name]["state"] for name in PLAIN_PLUGINS} == {"active"}
+    assert {infos[name].get("needs", "") for name in PLAIN_PLUGINS} == {""}
+
+
+def test_agent_and_doctor_name_the_extra_that_ros2_devices_need(plain: Plain) -> None:
+    (plain.commands.folder / "ros2.toml").write_text(ROS2_ROBOT)
+    line = plain.commands.line_with(plain.start("agent", "ros2.toml"), "agent: r3 without ")
+    assert line == "agent: r3 without bm2, mocdevice, scan: pip install 'robrain[ros2]'\n"
+    done = plain.run("doctor", "ros2.toml")
+    assert "mocdevice, scan, bm2 need robrain[ros2]" in done.stdout.replace("\n", " ")
+    assert "pip install 'robrain[ros2]'" in done.stdout
 
 
 def test_doctor_names_the_extra_that_plugins_of_a_plain_install_lack(plain: Plain) -> None:

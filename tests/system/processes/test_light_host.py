@@ -1,7 +1,6 @@
 """The host alone is light: what it loads, how many threads it has, and what it says of plugins that need more."""
 
 import json
-import re
 import subprocess
 import sys
 import time
@@ -10,14 +9,9 @@ import pytest
 
 from robrain.deploy.agents.agent_words import AgentWords, agent_words
 from robrain.deploy.processes.compiler_pages import Pages, unchanged_pages
-from robrain.protocol.wire.clock import LiveClock
-from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ROBOT_PLUGINS
 from tests.bench.host_weight import ALONE, weigh
-from tests.patient_endpoint import PatientEndpoint
 from tests.system.conftest import Commands
-from tests.system.plain_install import plain_python_path
 from tests.waiting import until
 
 pytestmark = pytest.mark.system
@@ -28,7 +22,6 @@ PASSING = 4
 """Each query that waits for replies has a thread for a moment."""
 WEIGHED = 20
 HEAVY = ("numpy", "scipy", "numba", "llvmlite", "pydantic", "rich", "prompt_toolkit", "jsonschema")
-NEED_NAVIGATION = {"localisation", "mapper", "planner", "explore", "idle", "visit", "recharge"}
 PLAIN = {"mocdevice", "scan", "range_sensors", "bm2", "driver", "obstacle_distance", "command", "counter", "home"}
 LOADED = f"""
 import sys
@@ -68,28 +61,6 @@ def test_a_host_alone_has_few_threads_and_little_memory(commands: Commands, alon
         assert max(weight.threads for weight in weights) <= THREADS_MAX + PASSING
         assert 20 < weights[-1].resident_mb < 80
     finally:
-        commands.stop_all()
-        hub.close()  # type: ignore[no-untyped-call]
-
-
-def test_plugins_that_need_an_extra_are_left_out_with_that_reason(commands: Commands, tmp_path_factory) -> None:
-    path = plain_python_path(tmp_path_factory.mktemp("path"))
-    (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
-    hub = open_session(mode="router", listen=[commands.hub.endpoint])
-    wire = PatientEndpoint(hub, "default", LiveClock(), Drive.LIVE)
-    try:
-        agent = commands.start("agent", "r1.toml", PYTHONPATH=path)
-        line = commands.line_with(agent, "agent: r1 without")
-        said = re.fullmatch(r"agent: r1 without (.+): pip install 'robrain\[navigation\]'\n", line)
-        assert said is not None, line
-        assert set(said[1].split(", ")) >= NEED_NAVIGATION
-        infos = {info.name: info for info in wire.ask(ROBOT_PLUGINS, robot="r1")}
-        assert {infos[name].needs for name in ("localisation", "mapper", "explore")} == {"robrain[navigation]"}
-        assert infos["localisation"].why == "needs robrain[navigation]"
-        assert {infos[name].state for name in PLAIN} == {"active"}
-        assert {infos[name].needs for name in PLAIN} == {""}
-    finally:
-        wire.close()
         commands.stop_all()
         hub.close()  # type: ignore[no-untyped-call]
 
