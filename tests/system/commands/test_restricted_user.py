@@ -1,4 +1,4 @@
-"""Commands of a user who may read everything and write nothing but the temporary folder, or not even that."""
+"""Commands of a user who may read everything and write nothing."""
 
 import json
 import os
@@ -19,6 +19,7 @@ REFUSE = (
     "demo --headless", "assistant", "status", "pki init pki", "plugin new lamp --level unit", "machine-files out",
     "recover run.mcap", "journal restore a.journal --journal b.journal", "shell r1",
     "run arena_small --time-limit 1 --record new.mcap", "coordinator --journal a.journal --listen tcp/127.0.0.1:0",
+    "report run.mcap", "check run.mcap",
 )  # fmt: skip
 """Commands that say which folder, or which team, they need."""
 ALL = """
@@ -78,16 +79,11 @@ def readable(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("mounts", "more", "home"),
-    [("true", (), ""), (READ_ONLY, ("report run.mcap", "check run.mcap"), "/nonexistent")],
-    ids=["empty HOME", "read-only root, HOME that is not there"],
-)
-def test_commands_work_or_say_what_they_need(readable: Path, mounts: str, more: tuple[str, ...], home: str) -> None:
+def test_commands_work_or_say_what_they_need_on_a_read_only_root_without_home(readable: Path) -> None:
     before = sorted(readable.rglob("*"))
-    commands = [*WORK, *REFUSE, *more]
+    commands = [*WORK, *REFUSE]
     given = json.dumps([shlex.split(each) for each in commands])
-    done = run(readable, "-c", ALL, mounts=mounts, given=given, PYTHONPATH=str(ROOT), HOME=home)
+    done = run(readable, "-c", ALL, mounts=READ_ONLY, given=given, PYTHONPATH=str(ROOT), HOME="/nonexistent")
     assert done.returncode == 0, done.stderr
     answers = map(json.loads, done.stdout.splitlines())
     found = {shlex.join(words): (status, printed) for words, status, printed in answers}
