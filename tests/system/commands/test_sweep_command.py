@@ -70,41 +70,40 @@ def test_a_run_that_fails_is_told_and_gives_the_exit_status(commands) -> None:
     assert "written to runs/arena_small-sweep:" in done.stdout
 
 
-def test_killed_and_called_again_it_loses_nothing_and_does_nothing_twice(commands, whole: bytes) -> None:
+def test_killed_then_interrupted_and_called_again_it_loses_nothing_and_does_nothing_twice(
+    commands, whole: bytes
+) -> None:
+    table = commands.folder / "out" / "table.parquet"
     process = commands.start(*WORDS, *SEEDS)
-    until(lambda: len(finished(commands.folder)) >= 2, "two runs", pause_s=0.02)
+    until(lambda: finished(commands.folder), "a run", pause_s=0.02)
     workers = psutil.Process(process.pid).children(recursive=True)
     process.kill()
     process.wait(PATIENCE_S)
-    before = finished(commands.folder)
-    assert 2 <= len(before) < 6
-    assert not (commands.folder / "out" / "table.parquet").exists()
+    killed = finished(commands.folder)
+    assert 1 <= len(killed) < 5
+    assert not table.exists()
     until(lambda: not any(worker.is_running() and worker.status() != "zombie" for worker in workers), "orphans ended")
-    done = commands.run(*WORDS, *SEEDS)
-    assert done.returncode == 0, done.stderr
-    assert f"6 runs (2 settings × 3 seeds), {len(before)} of them done already" in done.stderr
-    after = finished(commands.folder)
-    assert after[: len(before)] == before
-    assert len(after) == len(set(after)) == 6
-    assert (commands.folder / "out" / "table.parquet").read_bytes() == whole
 
-
-def test_ctrl_c_keeps_what_has_ended_and_marks_the_rest(commands, whole: bytes) -> None:
     process = commands.start(*WORDS, *SEEDS)
-    until(lambda: len(finished(commands.folder)) >= 1, "a run", pause_s=0.02)
+    until(lambda: len(finished(commands.folder)) > len(killed), "another run", pause_s=0.02)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, said
     assert "Traceback" not in said
     assert "interrupted: the same command continues" in said
     ended = finished(commands.folder)
-    assert 1 <= len(ended) < 6
+    assert len(killed) < len(ended) < 6
     states = [run["state"] for run in json.loads((commands.folder / "out" / "sweep.json").read_text())["runs"]]
     assert (states.count("done"), set(states) <= {"done", "interrupted", "not_run"}) == (len(ended), True)
-    assert (commands.folder / "out" / "table.parquet").exists()
-    again = commands.run(*WORDS, *SEEDS)
-    assert again.returncode == 0, again.stderr
-    assert (commands.folder / "out" / "table.parquet").read_bytes() == whole
+    assert table.exists()
+
+    done = commands.run(*WORDS, *SEEDS)
+    assert done.returncode == 0, done.stderr
+    assert f"6 runs (2 settings × 3 seeds), {len(ended)} of them done already" in done.stderr
+    after = finished(commands.folder)
+    assert after[: len(ended)] == ended
+    assert len(after) == len(set(after)) == 6
+    assert table.read_bytes() == whole
 
 
 @pytest.mark.parametrize(
