@@ -9,8 +9,6 @@ import numpy as np
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.coordinator.recording.writer.provenance import Provenance
-from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -103,7 +101,6 @@ class Errands:
         self.clock = VirtualClock()
         self.wire = Endpoint(self.session, TEAM, self.clock, Drive.LOCKSTEP)
         self.plan = room()
-        self.recorder = Recorder(self.wire, None, Provenance("errands", "", seed, b"", "lockstep", TEAM))
         self.answers: dict[str, TaskAnswer] = {}
         self._ticks = self._epoch = 0
         poses = {"r1": START, **(starts or {})}
@@ -149,7 +146,6 @@ class Errands:
                 host.step()
             if self._ticks % SPEAKS_EVERY == 1:
                 self._speaks.put(TeamState(robots=[]))
-            self.recorder.step()
 
     def offer(self, task: Task, robot: str = "r1", *, after: str = "") -> TaskAnswer:
         """Offer a task as the coordinator does, for now or for after the one that the robot is at."""
@@ -207,12 +203,10 @@ class Errands:
         tags = self.hosts["r1"].manager.plugins.values()
         return {tag.name: tag.why for tag in tags if tag.state != "active"}
 
-    def close(self) -> str:
-        """End it; the digest of what was said."""
-        digest = self.recorder.close().digest
+    def close(self) -> None:
+        """End it."""
         for host in self.hosts.values():
             host.close()
         self.arena.close()
         self.wire.close()
         self.session.close()
-        return digest

@@ -19,7 +19,7 @@ ROOMS_AND_CORRIDOR = (12.0, 4.0, (0.3, 0.5, 2.1, 3.5), (9.9, 0.5, 11.7, 3.5), (2
 BAY = (5.6, 2.3, 6.4, 3.0)
 DEAD_END = (9.0, 4.0, (0.3, 0.5, 3.1, 3.5), (3.1, 1.7, 8.5, 2.3))
 DOORWAY = (8.0, 5.0, (0.3, 0.3, 3.9, 4.7), (4.1, 0.3, 7.7, 4.7), (3.9, 2.0, 4.1, 2.9))
-CROSSING = (9.0, 9.0, (0.3, 4.0, 8.7, 5.0), (4.0, 0.3, 5.0, 8.7))
+CROSSING = (7.0, 7.0, (0.3, 3.0, 6.7, 4.0), (3.0, 0.3, 4.0, 6.7))
 HALL = (7.0, 7.0, (0.3, 0.3, 6.7, 6.7))
 EXACT = LidarSpec(noise_m=0.0)
 
@@ -37,7 +37,7 @@ def cross(session):
         one.close()
 
 
-def antipodal(count, radius_m=2.6, middle_m=3.5):
+def antipodal(count, radius_m=2.0, middle_m=3.5):
     angles = [k * math.tau / count + 0.1 for k in range(count)]
     places = [P(middle_m + radius_m * math.cos(angle), middle_m + radius_m * math.sin(angle)) for angle in angles]
     return [(place, places[(k + count // 2) % count]) for k, place in enumerate(places)]
@@ -58,10 +58,10 @@ def antipodal(count, radius_m=2.6, middle_m=3.5):
         (
             CROSSING,
             [
-                (P(1.0, 4.5), P(8.0, 4.5)),
-                (P(8.0, 4.5), P(1.0, 4.5)),
-                (P(4.5, 1.0), P(4.5, 8.0)),
-                (P(4.5, 8.0), P(4.5, 1.0)),
+                (P(1.0, 3.5), P(6.0, 3.5)),
+                (P(6.0, 3.5), P(1.0, 3.5)),
+                (P(3.5, 1.0), P(3.5, 6.0)),
+                (P(3.5, 6.0), P(3.5, 1.0)),
             ],
             LidarSpec(),
             80.0,

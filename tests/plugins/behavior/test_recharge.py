@@ -35,32 +35,23 @@ def docked(run: Errands) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1])
-def test_a_robot_that_is_told_to_docks_within_5_cm_and_is_charged(errands, seed):
-    run = errands(parameters=KNOWN, seed=seed)
-    run.finish(Task(id="v", kind="visit", place=FAR, service_s=60.0))
-    before = run.hosts["r1"].board.battery.soc
+def test_a_robot_that_is_told_to_docks_within_5_cm_and_tells_what_the_charger_gave(errands):
+    run = errands(parameters=KNOWN, hardware={"battery": BatterySpec(soc_at_start=0.7)})
+    run.finish(Task(id="v", kind="visit", place=Point2D(2.5, 1.5)))
+    before = run.hosts["r1"].board.battery
     status = run.finish(
-        Task(id="c", kind="recharge", place=CHARGER, parameters={"yaw_rad": 1.0, "until_soc": before + 0.002}), 300.0
+        Task(id="c", kind="recharge", place=CHARGER, parameters={"yaw_rad": 1.0, "until_soc": before.soc + 0.004}),
+        300.0,
     )
     assert (status.state, status.why) == (TaskState.DONE, "")
     assert run.pose().distance_m(CHARGER) < 0.05
     assert status.result["docked_m"] < 0.05
     assert run.pose().yaw_rad == pytest.approx(1.0, abs=0.06)
-    assert status.result["soc"] >= before + 0.0015  # told to three places
+    assert status.result["soc"] >= before.soc + 0.0035  # told to three places
     assert docked(run)
-
-
-@pytest.mark.slow
-def test_what_the_charger_gave_is_told_apart_from_what_the_way_to_it_took(errands):
-    run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
-    before = run.hosts["r1"].board.battery
-    status = run.finish(
-        Task(id="c", kind="recharge", place=CHARGER, parameters={"until_soc": before.soc + 0.004}), 300.0
-    )
     gained_j = run.hosts["r1"].board.battery.remaining_j - before.remaining_j
     assert status.result["charged_j"] > 0.5 * gained_j > 0.0
-    assert 10.0 < status.result["energy_j"] < 400.0
+    assert 10.0 < status.result["energy_j"] < 400.0  # of the way to it
 
 
 def test_a_charger_that_a_task_names_is_known_from_then_on(errands):

