@@ -1,30 +1,14 @@
 """The live drive: arena, coordinator and agents as processes of their own over TCP."""
 
 import json
-import os
-import signal
-from pathlib import Path
 
 import pytest
 
 from robrain.coordinator.recording.reader.reading import read_messages
 from tests.system.conftest import Commands
-from tests.waiting import PATIENCE_S, has_ended, until
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
-
-
-def _children_of(parent: int) -> list[int]:
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-            except OSError:
-                continue
-            if int(fields[1]) == parent:
-                found.append(int(entry.name))
-    return found
 
 
 def _status(commands: Commands, *options: str, **variables: str) -> tuple[bool, dict[str, str]] | None:
@@ -52,25 +36,6 @@ def test_agents_explore_a_floor_together(commands) -> None:
     speakers = {message.topic_key.split("/")[3] for message in read_messages(commands.folder / "live.mcap")
                 if message.topic_key.endswith("/state") and "/robot/" in message.topic_key}  # fmt: skip
     assert speakers == {"r1", "r2"}
-
-
-def test_ctrl_c_stops_every_process_of_a_team(commands) -> None:
-    process = commands.start("up", "arena_small", "--robots", "1", "--no-dashboard")
-    commands.line_with(process, "r1: up")
-    children = _children_of(process.pid)
-    assert len(children) == 5  # a guard, hub, arena, coordinator and an agent
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 0
-    assert not [pid for pid in children if os.path.exists(f"/proc/{pid}")]
-
-
-def test_children_do_not_outlive_a_team_that_was_killed(commands) -> None:
-    process = commands.start("up", "arena_small", "--robots", "1", "--no-dashboard")
-    commands.line_with(process, "r1: up")
-    children = _children_of(process.pid)
-    process.kill()
-    process.wait()
-    until(lambda: all(map(has_ended, children)), f"of {children} some still run")
 
 
 def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) -> None:

@@ -3,13 +3,16 @@
 import itertools
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 from robrain.protocol.wire.session import open_session
@@ -22,7 +25,7 @@ WAITS = "yet: waiting for"
 
 
 @pytest.fixture(scope="module")
-def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
+def up(tmp_path_factory: pytest.TempPathFactory) -> "Iterator[tuple[Commands, subprocess.Popen[str]]]":
     """`robrain up` with one robot and no endpoint given, and commands on the same machine."""
     found = Commands(tmp_path_factory.mktemp("team"))
     try:
@@ -31,9 +34,14 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
         seen = ""
         while "r1: up" not in seen or "coordinator: up" not in seen:
             seen += found.line_with(process, ": up")
-        yield found
+        yield found, process
     finally:
         found.stop_all()
+
+
+@pytest.fixture(scope="module")
+def team(up: "tuple[Commands, subprocess.Popen[str]]") -> Commands:
+    return up[0]
 
 
 @pytest.mark.parametrize(
@@ -62,6 +70,47 @@ def test_the_shell_finds_the_robots_of_this_machine(team: Commands) -> None:
         return shell.returncode == 0 and "driver" in said
 
     until(lists_plugins, "the shell never listed the robot's plugins")
+
+
+def test_top_and_doctor_see_the_team_of_this_machine(up: "tuple[Commands, subprocess.Popen[str]]") -> None:
+    team, process = up
+    parts = {"hub", "arena", "coordinator", "r1"}
+
+    def members() -> dict[str, dict[str, object]] | None:
+        done = team.run_here("top", "--json")
+        told = {member["name"]: member for member in json.loads(done.stdout)} if done.returncode == 0 else {}
+        return told if parts <= set(told) and all("pid" in member for member in told.values()) else None
+
+    found = until(members)
+    processes = {child.pid for child in psutil.Process(process.pid).children()}
+    assert {found[name]["pid"] for name in parts} <= processes
+    assert "states/s" in str(found["r1"]["messages"])
+    (team.folder / "r1.toml").write_text('[robot]\nname = "r1"\nload = ["mocdevice"]\n')
+    looked = team.run("doctor", "r1.toml", "--json")
+    told = {check["name"]: check for check in json.loads(looked.stdout)}
+    assert looked.returncode == 0, [check for check in told.values() if check["ok"] is False]
+    assert told["name"]["sentence"].startswith("r1 has joined")
+    assert told["clock"]["ok"]
+    assert told["version"]["ok"]
+    assert told["device"]["ok"] is None
+
+
+def test_metrics_of_a_live_robot_are_scraped(team: Commands) -> None:
+    metrics = team.start("metrics", "--port", "0")
+    url = team.line_with(metrics, "metrics: of team default at ").rpartition(" at ")[2].strip()
+    assert url.startswith("http://127.0.0.1:")
+
+    def scraped() -> str:
+        with urllib.request.urlopen(url) as reply:
+            return str(reply.read().decode())
+
+    for line in (
+        r'robrain_robot_up{robot="r1"} 1.0',
+        r'robrain_robot_soc_ratio{robot="r1"} 0\.\d+',
+        r'robrain_messages_total{topic="robot_state"} [1-9]',
+        r'robrain_plugin_restarts_total{plugin="driver",robot="r1"} \d',
+    ):
+        until(lambda line=line: re.search(line, scraped()), f"no {line}")
 
 
 def test_the_dashboard_finds_the_team_of_this_machine(team: Commands) -> None:
@@ -118,9 +167,12 @@ def test_up_tells_hub_page_and_forwarders_as_lines_of_json_while_it_runs(command
         assert by_event["serial_forwarder"]["robot"] == "r1"
         host, _, port = by_event["serial_forwarder"]["address"].partition(":")
         socket.create_connection((host, int(port)), PATIENCE_S).close()
+        children = psutil.Process(process.pid).children(recursive=True)
+        assert len(children) >= 5  # a guard, hub, arena, coordinator and an agent
         process.send_signal(signal.SIGINT)
         rest, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0
+        assert not [child for child in children if child.is_running()]
         (result,) = [one for one in map(json.loads, rest.splitlines()) if one["event"] != "part"]
         assert (result["event"], result["ended"]) == ("result", "interrupted")
         assert result["serial_forwarders"] == {"r1": by_event["serial_forwarder"]["address"]}

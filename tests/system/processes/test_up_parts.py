@@ -98,30 +98,6 @@ def test_two_hosts_of_a_team_file_are_one_team(commands: Commands) -> None:
     assert "expected --host with one of base, cart" in done.stderr
 
 
-def test_top_and_doctor_see_a_team_that_runs(commands: Commands) -> None:
-    words = ("up", "arena_small", "--robots", "1", "--port", "0", "--json")
-    process = commands.start(*words, stderr=subprocess.DEVNULL)
-    pids = _parts(process, {"hub", "arena", "coordinator", "dashboard", "r1"})
-
-    def members() -> dict[str, dict[str, object]] | None:
-        done = commands.run("top", "--json")
-        told = {member["name"]: member for member in json.loads(done.stdout)} if done.returncode == 0 else {}
-        is_whole = set(pids) <= set(told) and all("pid" in member for member in told.values())
-        return told if is_whole else None
-
-    found = until(members)
-    assert {name: found[name]["pid"] for name in pids} == pids
-    assert "states/s" in str(found["r1"]["messages"])
-    Path(commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\nload = ["mocdevice"]\n')
-    looked = commands.run("doctor", "r1.toml", "--json")
-    told = {check["name"]: check for check in json.loads(looked.stdout)}
-    assert looked.returncode == 0, told
-    assert told["name"]["sentence"].startswith("r1 has joined")
-    assert told["clock"]["ok"]
-    assert told["version"]["ok"]
-    assert told["device"]["ok"] is None
-
-
 def test_doctor_ends_with_1_if_something_is_wrong(commands: Commands) -> None:
     done = commands.run("doctor")
     assert done.returncode == 1
