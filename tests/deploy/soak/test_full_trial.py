@@ -51,6 +51,7 @@ def test_a_robot_that_is_cut_off_leaves_its_task_to_another_and_the_recording_is
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("impatient")
 def test_a_lease_that_is_not_kept_is_found() -> None:
     with planted("lease_not_kept"):
         broken = run_full_trial(CUT_OFF).broken
@@ -87,9 +88,10 @@ def test_the_robots_of_a_shrunk_script_are_named_anew_with_their_faults() -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("impatient")
 def test_a_forgotten_cancellation_is_found() -> None:
     killed = FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=6.0, until_s=7.0)
-    late = msgspec.structs.replace(NEAR, earliest_ns=20_000_000_000)
+    late = msgspec.structs.replace(NEAR, earliest_ns=12_000_000_000)
     script = msgspec.structs.replace(
         CUT_OFF,
         tasks=(TaskOrder(at_s=0.5, task=late),),

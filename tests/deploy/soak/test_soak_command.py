@@ -19,10 +19,10 @@ def robrain(*words):
 
 @pytest.mark.slow
 def test_a_soak_of_the_product_breaks_nothing_and_says_what_it_ran(tmp_path):
-    result = soak(SoakOptions(seeds=range(1, 4), jobs=1, output=tmp_path / "out"))
-    assert (result.runs, result.failures, result.errors) == (3, [], [])
-    assert result.tasks_done > 20
-    assert sum(result.faults.values()) == sum(len(draw_script(seed).faults) for seed in range(1, 4))
+    result = soak(SoakOptions(seeds=range(1, 3), jobs=1, output=tmp_path / "out"))
+    assert (result.runs, result.failures, result.errors) == (2, [], [])
+    assert result.tasks_done > 10
+    assert sum(result.faults.values()) == sum(len(draw_script(seed).faults) for seed in range(1, 3))
     assert not (tmp_path / "out").exists()
 
 
