@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.coordinator.standing.offer_fence import HEARD_NS
+from robrain.coordinator.standing import offer_fence
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest, StandByState
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
 from robrain.protocol.wire.session import open_lockstep_session
@@ -196,16 +196,19 @@ def test_the_operators_word_lets_it_go_on_without_the_silent_robots(four: Fenced
 
 
 @pytest.mark.slow
-def test_robots_count_for_ten_minutes_and_for_longer_while_offers_are_held_back(four: FencedTeam) -> None:
+def test_robots_count_for_a_while_and_for_longer_while_offers_are_held_back(
+    four: FencedTeam, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(offer_fence, "HEARD_NS", to_ns(60.0))
     four.cut("r4", stand_by=False)
-    four.run(to_seconds(HEARD_NS) + 5.0)
+    four.run(65.0)
     four.cut("r3", "r4")
     four.run(3.0)
     assert four.coordinator.fence.reason is None, "two of three"
     four.cut("r2", "r3", "r4")
     four.run(3.0)
     assert four.coordinator.fence.reason == MinorityHeard(1, 3, STAND_BY)
-    four.run(to_seconds(HEARD_NS) + 5.0)
+    four.run(65.0)
     assert four.coordinator.fence.reason == MinorityHeard(1, 3, STAND_BY)
 
 

@@ -180,7 +180,7 @@ def test_walls_hold_a_robot_whose_wheels_are_wrong(stage, room):
         )
         localisation, driver = (host.manager.get(name).plugin for name in ("localisation", "driver"))
         worst_m = 0.0
-        for goal in [(7.5, 1.0), (7.5, 4.0), (1.0, 4.0), (1.0, 1.0)] * 2:
+        for goal in [(7.5, 1.0), (7.5, 4.0), (1.0, 4.0), (1.0, 1.0)]:
             driver.follow(localisation.to_odom([Point2D(*goal)]))
             for _ in range(16):
                 one.run(1.0)

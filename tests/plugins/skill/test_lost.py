@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robrain.plugins.behavior.explore.explore import LOOK_PERIOD_S
-from robrain.plugins.behavior.search import PATIENCE_S, SPEED_M_S, TASK_PATIENCE_S
+from robrain.plugins.behavior.search import SPEED_M_S, TASK_PATIENCE_S, Search
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.mapping.map_frame import ARENA
@@ -20,9 +20,19 @@ WHY = "walls and wheels disagree"
 SAYS = f"r1 does not know where it is: {WHY}"
 
 
+PATIENCE_S = 25.0
+"""Shorter than that of the product."""
+
+
 @pytest.fixture
 def errands() -> Iterator[Build]:
     yield from open_errands("visit")
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robrain.plugins.behavior.travel.PATIENCE_S", PATIENCE_S)
+    monkeypatch.setattr(Search.step, "__defaults__", (PATIENCE_S,))
 
 
 def lose(run: Errands) -> None:
@@ -109,6 +119,7 @@ def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("impatient")
 def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_stands(errands):
     run = errands()
     assert run.offer(Task(id="v", kind="visit", place=FAR)).accepted
@@ -141,10 +152,13 @@ def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_foun
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("impatient")
 def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     run = errands("idle")
     lose(run)
-    run.run(PATIENCE_S + 5.0)
+    run.run(PATIENCE_S - 5.0)
+    assert run.hosts["r1"].board.behavior == "find itself"
+    run.run(10.0)
     way_m = run.way_m()
     run.run(15.0)
     assert run.way_m() == way_m

@@ -49,15 +49,6 @@ def test_robot_beyond_range_is_not_heard_and_neither_are_those_behind_it():
 
 
 @pytest.mark.slow
-def test_through_relays_the_last_robot_of_a_chain_is_heard():
-    with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0]) as team:
-        heard = team.hear(ROBOT_STATE, "coordinator")
-        team.go(2.0)
-        assert robots_in(heard) == {"r1", "r2", "r3", "r4"}
-        assert counted(team.run)["relayed"] > 0
-
-
-@pytest.mark.slow
 def test_only_named_robots_relay():
     with RadioTeam(f'{RANGE}\nrelays = ["r2"]', [2.0, 10.0, 18.0, 26.0]) as team:
         heard = team.hear(ROBOT_STATE, "coordinator")
@@ -89,17 +80,15 @@ def test_walls_stop_a_radio_that_they_block(walls, names):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("xs_m", [[2.0, 10.0, 18.0], [2.0, 10.0, 18.0, 26.0]], ids=["one relay", "two relays"])
-def test_robot_is_called_and_driven_through_relays(xs_m):
-    far = f"r{len(xs_m)}"
-    with RadioTeam(RANGE, xs_m, party="coordinator") as team:
+def test_robot_is_called_and_driven_through_two_relays():
+    with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0], party="coordinator") as team:
         team.go(2.0)
-        team.team.unload(far, "explore")
+        team.team.unload("r4", "explore")
         team.go(4.0)
-        before = team.pose_of(far)
-        team.team.call(far, "driver", "drive", -0.5)
+        before = team.pose_of("r4")
+        team.team.call("r4", "driver", "drive", -0.5)
         team.go(7.0)
-        assert before.distance_m(team.pose_of(far)) == pytest.approx(0.5, abs=0.1)
+        assert before.distance_m(team.pose_of("r4")) == pytest.approx(0.5, abs=0.1)
 
 
 @pytest.mark.slow
@@ -111,43 +100,33 @@ def test_without_the_relay_the_same_call_reaches_nobody():
 
 
 @pytest.mark.slow
-def test_task_at_the_end_of_a_chain_is_done_by_the_robot_there():
+def test_through_relays_the_last_robot_of_a_chain_is_heard_and_does_the_task_there():
     with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0]) as team:
+        heard = team.hear(ROBOT_STATE, "coordinator")
         team.go(2.0)
+        assert robots_in(heard) == {"r1", "r2", "r3", "r4"}
+        assert counted(team.run)["relayed"] > 0
         task = team.team.submit("visit", id="far", place=(28.0, 2.0))
         record = team.team.wait(task, timeout_s=40.0)
         assert (record.state, record.robot) == (TaskState.DONE, "r4")
 
 
 @pytest.mark.slow
-def test_token_vanishes_after_a_while_without_a_way_and_comes_back_with_it():
+def test_partition_cuts_at_its_times_and_the_coordinator_gets_the_robot_and_its_token_back():
     cut = CUT_R2.format(from_s=4.0, until_s=10.0)
     with RadioTeam(f"lost_after_s = 2.0\n{cut}", [2.0, 4.0]) as team:
-        presence = team.wire("coordinator").watch(ROBOT_ALIVE)
+        summaries, presence = team.hear(COORDINATOR_STATE), team.wire("coordinator").watch(ROBOT_ALIVE)
         seen = []
-        for _ in range(600):
-            team.run.tick()
-            seen += [(change.names["robot"], change.present, team.run.sim_time_s) for change in presence.changes()]
+        for until_s, robots in ((3.9, {"r1", "r2"}), (7.5, {"r1"}), (9.9, {"r1"}), (11.0, {"r1", "r2"})):
+            while team.run.sim_time_s < until_s:
+                team.run.tick()
+                seen += [(one.names["robot"], one.present, team.run.sim_time_s) for one in presence.changes()]
+            assert up(last_state(summaries)) == robots
         assert [(name, there) for name, there, _ in seen] == [
             ("r1", True), ("r2", True), ("r2", False), ("r2", True),
         ]  # fmt: skip
         assert seen[2][2] == pytest.approx(6.0, abs=0.15)
         assert seen[3][2] == pytest.approx(10.0, abs=0.15)
-
-
-@pytest.mark.slow
-def test_partition_cuts_at_its_times_and_the_coordinator_gets_the_robot_back():
-    cut = CUT_R2.format(from_s=4.0, until_s=10.0)
-    with RadioTeam(cut, [2.0, 4.0]) as team:
-        summaries = team.hear(COORDINATOR_STATE)
-        team.go(3.9)
-        assert up(last_state(summaries)) == {"r1", "r2"}
-        team.go(7.5)
-        assert up(last_state(summaries)) == {"r1"}
-        team.go(9.9)
-        assert up(last_state(summaries)) == {"r1"}
-        team.go(11.0)
-        assert up(last_state(summaries)) == {"r1", "r2"}
 
 
 @pytest.mark.slow
@@ -181,9 +160,9 @@ def test_query_without_a_way_times_out_and_later_nobody_is_there():
 @pytest.mark.slow
 def test_task_of_a_robot_that_is_cut_off_is_done_by_another():
     cut = CUT_R2.format(from_s=6.0, until_s=60.0)
-    with RadioTeam(cut, [2.0, 14.0]) as team:
+    with RadioTeam(cut, [2.0, 10.0]) as team:
         team.go(2.0)
-        task = team.team.submit("visit", id="far", place=(24.0, 2.0))
+        task = team.team.submit("visit", id="far", place=(17.0, 2.0))
         team.go(5.9)
         assert team.team.get(task).robot == "r2"
         record = team.team.wait(task, timeout_s=100.0)
@@ -194,11 +173,11 @@ def test_task_of_a_robot_that_is_cut_off_is_done_by_another():
 def test_no_task_is_lost_in_a_team_that_is_cut_again_and_again():
     cuts = "\n".join(
         f'[[links.partitions]]\nfrom_s = {at_s}\nuntil_s = {at_s + 5}\ngroups = [["r{1 + at_s // 10 % 3}"]]'
-        for at_s in range(5, 45, 10)
+        for at_s in range(5, 35, 10)
     )
     with RadioTeam(f"loss = 0.1\ndelay_s = 0.05\n{cuts}", [2.0, 14.0, 26.0]) as team:
         team.go(2.0)
-        tasks = [team.team.submit("visit", id=f"t{n}", place=(3.0 + 5.0 * n, 2.0)) for n in range(5)]
+        tasks = [team.team.submit("visit", id=f"t{n}", place=(3.0 + 5.0 * n, 2.0)) for n in range(4)]
         ended = [team.team.wait(task, timeout_s=200.0) for task in tasks]
         assert [record.state for record in ended] == [TaskState.DONE] * len(tasks)
         assert len(team.team.list()) == len(tasks)

@@ -68,11 +68,15 @@ def test_motes_on_duty_in_turn_tell_of_the_floor_when_all_would_be_dead() -> Non
 
 def test_robot_stands_in_before_the_first_mote_is_dead_and_the_floor_stays_covered() -> None:
     policy = MoteFieldPolicy(stand_ins=1, stand_in_s=60.0, replace_before_s=40.0)
-    with field(policy, 2, capacity_mah=0.03, used_at_start_max=0.0).team(seed=4) as team:
+    with field(policy, 2, capacity_mah=0.02, used_at_start_max=0.0).team(seed=4) as team:
         team.run_for(100.0, until=lambda: any(one.state is TaskState.RUNNING for one in team.list() if one.by))
         (record,) = [record for record in team.list() if record.by == "mote field"]
         assert record.task.kind == "replace"
         assert flat(team) == 0
-        team.run_for(60.0)
-        readings = list(team.readings(10.0, mote=record.task.parameters["mote"]))
-    assert any(reading.via == record.robot and reading.sequence is None for reading in readings)
+        team.run_for(60.0, until=lambda: record.robot in {reading.via for reading in replaced(team, record)})
+        assert any(one.via == record.robot and one.sequence is None for one in replaced(team, record))
+
+
+def replaced(team, record) -> list:
+    """What was told lately in the name of the mote that a task replaces."""
+    return list(team.readings(10.0, mote=record.task.parameters["mote"]))
