@@ -88,7 +88,7 @@ def finish_s(charging, docks):
             docked_most = max(docked_most, len(docked))
 
         run(team, workers, 1.0)
-        for number in range(50):
+        for number in range(30):
             team.submit(visit(f"t{number}", 3.4 + 5.2 * (0.618 * number % 1.0), 2.4 + 3.2 * (0.755 * number % 1.0)))
         begun_ns = team.clock.now_ns()
         assert run(team, workers, 1500.0, until=all_done(team), check=check), team.states()

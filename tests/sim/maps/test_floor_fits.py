@@ -26,7 +26,7 @@ from robrain.sim.world.referee import floor_weights, team_geometry
 
 SIDE_M = 3.6
 RADII_M = (0.2, 0.25)
-WIDTHS_CM = range(34, 74)
+WIDTHS_CM = range(34, 74, 2)
 THICK_M = (0.1, 1.0)
 OFFSETS_M = ((0.0, 0.0), (0.03, 0.07))
 """Of the gap's middle from that of the floor: to the team's grid of 0.1 m."""
