@@ -3,21 +3,14 @@
 `python -m tests.test_examples` puts into README.md what the first example prints.
 """
 
-import io
 import re
 import runpy
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-
-from robrain import Team
-from tests.system.conftest import Commands
-from tests.system.processes.test_team import start_team
-from tests.waiting import PATIENCE_S, until
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
@@ -48,32 +41,10 @@ SAYS = {
         r"r2: \S.*sweep",
         r"sweep-\d done by r1: .*'lanes': 3",
     ],
-    "10_voice": [
-        r"r1: .*, charge \d+%",
-        r"heard: send somebody to two one\n  say: task visit-(.|\n)*Shall I\?",
-        r"heard: no thanks\n  say: I did not understand; nothing is done",
-        r"heard: yes\n  say: I did not understand; nothing is done\n",  # nothing is waiting any more
-        r"heard: Yes\.\n  say: submitted visit-\w+: visit at \(2, 1\.5\).* by assistant:ann",
-        r"heard: cancel that task\n  say: .*(.|\n)*Shall I\?\nheard: do it\n  say: cancelled visit-",
-        r"heard: resume\n  say: refused: an assistant never ends a halt",
-        r"heard: STOP IT!\n  say: r1: halted",
-    ],
 }
 """What each prints, as patterns."""
-HEARD = """\
-Who is there?
-send somebody to two one
-no thanks
-yes
-send a robot to two and one point five
-Yes.
-cancel that task
-do it
-resume
-STOP IT!
-"""
-"""What a recogniser prints for the example that listens to one."""
-LISTENS = "10_voice"
+LISTENS = EXAMPLES / "10_voice.py"
+"""Runs at a live team, in tests/system/processes/test_assistant.py."""
 
 
 README = EXAMPLES.parent / "README.md"
@@ -82,7 +53,7 @@ PRINTED = re.compile(r"(?<=^```text\n)\d+% explored in .*?\n(?=```$)", re.MULTIL
 
 
 def test_there_are_patterns_for_every_example_and_a_line_in_the_readme() -> None:
-    assert [script.stem for script in SCRIPTS] == sorted(SAYS)
+    assert [script.stem for script in SCRIPTS if script != LISTENS] == sorted(SAYS)
     told = re.findall(r"\]\((\d\d_\w+\.py)\)", (EXAMPLES / "README.md").read_text(encoding="utf-8"))
     assert told == [script.name for script in SCRIPTS]
 
@@ -96,33 +67,16 @@ def test_example_is_short_and_begins_with_what_it_shows(script: Path) -> None:
         assert len([line for line in text.splitlines() if line.strip() and not line.startswith('"""')]) <= 10
 
 
-@pytest.fixture
-def options_of_a_live_team(tmp_path: Path) -> Iterator[list[str]]:
-    """For `robrain assistant`, at a team of its own."""
-    commands = Commands(tmp_path)
-    try:
-        endpoint = start_team(commands)
-        with Team.connect(endpoint, patience_s=PATIENCE_S) as team:
-            until(lambda: "visit" in [kind.kind for kind in team.kinds()] and team.state().known_area_m2)
-        yield ["--connect", endpoint, "--by", "ann", "--log", str(tmp_path / "assistant.jsonl")]
-    finally:
-        commands.stop_all()
-
-
-@pytest.mark.system
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+@pytest.mark.slow
+@pytest.mark.parametrize("script", [one for one in SCRIPTS if one != LISTENS], ids=lambda script: script.stem)
 def test_example_runs_and_says_what_it_should(
     script: Path,
     tmp_path: Path,
-    request: pytest.FixtureRequest,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    is_spoken_to = script.stem == LISTENS
-    options = request.getfixturevalue("options_of_a_live_team") if is_spoken_to else []
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [str(script), *options])
-    monkeypatch.setattr(sys, "stdin", io.StringIO(HEARD if is_spoken_to else ""))
+    monkeypatch.setattr(sys, "argv", [str(script)])
     runpy.run_path(str(script), run_name="__main__")
     said, wrong = capfd.readouterr()
     assert "Traceback" not in wrong

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import re
+import runpy
 import signal
 import sys
 import urllib.error
@@ -291,3 +292,44 @@ def test_a_client_that_hangs_up_ends_the_server(bench: Bench) -> None:
             return len((await client.list_tools()).tools)
 
     assert anyio.run(look) == 13
+
+
+VOICE = Path(__file__).parents[3] / "examples" / "10_voice.py"
+HEARD = """\
+Who is there?
+send somebody to two one
+no thanks
+yes
+send a robot to two and one point five
+Yes.
+cancel that task
+do it
+resume
+STOP IT!
+"""
+"""What a recogniser prints for the example that listens to one."""
+VOICE_SAYS = [
+    r"r1: .*, charge \d+%",
+    r"heard: send somebody to two one\n  say: task visit-(.|\n)*Shall I\?",
+    r"heard: no thanks\n  say: I did not understand; nothing is done",
+    r"heard: yes\n  say: I did not understand; nothing is done\n",  # nothing is waiting any more
+    r"heard: Yes\.\n  say: submitted visit-\w+: visit at \(2, 1\.5\).* by assistant:eve",
+    r"heard: cancel that task\n  say: .*(.|\n)*Shall I\?\nheard: do it\n  say: cancelled visit-",
+    r"heard: resume\n  say: refused: an assistant never ends a halt",
+    r"heard: STOP IT!\n  say: r1: halted",
+]
+
+
+def test_the_example_that_listens_gives_orders_of_what_it_hears(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = [*bench.server.args[3:5], "--by", "eve", "--log", str(tmp_path / "assistant.jsonl")]
+    monkeypatch.setattr(sys, "argv", [str(VOICE), *words])
+    monkeypatch.setattr(sys, "stdin", io.StringIO(HEARD))
+    runpy.run_path(str(VOICE), run_name="__main__")
+    said, wrong = capfd.readouterr()
+    assert "Traceback" not in wrong
+    for pattern in VOICE_SAYS:
+        assert re.search(pattern, said), f"{pattern} in:\n{said}"
+    assert bench.team is not None
+    bench.team.resume()
