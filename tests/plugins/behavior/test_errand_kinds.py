@@ -65,7 +65,7 @@ def test_without_a_picture_an_inspection_has_failed_with_why(errands):
 @pytest.mark.slow
 def test_a_mule_brings_what_a_mote_has_stored(errands):
     run = errands("collect", parameters={"snw_exploration": {"collect": False}})
-    run.run(40.0)
+    run.run(20.0)
     heard = run.inbox(MOTE_READING, mote="m2")
     status = run.finish(Task(id="c", kind="collect", place=MOTES[2], parameters={"mote": "m2"}))
     assert status.state is TaskState.DONE
@@ -88,22 +88,22 @@ def test_a_mote_that_says_nothing_lets_the_mule_fail_after_its_time(errands):
 def test_a_relay_with_a_good_link_holds_its_place(errands):
     run = errands("relay")
     status = run.finish(
-        Task(id="r", kind="relay", place=Point2D(4.0, 3.0), parameters={"mote": "m1", "duration_s": 30.0})
+        Task(id="r", kind="relay", place=Point2D(4.0, 3.0), parameters={"mote": "m1", "duration_s": 15.0})
     )
     assert status.state is TaskState.DONE
-    assert status.result["held_s"] == pytest.approx(30.0, abs=0.5)
+    assert status.result["held_s"] == pytest.approx(15.0, abs=0.5)
     assert status.result["moved_m"] < 0.2
     assert status.result["share_linked"] > 0.8
-    assert status.result["packets"] >= 5
+    assert status.result["packets"] >= 2
 
 
 @pytest.mark.slow
 def test_a_relay_whose_link_is_too_weak_moves_nearer_and_no_farther_than_it_may(errands):
-    run = errands("relay", parameters={"relay": {"stray_m": 1.8}})
+    run = errands("relay", parameters={"relay": {"stray_m": 1.8, "adjust_s": 2.0}})
     place = Point2D(1.0, 3.0)
     before_m = math.hypot(place.x_m - MOTES[1].x_m, place.y_m - MOTES[1].y_m)
     status = run.finish(
-        Task(id="r", kind="relay", place=place, parameters={"mote": "m1", "duration_s": 60.0, "rssi_min_dbm": -20.0})
+        Task(id="r", kind="relay", place=place, parameters={"mote": "m1", "duration_s": 25.0, "rssi_min_dbm": -20.0})
     )
     assert run.pose().distance_m(MOTES[1]) < before_m - 0.5
     assert 0.5 < status.result["moved_m"] <= 1.9
@@ -120,13 +120,13 @@ def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
             id="r",
             kind="relay",
             place=place,
-            parameters={"mote": "m1", "robot": "r2", "duration_s": 90.0, "rssi_min_dbm": bound_dbm},
+            parameters={"mote": "m1", "robot": "r2", "duration_s": 45.0, "rssi_min_dbm": bound_dbm},
         ),
         limit_s=150.0,
     )
     mate, end = Point2D(1.0, 3.2), run.pose()
     assert end.distance_m(mate) < math.hypot(place.x_m - mate.x_m, place.y_m - mate.y_m) - 0.6
-    assert status.result["robot_packets"] > 50
+    assert status.result["robot_packets"] > 25
     assert status.result["share_linked"] > 0.5
     link = {heard["robot"]: heard for heard in run.call("snw_exploration", "robots")}["r2"]
     assert link["rssi_dbm"] > bound_dbm - 6.0
@@ -136,7 +136,7 @@ def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
 def test_a_relay_to_a_robot_that_nobody_hears_stands_and_tells_so(errands):
     run = errands("relay")
     status = run.finish(
-        Task(id="r", kind="relay", place=Point2D(2.6, 3.2), parameters={"robot": "r9", "duration_s": 30.0})
+        Task(id="r", kind="relay", place=Point2D(2.6, 3.2), parameters={"robot": "r9", "duration_s": 8.0})
     )
     assert (status.state, status.result["share_linked"], status.result["packets"]) == (TaskState.DONE, 0.0, 0)
     assert status.result["moved_m"] < 0.3
@@ -211,10 +211,15 @@ def test_a_room_in_which_nothing_happens_raises_no_alarm(errands):
     told = run.inbox(ROBOT_EVENT, plugin="monitor")
     begun_ns = run.clock.now_ns()
     status = run.finish(
-        Task(id="m", kind="monitor", place=Point2D(2.0, 2.0), parameters={"duration_s": 30.0, "interval_s": 10.0})
+        Task(
+            id="m",
+            kind="monitor",
+            place=Point2D(2.0, 2.0),
+            parameters={"duration_s": 15.0, "interval_s": 5.0, "views": 2},
+        )
     )
     assert (status.state, status.result["rounds"], status.result["changes"]) == (TaskState.DONE, 3, 0)
-    assert run.clock.now_ns() - begun_ns >= 30e9
+    assert run.clock.now_ns() - begun_ns >= 15e9
     assert told.drain() == []
 
 
@@ -223,12 +228,12 @@ def test_what_has_changed_in_a_room_is_told_with_the_picture_and_once(errands):
     run = errands("monitor", "visit", starts={"r2": Pose2D(5.3, 3.3, 0.0)})
     told, images = run.inbox(ROBOT_EVENT, robot="r1", plugin="monitor"), run.inbox(ROBOT_IMAGE, robot="r1")
     assert run.offer(
-        Task(id="m", kind="monitor", place=Point2D(1.5, 2.0), parameters={"duration_s": 60.0, "interval_s": 10.0})
+        Task(id="m", kind="monitor", place=Point2D(1.5, 2.0), parameters={"duration_s": 40.0, "interval_s": 8.0})
     ).accepted
-    run.run(18.0)
+    run.run(14.0)
     assert told.drain() == []
     assert run.offer(Task(id="v", kind="visit", place=Point2D(3.4, 2.6), service_s=300.0), "r2").accepted
-    run.run(50.0)
+    run.run(30.0)
     changes = [received.message.value for received in told.drain()]
     published = [key for _, key, _ in images.drain_raw()]
     assert 1 <= len(changes) <= 3  # some may see it come

@@ -5,30 +5,12 @@ import pytest
 from PIL import Image
 
 from robrain import Scenario
-from robrain.protocol.model.geometry import Point2D
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.drawing import FloorDrawing
-from robrain.sim.scenarios.scenario_file import builtin_names
-from robrain.sim.world.arena import RobotHardware
 
 ROOT = Path(__file__).parents[3]
 TINY = '[scenario]\nname = "tiny"\nseed = 3\n[floor]\nsize_m = [1.5, 1.5]\n[team]\nrobots = 9\n'
 SMALL = Scenario.builtin("arena_small")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", builtin_names())
-def test_of_each_built_in_floor_the_robots_can_reach_nearly_everything(name):
-    world = Scenario.builtin(name).world()
-    starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in world.robots]
-    reachable = world.plan.reachable(starts, RobotHardware().radius_m)
-    free = np.count_nonzero(~world.plan.occupied)
-    assert np.count_nonzero(reachable) / free >= 0.97
-    place = world.first_place()
-    assert place is not None
-    assert reachable[world.plan.cell_of(place.x_m, place.y_m)]
-    if name == "depot":
-        assert f"place=({place.x_m:g}, {place.y_m:g})" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_a_map_that_is_missing_is_named(tmp_path: Path):
