@@ -24,12 +24,12 @@ class Told(Original):
         super().__init__(*args, **options)
         made += 1
         print("made", made, flush=True)
-        if made == 3:
+        if made == 2:
             sys.stdin.readline()
 
 
 user.{name} = Told
-sys.argv = ["robrain", "run", "arena_small", "--robots", "6", "--time-limit", "1"]
+sys.argv = ["robrain", "run", "arena_small", "--robots", "3", "--time-limit", "1"]
 from robrain.cli import main
 
 main()
@@ -58,7 +58,7 @@ def test_ctrl_c_while_robots_are_set_up_closes_them_without_a_word(module: str, 
         said = []
         for line in process.stdout:
             said.append(line)
-            if line == "made 3\n":
+            if line == "made 2\n":
                 break
         process.send_signal(signal.SIGINT)
         process.stdin.write("go on\n")
