@@ -48,11 +48,11 @@ def test_five_faults_at_once_are_named_and_corrected_and_a_second_run_has_nothin
     assert value(first, Found.IMU_INVERTED, "by_imu_rad") < -1.4
     corrected = robot.path.read_bytes()
     assert Path(first.backup).read_bytes() != corrected
-    again = robot.run(Wanted())
+    again = robot.run(Wanted(rounds=0))
     assert again.is_good
     assert [finding.step for finding in again.findings if finding.ok] == [
         *(Step.BUS, Step.WHEELS, Step.SCALE, Step.HALT, Step.WATCHDOG, Step.BATTERY),
-        *(Step.SCAN, Step.ORIENTATION, Step.DISTANCE, Step.TURN, Step.TURN, Step.IMU, Step.SQUARE),
+        *(Step.SCAN, Step.ORIENTATION, Step.DISTANCE, Step.TURN, Step.TURN, Step.IMU),
     ]
     assert robot.path.read_bytes() == corrected
     assert again.backup == ""
@@ -140,18 +140,6 @@ def test_with_three_wheels_a_rotated_order_and_a_wrong_number_of_counts_are_put_
 
 
 @pytest.mark.slow
-def test_a_lidar_that_is_turned_upside_down_and_off_the_centre_is_found_out(tmp_path: Path) -> None:
-    mount = {"x_m": 0.08, "y_m": 0.05, "yaw_rad": -2.0, "upside_down": True}
-    robot = BroughtUp(tmp_path, {}, {"lidar": {"mount": mount}})
-    assert wrong(robot.run(NO_SQUARES)) == {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.LIDAR_OFF_CENTRE}
-    said = tomllib.loads(robot.path.read_text())["parameters"]["scan"]["mount"]
-    assert said["x_m"] == pytest.approx(0.08, abs=0.01)
-    assert said["y_m"] == pytest.approx(0.05, abs=0.01)
-    assert math.remainder(said["yaw_rad"] + 2.0, math.tau) == pytest.approx(0.0, abs=0.02)
-    assert said["upside_down"]
-
-
-@pytest.mark.slow
 def test_wrong_sizes_of_the_base_and_a_unit_that_is_not_there_are_named_and_the_sizes_measured(tmp_path: Path) -> None:
     sizes = {"track_m": 0.27, "wheel_radius_ratio": 0.975}
     robot = BroughtUp(tmp_path, {"mocdevice": {"base": sizes}, "imu": {"port": "zenoh:nothing"}}, {"imu": IMU})
@@ -163,8 +151,9 @@ def test_wrong_sizes_of_the_base_and_a_unit_that_is_not_there_are_named_and_the_
     (imu,) = [finding for finding in report.findings if finding.step is Step.IMU]
     assert "no measurement for 0.5" in imu.sentence
     # Driven again with what the first squares have corrected.
-    squares = [finding.values["largest_m"] for finding in report.findings if finding.step is Step.SQUARE]
-    assert squares[-1] < 0.3 * squares[0]
+    squares = [finding for finding in report.findings if finding.step is Step.SQUARE]
+    assert squares[-1].found is Found.RIGHT
+    assert squares[-1].values["largest_m"] < 0.3 * squares[0].values["largest_m"]
 
 
 @pytest.mark.slow
@@ -214,19 +203,21 @@ def test_a_person_who_sees_no_wheel_turn_ends_it(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_what_the_file_says_wrongly_of_the_mounting_of_a_lidar_on_a_serial_line_is_corrected(tmp_path: Path) -> None:
-    lidar = {"protocol": "ld19", "mount": {"x_m": 0.1, "yaw_rad": 1.0, "upside_down": True}}
+    lidar = {"protocol": "ld19", "mount": {"x_m": 0.1, "y_m": 0.05, "yaw_rad": 1.0, "upside_down": True}}
     file = {
         "mocdevice": {"base": {"wheel_radius_m": 0.045}},
         "scan": {"mount": {"x_m": 0.05, "yaw_rad": -0.5, "upside_down": False}},
     }
     robot = BroughtUp(tmp_path, file, {"lidar": lidar})
     report = robot.run(NO_SQUARES)
-    assert {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.WRONG_WHEEL_RADIUS} <= wrong(report)
+    named = {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.LIDAR_OFF_CENTRE, Found.WRONG_WHEEL_RADIUS}
+    assert wrong(report) == named
     turned = [finding.step for finding in report.findings if finding.found is Found.SCAN_TURNED]
     assert turned == [Step.ORIENTATION]  # at once, not in two steps
     said = tomllib.loads(robot.path.read_text())["parameters"]
     assert said["scan"]["mount"]["yaw_rad"] == pytest.approx(1.0, abs=0.02)
     assert said["scan"]["mount"]["x_m"] == pytest.approx(0.1, abs=0.01)
+    assert said["scan"]["mount"]["y_m"] == pytest.approx(0.05, abs=0.01)
     assert said["scan"]["mount"]["upside_down"]
     assert said["mocdevice"]["base"]["wheel_radius_m"] == pytest.approx(0.05, rel=0.01)
 
