@@ -130,7 +130,9 @@ WORDS = (
 def test_no_command_and_no_log_lets_text_from_the_wire_steer_the_terminal(commands: Commands, endpoint: str) -> None:
     coordinator = commands.start("coordinator", "--connect", endpoint)
     commands.line_with(coordinator, "of team")
-    said = [ended.stdout + ended.stderr for ended in (commands.run(*words, "--connect", endpoint) for words in WORDS)]
+    said = [
+        ended.stdout + ended.stderr for ended in (commands.run_here(*words, "--connect", endpoint) for words in WORDS)
+    ]
     coordinator.send_signal(2)
     said.append(coordinator.communicate()[0])
     for words, text in zip((*WORDS, ("coordinator",)), said, strict=True):
