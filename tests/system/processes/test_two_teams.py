@@ -49,7 +49,7 @@ def test_two_teams_of_one_hub_do_not_see_each_other(commands, hub, where) -> Non
         wires[team].subscribe(states[team], ROBOT_STATE)
 
     def run(*words: str):
-        return commands.run(*words, "--connect", where)
+        return commands.run_here(*words, "--connect", where)
 
     task = Task(id="only-northern", kind="visit", place=Point2D(1.0, 1.0))
     until_answered(lambda: wires["north"].ask(TASK_SUBMIT, TaskSubmission(task=task)))
