@@ -22,7 +22,8 @@ def traceback_in(thread: int, plugin_class: type[Plugin] | None) -> TracebackTyp
     """
     frame, found, inside = sys._current_frames().get(thread), None, None
     while frame is not None:
-        found = TracebackType(found, frame, frame.f_lasti, frame.f_lineno)
+        # An instruction that the compiler has added has no line: f_lineno is None then.
+        found = TracebackType(found, frame, frame.f_lasti, frame.f_lineno or frame.f_code.co_firstlineno)
         if plugin_class is None:
             if not is_of_host(frame.f_code.co_filename):
                 inside = found
