@@ -9,7 +9,7 @@ from tests.agent.consensus.leaderless import pass_time, team_of
 
 pytestmark = pytest.mark.slow
 
-PLACES = ((2.0, 2.6), (1.5, 1.0), (1.0, 1.6), (2.2, 2.0), (1.0, 2.5))
+PLACES = ((2.0, 2.6), (1.5, 1.0), (1.0, 1.6), (2.2, 2.0))
 
 
 def test_simulated_robots_do_orphaned_tasks_once_each_and_the_journal_takes_them_in() -> None:
@@ -27,7 +27,7 @@ def test_simulated_robots_do_orphaned_tasks_once_each_and_the_journal_takes_them
         run.begin_coordinator()
         pass_time(team, watch, 2.0)
         assert {name: team.get(name).state for name in names} == dict.fromkeys(names, TaskState.DONE)
-        pass_time(team, watch, 5.0)
+        pass_time(team, watch, 3.0)
         assert watch.done == dict.fromkeys(names, 1)
 
 
@@ -57,14 +57,14 @@ def test_a_task_that_is_submitted_without_a_coordinator_is_done_once_and_noted_b
         run.begin_coordinator()
         pass_time(team, watch, 2.0)
         assert team.get(name).state is TaskState.DONE
-        pass_time(team, watch, 5.0)
+        pass_time(team, watch, 3.0)
         assert watch.done == {name: 1}
 
 
 def test_a_running_task_that_is_cancelled_without_a_coordinator_is_ended_and_stays_so() -> None:
     with team_of(3) as (team, run, watch):
         pass_time(team, watch, 6.0)
-        name = team.submit("visit", place=PLACES[0], service_s=12.0).task.id
+        name = team.submit("visit", place=PLACES[0], service_s=6.0).task.id
         pass_time(team, watch, 2.0)
         assert team.get(name).state is TaskState.RUNNING
         run.end_coordinator()
@@ -72,7 +72,7 @@ def test_a_running_task_that_is_cancelled_without_a_coordinator_is_ended_and_sta
         record = team.cancel(name, why="not needed")
         assert (record.task.id, record.state) == (name, TaskState.CANCELLED)
         assert record.why.startswith("there is no coordinator; r1, r")
-        pass_time(team, watch, 15.0)
+        pass_time(team, watch, 9.0)
         assert not any(host.desk.is_busy for host in run.hosts)
         run.begin_coordinator()
         pass_time(team, watch, 5.0)
