@@ -57,7 +57,7 @@ class Chain:
     def say(self, who: Member, router: Router, *words: str) -> str:
         """What a command of somebody at a router says."""
         tls = ("--tls", str(folder_of(self.pki, who)))
-        ended = self.commands.run(*tls, *words, "--team", TEAM, "--connect", router.endpoint)
+        ended = self.commands.run_here(*tls, *words, "--team", TEAM, "--connect", router.endpoint)
         return ended.stdout + ended.stderr
 
     def answer(self, who: Member, router: Router, *words: str, expected: str) -> str:
