@@ -71,7 +71,7 @@ def check(scripts: int) -> None:
 
 
 def test_no_task_is_lost_or_done_twice_when_a_coordinator_goes_on_from_the_copy() -> None:
-    check(10)
+    check(5)
 
 
 if __name__ == "__main__":
