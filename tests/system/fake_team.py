@@ -37,8 +37,8 @@ PAUSE_BETWEEN_S = 0.1
 class FakeTeam:
     """Two robots that circle in a room which they have mapped before anybody looked on."""
 
-    def __init__(self) -> None:
-        self.session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
+    def __init__(self, listen: str = "tcp/127.0.0.1:0") -> None:
+        self.session = open_session(mode="router", listen=(listen,))
         self.heard = Inbox()
         self._endpoint = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._stop = threading.Event()

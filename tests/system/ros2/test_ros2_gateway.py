@@ -9,6 +9,7 @@ import pytest
 
 from tests.ros2_interfaces.build import is_built, variables
 from tests.system.conftest import Commands
+from tests.system.fake_team import FakeTeam
 from tests.waiting import PATIENCE_S, until
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'robrain[ros2]'")
@@ -162,8 +163,9 @@ def test_a_gateway_that_is_read_only_takes_no_orders(gateway, domain, listener):
 
 
 def test_a_team_that_comes_later_is_shown(commands, domain, listener):
-    gateway = commands.start("ros2", "gateway", "--connect", commands.hub.endpoint, stderr=-1)
-    commands.start("up", "arena_small", "--robots", "1", "--no-dashboard")
+    gateway = commands.start("ros2", "gateway", "--connect", commands.hub.endpoint)
     poses = heard(listener, PoseStamped, "/robrain/r1/pose")
-    commands.line_with(gateway, "ros2 gateway: ")
-    assert until(lambda: listener.spin(1.0, lambda: poses))
+    commands.line_with(gateway, "waiting for")
+    with FakeTeam(commands.hub.endpoint):
+        commands.line_with(gateway, "ros2 gateway: ")
+        assert until(lambda: listener.spin(1.0, lambda: poses))
