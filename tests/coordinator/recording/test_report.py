@@ -96,8 +96,6 @@ def test_a_report_is_one_page_that_runs_nothing_with_all_figures_and_each_as_a_f
     assert "default-src 'none'" in text
     assert not page.tags & {"script", "link", "iframe", "object", "embed", "form"}
     assert not {name for name in page.attributes if name.startswith("on")}
-    again = write_report([run], tmp_path / "again")
-    assert again.page.read_bytes() == report.page.read_bytes()
 
 
 def test_a_format_that_nobody_knows_is_refused(tmp_path: Path) -> None:
@@ -151,7 +149,7 @@ def test_two_runs_are_compared_on_one_page_with_who_did_what(of_seeds: list[Path
 def test_runs_of_several_seeds_are_compared_by_mean_and_interval_and_have_no_section_each(
     of_seeds: list[Path], tmp_path: Path
 ) -> None:
-    report = write_report(of_seeds, tmp_path)
+    report = write_report(of_seeds, tmp_path / "out")
     assert sorted(path.name for path in report.figures) == ["comparison.svg", "explored.svg"]
     text = report.page.read_text()
     assert "Who did what" not in text
@@ -166,6 +164,8 @@ def test_runs_of_several_seeds_are_compared_by_mean_and_interval_and_have_no_sec
     numbers = [float(number) for number in told.groups()]
     assert numbers == pytest.approx([found.mean, found.low, found.high], abs=0.1 * found.width)
     assert "<summary>Runs (7)</summary>" in text
+    again = write_report(of_seeds, tmp_path / "again")
+    assert again.page.read_bytes() == report.page.read_bytes()
 
 
 @pytest.mark.slow
