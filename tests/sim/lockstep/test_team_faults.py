@@ -249,16 +249,16 @@ def test_components_are_also_switched_off_and_on_by_hand() -> None:
 @pytest.mark.slow
 def test_an_explored_team_keeps_its_map_and_rests_after_coordinator_and_robot_were_restarted() -> None:
     told = Told(
-        FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=42.0, until_s=50.0),
-        fault(FaultKind.KILL, at_s=44.0, until_s=70.0),
+        FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=42.0, until_s=46.0),
+        fault(FaultKind.KILL, at_s=43.0, until_s=56.0),
     )
     told.until(41.9)
     assert told.run.nothing_left
     known = told.run.coordinator.team_map.known_area_m2
-    told.until(65.0)  # what the robot that is off has mapped is known by the other alone
+    told.until(54.0)  # what the robot that is off has mapped is known by the other alone
     assert told.run.coordinator.team_map.known_area_m2 >= known - 0.5
     explored: set[str] = set()
-    while told.run.sim_time_s < 90.0:
+    while told.run.sim_time_s < 70.0:
         told.run.tick()
         explored.update(record.task.id for record in told.run.coordinator.tasks.open if record.task.kind == EXPLORE)
     assert explored == set()

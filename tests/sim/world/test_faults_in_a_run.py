@@ -188,7 +188,7 @@ def test_a_stock_plugin_that_raises_once_is_restarted_and_its_robot_goes_on():
             broken.fault(ZeroDivisionError("once"))
         run.tick()
         before = [robot.distance_m for robot in run.truth.robots]
-        while run.sim_time_s < 18.0:
+        while run.sim_time_s < 13.0:
             run.tick()
         assert [(one.state, one.restarts) for one in plugins] == [(PluginState.ACTIVE, 1)] * len(RAISES)
         assert min(now.distance_m - then for now, then in zip(run.truth.robots, before, strict=True)) > 1.0
