@@ -30,7 +30,7 @@ DIGEST_SCRIPT = """
 import sys
 from robrain import Scenario
 scenario = Scenario.builtin("arena_small").replace(seed=int(sys.argv[1]))
-print(scenario.run(until_explored=1.0, time_limit_s=5.0).digest)
+print(scenario.run(until_explored=1.0, time_limit_s=3.0).digest)
 """
 INTERRUPTED_SCRIPT = """
 import sys
@@ -64,8 +64,8 @@ CALLING_SCRIPT = ASKING_SCRIPT.format(
 
 
 def short(seed: int = 1, **options) -> RunResult:
-    """Five simulated seconds in the small arena."""
-    return SMALL.replace(seed=seed).run(until_explored=1.0, time_limit_s=5.0, **options)
+    """Three simulated seconds in the small arena."""
+    return SMALL.replace(seed=seed).run(until_explored=1.0, time_limit_s=3.0, **options)
 
 
 plain = cache(short)
