@@ -47,5 +47,11 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> SweepResult:
 
 
 @pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw nothing: `swept` has figures."""
+    monkeypatch.setattr("robrain.deploy.sweep.sweep.figure_files", lambda *_: {})
+
+
+@pytest.fixture
 def folder(tmp_path: Path) -> Path:
     return tmp_path / "out"

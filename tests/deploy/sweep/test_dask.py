@@ -41,6 +41,7 @@ def test_a_worker_of_another_version_is_refused_in_words(cluster: LocalCluster, 
     assert "expected 99.0" in record.error
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_an_interrupted_sweep_leaves_the_cluster_usable_and_the_next_one_gives_the_same_table(
     cluster: LocalCluster, plan: SweepPlan, swept: SweepResult, folder: Path
 ) -> None:

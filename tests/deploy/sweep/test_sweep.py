@@ -87,14 +87,6 @@ def test_the_manifest_has_versions_and_the_digests_of_all_files(swept: SweepResu
     assert session.wall_time_s is not None
 
 
-def test_a_second_call_runs_nothing_again(swept: SweepResult) -> None:
-    journal, table = (swept.folder / JOURNAL).read_bytes(), table_bytes(swept)
-    again = sweep(SCENARIO, SEEDS, vary=VARY, output=swept.folder)
-    assert (swept.folder / JOURNAL).read_bytes() == journal
-    assert table_bytes(again) == table
-    assert [session.runs for session in manifest_of(swept.folder).sessions][1:] == [0]
-
-
 def test_other_parameters_in_the_same_folder_are_refused(swept: SweepResult) -> None:
     with pytest.raises(SweepError, match="seeds was 1,2,3 and is now 1,2"):
         sweep(SCENARIO, [1, 2], vary=VARY, output=swept.folder)
@@ -102,6 +94,7 @@ def test_other_parameters_in_the_same_folder_are_refused(swept: SweepResult) -> 
         sweep(SCENARIO.replace(time_limit_s=5.0), SEEDS, vary=VARY, output=swept.folder)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_run_that_raises_is_a_row_with_its_error_and_the_others_go_on(folder: Path) -> None:
     result = sweep(SCENARIO, [1, 2], vary={"robots": [1, 900]}, output=folder, workers=2)
     table = result.table()
@@ -112,7 +105,8 @@ def test_a_run_that_raises_is_a_row_with_its_error_and_the_others_go_on(folder: 
     assert result.summary.settings[1].runs == {"failed": 2}
 
 
-def test_a_process_that_dies_fails_its_own_run_only_and_the_next_call_repeats_it_with_fewer_workers(
+@pytest.mark.usefixtures("without_figures")
+def test_a_process_that_dies_fails_its_own_run_only_the_next_call_repeats_it_and_one_more_runs_nothing(
     swept: SweepResult, folder: Path
 ) -> None:
     plan = make_plan(SCENARIO, list(reversed(SEEDS)), VARY)
@@ -134,9 +128,13 @@ def test_a_process_that_dies_fails_its_own_run_only_and_the_next_call_repeats_it
     assert again.errors == []
     assert table_bytes(again) == table_bytes(swept)  # whatever the order of the seeds
     assert not {"wall_time_s", "real_time_factor"} & set(pq.read_schema(folder / "table.parquet").names)
-    assert [session.runs for session in manifest_of(folder).sessions] == [6, len(failed)]
+    journal = (folder / JOURNAL).read_bytes()
+    assert table_bytes(run_sweep(plan, SweepOptions(output=folder))) == table_bytes(swept)
+    assert (folder / JOURNAL).read_bytes() == journal
+    assert [session.runs for session in manifest_of(folder).sessions] == [6, len(failed), 0]
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_recordings_lie_beside_the_table(folder: Path) -> None:
     sweep(SCENARIO, [7], vary={"robots": [1]}, output=folder, workers=1, record=True)
     [run] = manifest_of(folder).runs
