@@ -30,7 +30,7 @@ from robrain.sim.world.chargers import ChargerSpec
 from tests.random_words import MEANINGLESS, MISLEADING, speak_at_random, wordless
 
 PLACES = ((1.0, 1.0), (7.0, 1.0), (4.2, 3.0), (7.2, 3.4), (3.4, 5.2), (1.2, 5.0))
-EXPLORED_S, END_S = 8.0, 40.0
+EXPLORED_S, END_S = 8.0, 28.0
 HEARD = (TASK_EVENT, TASK_DECISION, TASK_PROBLEM, COORDINATOR_CHARGES, COORDINATOR_STATE, ROBOT_STATE, ROBOT_PATH)
 SEED = 3
 
