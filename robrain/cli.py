@@ -46,7 +46,7 @@ from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.machine.machine_files import machine_files
 from robrain.deploy.observability.json_logs import set_up_logs
 from robrain.deploy.pki.pki_commands import pki_app, router
-from robrain.deploy.processes.native_threads import limit_heaps, limit_native_threads
+from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.processes.standard_streams import guarded_streams
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.ros2.ros2_commands import ros2_app
@@ -338,7 +338,6 @@ def wire(
 def main() -> None:
     """Entry point: prints an error as one sentence, with exit status 2."""
     limit_native_threads()
-    limit_heaps()
     with guarded_streams(), _said_in_words():
         sys.argv[1:] = set_up_logs(sys.argv[1:])
         words = agent_words(sys.argv[1:])

@@ -1,12 +1,10 @@
 """`robrain hub`: the Zenoh router of a team, in a process of its own."""
 
-import time
 from contextlib import closing
 
 from robrain.deploy.processes.live_process import LiveStop, open_hub, tell
 from robrain.protocol.wire.session import listening_at
 
-LOOK_S = 0.05
 READY_PREFIX = "hub: "
 
 
@@ -26,5 +24,4 @@ def hub_command(listen: str | None) -> None:
         where = [endpoint for endpoint in listening_at(session) if endpoint.startswith("tcp/")]
         tell(f"{READY_PREFIX}{', '.join(where) or listen}")
         should_stop.ready()
-        while not should_stop():
-            time.sleep(LOOK_S)
+        should_stop.wait()

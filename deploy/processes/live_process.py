@@ -174,6 +174,11 @@ class LiveStop:
         has_lost_parent = self._parent is not None and os.getppid() != self._parent
         return self.requested or has_lost_parent or self._lifeline.is_cut
 
+    def wait(self) -> None:
+        """Do nothing until the process must end."""
+        while not self():
+            time.sleep(LOOK_AGAIN_S)
+
     def ready(self) -> None:
         """Tell whoever supervises the process that it does its work now."""
         self._lifeline.ready()

@@ -1,7 +1,5 @@
 """A lockstep run with its progress bar, and with the dashboard beside it."""
 
-import time
-
 from robrain.deploy.commands.process_options import above_zero, until_explored
 from robrain.deploy.commands.terminal import say
 from robrain.deploy.errors import UsageError
@@ -61,12 +59,7 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
         show_result(result)
     if options.stay and page is not None and options.record is not None and result.ended != "interrupted":
         go_on_with_recording(children, page.url, options.record)
-        _stay(page.url)
+        should_stop = LiveStop()  # before the user is told of Ctrl-C: the default handler ends with another status
+        say(f"{page.url} now shows the recording: Ctrl-C ends it")
+        should_stop.wait()
     return result
-
-
-def _stay(url: str) -> None:
-    should_stop = LiveStop()  # before the user is told of Ctrl-C: the default handler ends with another status
-    say(f"{url} now shows the recording: Ctrl-C ends it")
-    while not should_stop():
-        time.sleep(0.1)

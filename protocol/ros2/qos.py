@@ -100,7 +100,6 @@ SENSOR_DATA = Qos(Reliability.BEST_EFFORT, depth=5)
 """`qos_profile_sensor_data`."""
 LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
 """The last message, also for those that come later: maps."""
-TF_STATIC = Qos(durability=Durability.TRANSIENT_LOCAL, depth=100)
 TF = Qos(depth=100)
 SERVICES = Qos()
 """`qos_profile_services_default`."""

@@ -203,10 +203,6 @@ class SerialLink:
         self._waiting.append(packet)
         return True
 
-    def send_unacknowledged(self, packet: bytes) -> None:
-        """Send a packet once, as motes do."""
-        self._to_write += frame(bytes([Proto.PACKET_NOACK]) + packet)
-
     def receive(self, data: bytes) -> list[bytes]:
         """Packets that are complete with these bytes, each once."""
         packets = []

@@ -9,13 +9,15 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from enum import StrEnum
 from functools import partial
 from threading import get_ident
-from typing import Any
+from typing import Any, Generic, NamedTuple
 
 import zenoh
 
 from robrain.protocol.wire.access.identity import member_on
+from robrain.protocol.wire.access.member import Member
 from robrain.protocol.wire.access.signed_keys import is_signed, read_signed
 from robrain.protocol.wire.access.signing import Signing
 from robrain.protocol.wire.access.vouching import message_in_own_name, vouch_message, vouch_request
@@ -44,10 +46,7 @@ from robrain.protocol.wire.links.thinning import Thinning
 from robrain.protocol.wire.links.zenoh_link import ZenohLink
 from robrain.protocol.wire.presence import Presence
 from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.serving import Deferred, Drive, Handler, OnOutside, Request, Serve
 from robrain.protocol.wire.topic import JSON, Q, Query, R, Token, Topic
-
-__all__ = ["Deferred", "Drive", "Endpoint", "Handler", "OnOutside", "Request", "Serve"]
 
 logger = logging.getLogger(__name__)
 
@@ -59,6 +58,56 @@ TOKENS_TIMEOUT_S = 10.0
 STUCK_TIMEOUT_S = 2.0
 """How long `close` waits for handlers that are still running."""
 
+OnOutside = Callable[[str, bytes], None]
+
+
+class Drive(StrEnum):
+    """Who moves time: the wall, or the lockstep runner."""
+
+    LIVE = "live"
+    LOCKSTEP = "lockstep"
+
+
+class Serve(StrEnum):
+    """Where queries are answered in the live drive."""
+
+    AT_ONCE = "at_once"
+    """On the thread that Zenoh gives the queryable; one after the other."""
+    SHARED = "shared"
+    """As POOL, on threads that the endpoint's queries of this kind share: for what is asked rarely."""
+    POOL = "pool"
+    """On threads of its own, several at a time; `busy` when there are too many."""
+    IN_STEP = "in_step"
+    """When the component calls `serve()`."""
+
+
+class Request(NamedTuple, Generic[Q]):
+    """A query as its handler sees it."""
+
+    names: dict[str, str]
+    """Names in the key, and its team under `team`."""
+    asked: Q
+    """The request, decoded; bytes where the query has free JSON, None where nothing is said."""
+    by: str = ""
+    """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`.
+    In a secured team the member whom the router's rules vouch for, such as `operator:ann`."""
+    trace: str = ""
+    """Trace of the task that it is about, if the asker says: Zenoh's attachment."""
+    asker: Member | None = None
+    """That member; None where the team is not secured, and `by` is a claim."""
+
+
+class Deferred(NamedTuple, Generic[R]):
+    """A reply that is sent later, so that nothing else waits for what it depends on."""
+
+    reply: R
+    when: Callable[[Callable[[CallError | None], None]], None]
+    """Takes a function that must be called once, on any thread: with None when the reply may be sent, or with the
+    error to send instead."""
+
+
+Handler = Callable[[Request[Q]], R | bytes | Deferred[R]]
+"""Returns the reply (bytes go as they are), or raises CallError."""
 
 _Waiting = tuple[Asked, Query[Any, Any], str | None, Callable[[Request[Any]], Any]]
 

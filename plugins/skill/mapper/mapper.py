@@ -289,7 +289,8 @@ class Mapper(Skill):
         if why := self._desk.why_wrong():
             # Somewhere in this trajectory is a break, as when somebody has carried the robot off unnoticed.
             nodes = self._graph.own.values()
-            self._withdraw_wrong([node.number for node in nodes if node.trajectory == self._own.trajectory])
+            self._withdraw([node.number for node in nodes if node.trajectory == self._own.trajectory])
+            self._own.begin_trajectory(self._own.trajectory)
             board.misplaced = why
         elif why := self._frames.why_unsure():
             self._frames.part(why)
@@ -347,21 +348,19 @@ class Mapper(Skill):
 
     def _begin_anew(self) -> None:
         """Withdraw what was mapped from a wrong start pose."""
-        if self._has_begun_anew:
-            return
-        self._has_begun_anew = True
-        self._withdraw_wrong(list(self._graph.own))
-
-    def _withdraw_wrong(self, numbers: list[int]) -> None:
-        self._withdraw(numbers)
-        self._own.begin_trajectory(self._own.trajectory)
+        if not self._has_begun_anew:
+            self._has_begun_anew = True
+            self._withdraw(list(self._graph.own))
+            self._own.begin_trajectory(self._own.trajectory)
 
     def _withdraw_covered(self) -> None:
-        """Remove own submaps that can no longer be moved and that the map no longer shows: else maps grow for ever."""
+        """Remove own submaps that can no longer be moved and that the map no longer shows: else maps grow for ever.
+
+        The last of them stays: the oldest one that can be moved is placed relative to it.
+        """
         robot, movable = self.env.robot, self._graph.own
         fixed = sorted(number for name, number in self._atlas.submaps if name == robot and number not in movable)
-        # The oldest submap that can be moved is placed relative to the last fixed one.
-        self._withdraw([number for number in fixed[:-1] if self._atlas.is_covered((robot, number))])
+        self._withdraw([number for number in fixed[:-1] if self._atlas.is_covered(self._atlas.submaps[robot, number])])
 
     def _withdraw(self, numbers: list[int]) -> None:
         """Remove own submaps, and queue the message about it."""

@@ -41,11 +41,6 @@ class ByHand:
         self._until_ns: int | None = None
         self._commanded_ns: int | None = None
 
-    @property
-    def has_driven(self) -> bool:
-        """Whether somebody drives by hand, or did and `has_ended` has not reported the end yet."""
-        return self._until_ns is not None
-
     def holder(self, now_ns: int) -> str:
         """Who holds the lease now; empty if nobody does."""
         return self._holder if now_ns < self._lapses_ns else ""

@@ -22,15 +22,37 @@ from typing import Literal, Protocol
 
 import msgspec
 
-from robrain.agent.errors import PluginError
+from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.process_group import how_it_ended
 from robrain.agent.plugin import Unit, external
-from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.plugins.unit.program.line_process import LineProcess
 from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.wire.border.codec import BAD_PAYLOAD
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.errors import ErrorCode
+
+
+class ProgramAbsent(HardwareAbsent):
+    """There is no such executable; the plugin is left out as if its hardware were absent."""
+
+
+class BadLine(PluginError):
+    """That cannot be given to the program."""
+
+    code = ErrorCode.BAD_ARGUMENTS
+
+
+class ProgramEnded(PluginError):
+    """The program does not run."""
+
+    code = ErrorCode.INACTIVE
+
+
+class ProgramLate(PluginError):
+    """The program did not answer in time, and was killed."""
+
+    code = ErrorCode.TIMEOUT
 
 
 class Running(StrEnum):

@@ -287,18 +287,16 @@ class SubmapAtlas:
         other._redraw((0, 0, *self.grid.geometry.shape))
         return other.grid
 
-    def is_covered(self, key: SubmapKey) -> bool:
+    def is_covered(self, submap: Submap) -> bool:
         """Whether the grid shows no cell of a submap, as all its cells there were observed later in other submaps."""
-        submap = self.submaps[key]
-        if submap.frame != self.frame:
-            return False
-        first_row, first_column, end_row, end_column = self._box_of(submap)
-        shape = max(end_row - first_row, 0), max(end_column - first_column, 0)
-        cells, stamps_ms = np.zeros(shape, np.int8), np.zeros(shape, np.int32)
+        top, left, bottom, right = self._box_of(submap)
+        cells = np.zeros((max(bottom - top, 0), max(right - left, 0)), np.int8)
+        stamps_ms = np.zeros(cells.shape, np.int32)
         cos, sin, row, column = self._lookup(submap)
-        row, column = row + cos * first_row + sin * first_column, column - sin * first_row + cos * first_column
-        draw(cells, stamps_ms, (0, 0, *shape), submap.evidence, submap.stamp_ms, (cos, sin, row, column))
-        return not np.any((cells != 0) & (stamps_ms >= self.grid.stamp_ms[first_row:end_row, first_column:end_column]))
+        lookup = cos, sin, row + cos * top + sin * left, column - sin * top + cos * left
+        draw(cells, stamps_ms, (0, 0, *cells.shape), submap.evidence, submap.stamp_ms, lookup)
+        is_shown = (cells != 0) & (stamps_ms >= self.grid.stamp_ms[top:bottom, left:right])
+        return submap.frame == self.frame and not is_shown.any()
 
     def withdraw(self, key: SubmapKey) -> None:
         """Remove a submap that is wrong or covered."""

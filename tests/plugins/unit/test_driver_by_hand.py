@@ -81,5 +81,5 @@ def test_nobody_holds_longer_than_the_last_lease(wishes, lease_s):
             continue
         if speed_m_s:
             until_ns, drove = now_ns + to_ns(lease_s), True
-        elif hand.has_driven:
+        elif drove:
             until_ns = now_ns

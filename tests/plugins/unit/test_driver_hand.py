@@ -229,7 +229,7 @@ def refused(robot, lease):
 
 def test_hand_holds_for_just_its_lease_and_its_end_is_said_once():
     hand = ByHand(0.5)
-    assert (hand.holds(0), hand.has_ended(0), hand.has_driven) == (False, False, False)
+    assert (hand.holds(0), hand.has_ended(0)) == (False, False)
     taken = hand.take("ann", 0)
     assert (taken.lease_s, taken.renew_s) == (0.5, 0.125)
     assert not hand.holds(1)
@@ -239,10 +239,9 @@ def test_hand_holds_for_just_its_lease_and_its_end_is_said_once():
         assert hand.holds(now_ns) is holds
         assert hand.holder(now_ns) == ("ann" if holds else "")
     assert not hand.has_ended(500_000_999)
-    assert hand.has_driven
     assert hand.has_ended(500_001_000)
     assert not hand.has_ended(500_001_000)
-    assert (hand.has_driven, hand.wanted) == (False, Twist2D())
+    assert hand.wanted == Twist2D()
 
 
 @pytest.mark.parametrize("lease_s", [0.0, -1.0, LONGEST_LEASE_S + 0.001, math.inf, math.nan])

@@ -17,8 +17,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.unit.program import program
-from robrain.plugins.unit.program.errors import BadLine, ProgramAbsent, ProgramEnded, ProgramLate
-from robrain.plugins.unit.program.program import Program
+from robrain.plugins.unit.program.program import BadLine, Program, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.errors import CallError, ErrorCode
