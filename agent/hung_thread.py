@@ -15,6 +15,8 @@ class ThreadEnded(SystemExit):
 def traceback_in(thread: int, plugin_class: type[Plugin] | None) -> TracebackType | None:
     """Where a thread is in a plugin, from the plugin's first line on; None if it is not in it.
 
+    The line of an instruction that the compiler has added, which has none, is the first of its function.
+
     Args:
         thread: its identifier.
         plugin_class: the plugin's class; None for the innermost code that is not of the host.
@@ -22,7 +24,6 @@ def traceback_in(thread: int, plugin_class: type[Plugin] | None) -> TracebackTyp
     """
     frame, found, inside = sys._current_frames().get(thread), None, None
     while frame is not None:
-        # An instruction that the compiler has added has no line: f_lineno is None then.
         found = TracebackType(found, frame, frame.f_lasti, frame.f_lineno or frame.f_code.co_firstlineno)
         if plugin_class is None:
             if not is_of_host(frame.f_code.co_filename):
