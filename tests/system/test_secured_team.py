@@ -324,7 +324,7 @@ class BlueTeam:
         return self.commands.start(*words, "--team", TEAM, **self._variables(who))
 
     def ask(self, who: str, *words: str) -> tuple[int, str]:
-        ended = self.commands.run(*words, "--team", TEAM, **self._variables(who))
+        ended = self.commands.run_here(*words, "--team", TEAM, **self._variables(who))
         return ended.returncode, ended.stdout + ended.stderr
 
     def _variables(self, who: str) -> dict[str, str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain.deploy.bench import agents, consensus
+from robrain.deploy.bench.mapping import live_mapping
 
 R101 = Path(__file__).parents[2] / "coordinator" / "allocation" / "data" / "R101_25.txt"
 pytestmark = pytest.mark.system
@@ -111,7 +112,7 @@ def test_a_team_without_coordinator_is_measured_beside_optimal(commands, monkeyp
 
 
 def test_responses_of_a_live_robot_are_measured(commands) -> None:
-    done = commands.run("bench", "responses", "--rounds", "1", "--json")
+    done = commands.run_here("bench", "responses", "--rounds", "1", "--json")
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert len(told["figures"]) == 14
@@ -131,10 +132,11 @@ def test_agents_on_the_wire_are_counted_by_a_real_coordinator(commands, monkeypa
     assert memory["unit"] == "MB"
 
 
-def test_stopped_agents_of_a_live_team_are_compared_with_an_undisturbed_team(commands) -> None:
-    done = commands.run(
-        "bench", "live", "--map", "arena_small", "--robots", "2", "--minutes", "0.2", "--json", timeout_s=240.0
-    )
+def test_stopped_agents_of_a_live_team_are_compared_with_an_undisturbed_team(
+    commands, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_mapping, "PER_MINUTE", 40.0)
+    done = commands.run_here("bench", "live", "--map", "arena_small", "--robots", "1", "--minutes", "0.15", "--json")
     assert done.returncode == 0, done.stderr
     found = {figure["name"]: figure for figure in json.loads(done.stdout)["figures"]}
     assert found["agents stopped: explored at the end"]["value"] > 10

@@ -1,7 +1,5 @@
 """Driving by hand: the wheels stop soon after the process that holds the lease was killed, or hangs."""
 
-import statistics
-
 import pytest
 
 from tests.bench.deadman import SIGNALS, course, stop_after
@@ -11,9 +9,13 @@ pytestmark = pytest.mark.system
 STOPPED_S = 0.5
 """0.3 s, as `make bench` measures, and what a busy machine adds."""
 TRIES = 3
+"""Their median counts, so that two are enough if both are good."""
 
 
 def test_wheels_stand_soon_after_their_holder_was_killed_or_stopped() -> None:
     with course() as at:
         for sent in SIGNALS.values():
-            assert statistics.median(stop_after(at, sent, number) for number in range(TRIES)) < STOPPED_S
+            took_s: list[float] = []
+            while sum(each_s < STOPPED_S for each_s in took_s) < TRIES // 2 + 1:
+                assert len(took_s) < TRIES, took_s
+                took_s.append(stop_after(at, sent, len(took_s)))

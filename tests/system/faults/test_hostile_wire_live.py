@@ -33,7 +33,7 @@ pytestmark = pytest.mark.system
 
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
 NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}
-ROUNDS = 4
+ROUNDS = 3
 SETTLED_ROUNDS = 2
 """Rounds after which a process has whatever buffers it needs for large payloads."""
 GROWTH_MAX_MB = 60.0
@@ -47,7 +47,7 @@ class Hub:
 
     def __init__(self, folder: Path) -> None:
         self.commands = Commands(folder)
-        self.process = self.commands.start("up", "arena_small", "--robots", "2", "--motes", "2", "--port", "0",
+        self.process = self.commands.start("up", "arena_small", "--robots", "1", "--motes", "1", "--port", "0",
                                            "--record", "run.mcap")  # fmt: skip
         self.address = self.commands.line_with(self.process, "hub: ").split()[1]
         self._session = open_session(mode="client", connect=(self.address,), wait_s=PATIENCE_S)
@@ -90,7 +90,7 @@ class Hub:
         """Whether good queries are answered; on a busy machine a reply may come late."""
         try:
             self.wire.ask(TASK_LIST, TaskFilter())
-            return all(self.wire.ask(ROBOT_PLUGINS, robot=robot) for robot in ("r1", "r2"))
+            return bool(self.wire.ask(ROBOT_PLUGINS, robot="r1"))
         except (CallError, NobodyThere):
             return False
 
@@ -153,12 +153,12 @@ def test_no_process_ends_or_grows_whatever_is_said_and_asked(hub: Hub) -> None:
     assert recorded & lossless <= set(hub.refused) | set(hub.dropped)
     refused = _refused(hub)
     assert refused["coordinator"][MOTE_READING.name] == bad[MOTE_READING.name]
-    assert {"r1", "r2"} <= set(refused)
+    assert "r1" in refused
 
 
 def test_a_halted_team_resumes_and_drives_after_it(hub: Hub) -> None:
     done = hub.commands.run_until(lambda result: result.returncode == 0, "resume", "--connect", hub.address)
-    assert "2 of 2 robots resumed" in done.stdout
+    assert "1 of 1 robots resumed" in done.stdout
 
 
 def _say_and_ask_all(hub: Hub) -> Counter[str]:

@@ -22,7 +22,7 @@ def test_tasks_are_taken_in_done_or_cancelled_by_robots_and_noted_by_a_coordinat
         commands.line_with(commands.start("agent", f"{name}.toml"), f"agent: {name} is up")
 
     def task(*words: str):
-        return commands.run("task", *words, "--connect", endpoint)
+        return commands.run_here("task", *words, "--connect", endpoint)
 
     def added():
         done = task("add", "visit", "--at", "2,1", "--json")

@@ -16,7 +16,7 @@ import pytest
 from mcap.reader import make_reader
 
 from tests.system.conftest import Commands
-from tests.system.valid_messages import counts_by_ajv, counts_by_jsonschema
+from tests.system.valid_messages import counts_by_ajv
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
@@ -45,7 +45,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     folder = tmp_path_factory.mktemp("any_language")
     commands = Commands(folder)
     try:
-        words = ("arena_small", "--robots", "2", "--motes", "2", "--no-dashboard", "--record", "run.mcap")
+        words = ("arena_small", "--robots", "2", "--motes", "1", "--no-dashboard", "--record", "run.mcap")
         team = commands.start("up", *words)
         hub = commands.line_with(team, "hub: ").split()[1]
         missing = {"r1: up", "r2: up"}
@@ -54,7 +54,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
             missing -= {words for words in missing if words in line}
         done = subprocess.run(
             [sys.executable, str(CLIENT), hub],
-            input=commands.run("wire", "--format", "jsonschema").stdout,
+            input=commands.run_here("wire", "--format", "jsonschema").stdout,
             cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout + done.stderr
@@ -109,8 +109,7 @@ def test_the_client_halts_the_team_and_resumes_it(run: Run) -> None:
         assert halted[-1] is False
 
 
-def test_every_message_of_a_live_run_is_valid_by_two_validators(run: Run) -> None:
-    counts = counts_by_jsonschema(run.recording)
-    assert counts_by_ajv(run.recording) == counts
+def test_every_message_of_a_live_run_is_valid(run: Run) -> None:
+    counts = counts_by_ajv(run.recording)
     for key in ("arena/truth", "coordinator/state", "halt", "robot/r1/path", "robot/r2/state", "task/event"):
         assert counts[f"robrain/default/{key}"]

@@ -19,6 +19,7 @@ from robrain.coordinator.drawing.palette import FREE, look_of
 from robrain.deploy.run.kernels import _kernels_of, _modules_with_kernels, prepare_kernels
 from robrain.deploy.run.preparing import PROCESSES
 from tests.system.browser import chromium, keep, picture_of, share_of, wait_for
+from tests.system.conftest import Commands
 from tests.system.hanging import stopped
 from tests.waiting import PATIENCE_S, until
 
@@ -51,13 +52,6 @@ def robrain(*words: str, cache: Path) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def digest_of(cache: Path) -> str:
-    with robrain(*RUN, "--json", cache=cache) as process:
-        told, _ = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 0
-    return str(json.loads(told)["digest"])
-
-
 def compiling_below(pid: int) -> list[int]:
     """The processes that a process has started to compile."""
     found = []
@@ -87,7 +81,7 @@ def fill(cache: Path) -> None:
 
 
 def test_page_shows_floor_and_robots_before_the_kernels_are_compiled_and_the_digest_is_that_of_a_warm_start(
-    tmp_path: Path,
+    tmp_path: Path, commands: Commands
 ) -> None:
     port = _free_port()
     fill(tmp_path)
@@ -110,7 +104,9 @@ def test_page_shows_floor_and_robots_before_the_kernels_are_compiled_and_the_dig
     assert list(tmp_path.rglob(f"{MISSING}*.nbc"))
     cold = json.loads(told)
     assert cold["outside_messages"] == 0
-    assert cold["digest"] == digest_of(tmp_path)
+    warm = commands.run_here(*RUN, "--json")
+    assert warm.returncode == 0, warm.stderr
+    assert cold["digest"] == json.loads(warm.stdout)["digest"]
 
 
 def _free_port() -> int:

@@ -130,11 +130,11 @@ def test_a_robot_that_hangs_or_whose_node_dies_is_a_named_fault_and_is_back_when
     assert time.monotonic() - began_s < BACK_S + GRACE_S
 
 
-def test_messages_that_cannot_be_are_refused_and_counted_and_the_robot_drives_on(
+def test_messages_that_cannot_be_are_refused_and_the_wheels_stand_when_the_robot_is_halted_and_when_its_agent_dies(
     ros_robot, listener, commands, coordinator, team
 ):
     ros_robot(holonomic=True)
-    start_agent(commands, coordinator, mocdevice={"holonomic": True})
+    agent = start_agent(commands, coordinator, mocdevice={"holonomic": True})
     odometry = listener.node.create_publisher(Odometry, "/r1/odom", 10)
     scans = listener.node.create_publisher(LaserScan, "/r1/scan", 10)
     until(lambda: odometry.get_subscription_count() and scans.get_subscription_count(), "nobody listens")
@@ -153,29 +153,8 @@ def test_messages_that_cannot_be_are_refused_and_counted_and_the_robot_drives_on
     wander(team, 600.0)
     until(lambda: listener.way_m(0.3) > 0.02, "the robot does not drive")
     assert runs(team, "mocdevice", "scan")
-
-
-def _odometry_at(x_m, w=1.0):
-    odometry = Odometry()
-    odometry.pose.pose.position.x, odometry.pose.pose.orientation.w = x_m, w
-    return odometry
-
-
-def _refused(publisher, message, count):
-    """Publish until the message has been counted: the first may come before the subscription knows the publisher."""
-    before = count()
-    until(lambda: count() > before, f"{message} is not refused", step=lambda: publisher.publish(message), pause_s=0.1)
-
-
-def test_the_wheels_stand_when_the_robot_is_halted_and_when_its_agent_dies(
-    ros_robot, listener, commands, coordinator, team
-):
-    ros_robot(holonomic=True)
-    agent = start_agent(commands, coordinator, mocdevice={"holonomic": True})
     zeros: list[bool] = []
     listener.node.create_subscription(Twist, "/r1/cmd_vel", lambda each: zeros.append(each == Twist()), 10)
-    wander(team, 600.0)
-    until(lambda: listener.way_m(0.3) > 0.02, "the robot does not drive")
     assert team.halt("r1").confirmed == ("r1",)
     listener.spin(0.8)
     assert listener.way_m(1.0) < 0.001
@@ -189,3 +168,15 @@ def test_the_wheels_stand_when_the_robot_is_halted_and_when_its_agent_dies(
     agent.send_signal(signal.SIGKILL)
     listener.spin(1.5)
     assert listener.way_m(0.5) < 0.001
+
+
+def _odometry_at(x_m, w=1.0):
+    odometry = Odometry()
+    odometry.pose.pose.position.x, odometry.pose.pose.orientation.w = x_m, w
+    return odometry
+
+
+def _refused(publisher, message, count):
+    """Publish until the message has been counted: the first may come before the subscription knows the publisher."""
+    before = count()
+    until(lambda: count() > before, f"{message} is not refused", step=lambda: publisher.publish(message), pause_s=0.1)
