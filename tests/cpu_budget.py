@@ -10,6 +10,7 @@ import importlib
 import os
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,13 @@ def process_cpu_s(pid: int) -> float:
     try:
         fields = (PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
         tasks = list((PROC / str(pid) / "task").iterdir())
-        children = [child for task in tasks for child in (task / "children").read_text().split()]
     except (FileNotFoundError, ProcessLookupError):
         return 0.0
     user, system, children_user, children_system = (int(ticks) for ticks in fields[11:15])
+    children = []
+    for task in tasks:
+        with suppress(FileNotFoundError, ProcessLookupError):  # a thread that has just ended
+            children += (task / "children").read_text().split()
     own_s = (user + system + children_user + children_system) / TICKS_PER_S
     return own_s + sum(process_cpu_s(int(child)) for child in children)
 

@@ -80,10 +80,10 @@ def follow_journal(
                 look_s += LOOK_S
                 if not journal.copied and not wire.present(COORDINATOR_ALIVE):
                     return True  # the file has never become a copy, and the coordinator has gone
-            now = stand_by.following(wire.clock.now_ns())
+            now = stand_by.following(now_ns := wire.clock.now_ns())
             if now is not told and now in WORDS:
                 note(WORDS[now])
-            was_gone, is_gone = is_gone, stand_by.is_silent(wire.clock.now_ns())
+            was_gone, is_gone = is_gone, stand_by.is_silent(now_ns)
             if is_gone and not was_gone and now in GONE:
                 end = "" if now is Following.COPYING else GO_ON.format(path=path)
                 note(f"the coordinator is silent. The copy of its journal: {GONE[now]}{end}")
