@@ -140,7 +140,7 @@ SPEED = st.floats(-2.0, 2.0)
 
 @pytest.mark.slow
 @settings(deadline=None, max_examples=200)
-@given(PLACE, st.lists(PLACE, max_size=4), st.builds(Twist2D, SPEED, SPEED), PLACE, st.floats(0.0, 6.0))
+@given(PLACE, st.lists(PLACE, max_size=4), st.builds(Twist2D, SPEED, SPEED), PLACE, st.floats(0.01, 6.0))
 def test_whoever_is_near_is_among_those_who_are_looked_at(
     at: Point2D, path: list[Point2D], velocity: Twist2D, place: Point2D, within_m: float
 ) -> None:
