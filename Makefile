@@ -5,7 +5,7 @@ STAMP := $(VENV)/.installed
 DEMO_STAMP := $(VENV)/.installed-demo
 CORES := $(shell $(PYTHON) -c "import os; print(min(os.cpu_count() or 1, 4))")
 # More than cores, for slow tests mostly wait.
-ALL_WORKERS := $(shell expr 2 \* $(CORES) + 1)
+ALL_WORKERS := $(shell expr $(CORES) + 2)
 PYTEST = $(BIN)/python -m pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of processes: without byte code each of them compiles 400 modules.
 unexport PYTHONDONTWRITEBYTECODE
