@@ -42,7 +42,7 @@ def test_parts_at_the_start_are_stored_first_then_one_process_compiles_and_ends_
         assert compiler.progress.ready == 1
         assert compiler.failure == ""
         assert second.returncode == 0
-        assert first.poll() is None  # it is left with what is needed later
+        assert first.poll() is None  # it still compiles what is needed later
         assert list(empty_cache.rglob("obstacles*.nbc"))
         begun_s = time.monotonic()
     assert time.monotonic() - begun_s < 2 * preparing.STOP_S

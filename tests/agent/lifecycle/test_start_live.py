@@ -155,7 +155,7 @@ def test_a_reload_that_hangs_leaves_the_old_instance_running(shop, bench, where)
     waits = f'WHERE.add("{where}"); self.wait("{where}")'
     path = bench.place / "shop_code.py"
     text = path.read_text().replace(f'self.wait("{where}")', waits).replace("version = 1", "version = 2")
-    path.write_text(text.replace("GO.wait(10)", "GO.wait(4)"))  # nobody sets that of the module loaded anew
+    path.write_text(text.replace("GO.wait(10)", "GO.wait(4)"))  # the new module has its own event, never set
     robot.limit_start("shop", START_S)
     with pytest.raises(CallError, match=WHY):
         robot.ask(HOST_RELOAD, "shop")
