@@ -19,7 +19,7 @@ NAMES = {"robot": "r1", "plugin": "driver", "event": "arrived"}
 LOST = 6
 
 
-@pytest.mark.parametrize("cache", [1, 64])
+@pytest.mark.parametrize("cache", [1, 4096])  # the last sample is put until it comes
 def test_samples_that_no_recovery_brings_are_counted_and_others_are_not(cache):
     topic = replace(ROBOT_EVENT, cache=cache)
     with OwnHub() as at:
