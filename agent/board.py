@@ -4,17 +4,17 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.algorithms.localization.gyro_yaw import YawRate
+from robrain.algorithms.localization.rssi_ranging import RssiSample
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localization.gyro_yaw import YawRate
-from robrain.protocol.model.localization.rssi_ranging import RssiSample
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 if TYPE_CHECKING:  # a robot that does not navigate has no arrays
-    from robrain.protocol.model.mapping.local_map import ArenaFix, LocalMap, LocalPose
-    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-    from robrain.protocol.model.numeric.kernel_array import Floats
+    from robrain.algorithms.mapping.local_map import ArenaFix, LocalMap, LocalPose
+    from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+    from robrain.algorithms.numeric.kernel_array import Floats
 
 IDLE = "idle"
 """What a robot does that does nothing."""

@@ -147,7 +147,7 @@ def is_of_host(file: str) -> bool:
 @cache
 def _host_folders() -> tuple[str, ...]:
     folders = []
-    for package in ("agent", "protocol", "deploy", "coordinator", "sim"):
+    for package in ("agent", "algorithms", "protocol", "deploy", "coordinator", "sim"):
         spec = importlib.util.find_spec(f"robrain.{package}")
         for place in (spec.submodule_search_locations or ()) if spec is not None else ():
             folders += [f"{place}/", f"{Path(place).resolve()}/"]

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS
-from robrain.protocol.model.energy.energy_model import Work
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState

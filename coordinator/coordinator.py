@@ -6,6 +6,9 @@ from operator import attrgetter
 
 from msgspec import UNSET, UnsetType
 
+from robrain.algorithms.exploration.explorer import Explorer
+from robrain.algorithms.exploration.situation import Choice
+from robrain.algorithms.exploration.strategies import strategy_of
 from robrain.coordinator.charging.charge_desk import ChargeDesk
 from robrain.coordinator.frontier_desk import FrontierDesk
 from robrain.coordinator.journal.backup_desk import BackupDesk
@@ -36,9 +39,6 @@ from robrain.coordinator.team.left_desk import LeftDesk
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.coordinator.team.team_map import TeamMap
-from robrain.protocol.exploration.explorer import Explorer
-from robrain.protocol.exploration.situation import Choice
-from robrain.protocol.exploration.strategies import strategy_of
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received

@@ -3,15 +3,15 @@
 import math
 from collections.abc import Sequence
 
+from robrain.algorithms.exploration.explorer import Explorer, Scout
+from robrain.algorithms.exploration.situation import Busy, Choice
+from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.coordinator.charging.explorer_reach import reach_m
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.backoff import Backoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
-from robrain.protocol.exploration.explorer import Explorer, Scout
-from robrain.protocol.exploration.situation import Busy, Choice
-from robrain.protocol.exploration.strategies import NO_EXPLORATION
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task, TaskState

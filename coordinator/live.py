@@ -72,7 +72,7 @@ def run_coordinator(
 
 def _load() -> None:
     # Here: numba and scipy take half a second, and robots that wait for their coordinator let go of their tasks.
-    from robrain.protocol.exploration.warm_up import warm_up
+    from robrain.algorithms.exploration.warm_up import warm_up
 
     warm_up()
     gc.freeze()  # what was loaded stays, as what was there when the collector was calmed

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from robrain.plugins.behavior.errand import Errand, Failed
     from robrain.plugins.device.scan.interface import ScanInterface
     from robrain.plugins.unit.driver.interface import DriverInterface
-    from robrain.protocol.model.energy.energy_model import Work
+    from robrain.protocol.model.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
     from robrain.protocol.model.tasks.objective import Objective
     from robrain.protocol.model.tasks.stock_kinds import TaskParameters
@@ -168,7 +168,7 @@ _NAMES = {
     "robrain.plugins.behavior.errand": ("Errand", "Failed"),
     "robrain.plugins.device.scan.interface": ("ScanInterface",),
     "robrain.plugins.unit.driver.interface": ("DriverInterface",),
-    "robrain.protocol.model.energy.energy_model": ("Work",),
+    "robrain.protocol.model.energy_model": ("Work",),
     "robrain.protocol.model.tasks.stock_kinds": ("TaskParameters",),
     "robrain.protocol.model.tasks.task": ("Task", "TaskState"),
     "robrain.protocol.wire.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),

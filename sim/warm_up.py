@@ -3,8 +3,8 @@
 import numpy as np
 import pymunk
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.sim.firmware.load_kernel import LOAD, add_motion
 from robrain.sim.firmware.wheel_encoders import WheelEncoders
 from robrain.sim.robot.robot_body import RobotBodies, RobotBody

@@ -13,10 +13,9 @@ from pathlib import Path
 
 from tests.bench.exploration import calls
 from tests.bench.task_path import path_of_a_visit
+from tests.product import FOLDERS, ROOT
 
-ROOT = Path(__file__).parents[1]
 CEILINGS = Path(__file__).with_name("ceilings.toml")
-PRODUCT = ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "sim")
 MERGED_LINES_MAX = 600
 """A file with one importer in its folder belongs into the importer if the two stay below this number of lines."""
 
@@ -36,7 +35,7 @@ def main() -> int:
 
 def measure() -> dict[str, int]:
     """All figures that have a ceiling, by name."""
-    sources = {path: path.read_text() for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")}
+    sources = {path: path.read_text() for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
     trees = {path: ast.parse(source) for path, source in sources.items()}
     packages: Counter[str] = Counter()
     for path, source in sources.items():
@@ -46,7 +45,7 @@ def measure() -> dict[str, int]:
     exploring, crowded, waiting = calls()
     return {
         "product_lines": packages.total(),
-        **{f"{package}_lines": packages[package] for package in PRODUCT},
+        **{f"{package}_lines": packages[package] for package in FOLDERS},
         "product_files": len(sources),
         "product_folders": len({path.parent for path in sources}),
         "test_lines": sum(lines_of_code(path.read_text()) for path in (ROOT / "tests").rglob("*.py")),

@@ -3,14 +3,13 @@
 import ast
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
-FOLDERS = ("agent", "client", "coordinator", "plugins", "protocol", "sim")
-LOOKS_ON = ("coordinator/dashboard",)
-"""Only draws messages; the only recorded messages that it sends are a person's clicks."""
+from tests.product import FOLDERS, ROOT
+
+LOOKS_ON = ("coordinator/dashboard", "deploy")
+"""The dashboard only draws messages and sends a person's clicks; no run imports `deploy`."""
 
 BLAS = {
     "dot", "vdot", "inner", "matmul", "tensordot", "einsum", "vecdot", "matvec", "vecmat", "cov", "corrcoef",
@@ -32,7 +31,7 @@ EXCEPTIONS: dict[str, str] = {
     ),
     **dict.fromkeys(
         (
-            f"protocol/model/localization/scan_motion.py: {name}"
+            f"algorithms/localization/scan_motion.py: {name}"
             for name in ("np.linalg", "np.einsum", "np.arctan2", "@", "scipy.spatial.cKDTree")
         ),
         "measures a robot in bring-up; no plugin of a run reads it",

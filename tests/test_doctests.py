@@ -2,12 +2,11 @@
 
 import doctest
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-FOLDERS = ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "sim")
+from tests.product import FOLDERS, ROOT
+
 SOURCES = (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py") if ">>> " in path.read_text())
 MODULES = (
     *sorted("robrain." + ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in SOURCES),

@@ -2,12 +2,11 @@
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
-FOLDERS = ("coordinator", "deploy", "plugins", "protocol", "robrain", "sim")
+from tests.product import FOLDERS, ROOT
+
 SHOWS = ("coordinator/dashboard", "coordinator/recording")
 """Only show what others decided."""
 

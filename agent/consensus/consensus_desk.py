@@ -14,9 +14,9 @@ from robrain.agent.consensus.holders import GIVEN_UP_NS, GOES_ON_S, Holders
 from robrain.agent.consensus.known_tasks import KnownTasks, TaskLook
 from robrain.agent.consensus.task_intake import Known, TaskIntake
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.model.consensus.ballot import Heard
-from robrain.protocol.model.consensus.negotiation import Negotiation
-from robrain.protocol.model.consensus.route_scorer import task_scorer
+from robrain.algorithms.consensus.negotiation import Negotiation
+from robrain.algorithms.consensus.route_scorer import task_scorer
+from robrain.protocol.model.ballot import Heard
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState

@@ -18,7 +18,7 @@ from robrain.agent.isolation.parent_desk import BOARD_TYPES
 from robrain.agent.isolation.peer import Peer
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
-from robrain.protocol.model.localization.gyro_yaw import YawRate
+from robrain.algorithms.localization.gyro_yaw import YawRate
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest

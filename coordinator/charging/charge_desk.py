@@ -18,7 +18,7 @@ from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.coordinator.planning.snapshot_builder import HOMEWARD, is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
-from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import TaskState, parameters_of

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
+from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 
 
 class DrawnFloor(NamedTuple):

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.coordinator.drawing.drawn_floor import DrawnFloor
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, geometry_of
 
 if TYPE_CHECKING:  # loads kernels
-    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-    from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+    from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+    from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 
 FAR_M = 1e6
 """What lies farther out than this is refused: it cannot be drawn, and would hide what can."""
@@ -62,8 +62,8 @@ class MapView:
             ValueError: the patch does not fit its own description or the grid of the patches before, or its grid is
                 so large that it would fill the memory.
         """
-        from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-        from robrain.protocol.wire.messages.maps.map_patch import take_message
+        from robrain.algorithms.slam.map_patch import take_message
+        from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 
         atlas = self.atlas
         if atlas is None:

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.energy.energy_model import STANDING_BELOW, EnergyModel
+from robrain.algorithms.localization.pose_accuracy import position_sigma_m
+from robrain.protocol.model.energy_model import STANDING_BELOW, EnergyModel
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
 

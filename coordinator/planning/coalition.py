@@ -27,7 +27,7 @@ from robrain.protocol.wire.reasons.robots import PartFailed, PartUndone, Refused
 from robrain.protocol.wire.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
-    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+    from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 
 PARTS_MAX = 1000
 GATHER, SHARE = "gather", "share"

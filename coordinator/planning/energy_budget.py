@@ -13,7 +13,7 @@ import msgspec
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import Profile
 from robrain.coordinator.planning.snapshot import AfterCharge
-from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 

@@ -3,7 +3,7 @@
 import math
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, parameters_of

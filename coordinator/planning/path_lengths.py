@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid
+from robrain.algorithms.navigation.path_planning import distance_field
 from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import FREE
-from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
-from robrain.protocol.model.navigation.path_planning import distance_field
+from robrain.protocol.model.grid_geometry import FREE
 
 COARSE = 2
 """Pitch, in cells of the map, coarse but too fine for paths to jump a wall with room for a robot on both sides.

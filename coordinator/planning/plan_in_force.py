@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Problem
+from robrain.algorithms.allocation.plan import Plan
+from robrain.algorithms.allocation.problem import Problem
 from robrain.coordinator.planning.plan_passes import PlanFailure
 from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Snapshot
 from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem, TaskDecision
@@ -17,7 +17,7 @@ from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.tasks import TaskReason
 
 if TYPE_CHECKING:
-    from robrain.coordinator.allocation.explain import Decision
+    from robrain.algorithms.allocation.explain import Decision
     from robrain.coordinator.planning.problem_builder import BuiltProblem
 from typing import Protocol
 
@@ -75,7 +75,7 @@ def planned(
 ) -> PlanInForce:
     """Convert an allocator's plan to the form that the coordinator follows."""
     # Here: it imports the allocators' kernels, which a live coordinator does without.
-    from robrain.coordinator.allocation.explain import explain
+    from robrain.algorithms.allocation.explain import explain
 
     pinned = {job.id for job in problem.jobs if job.pinned_to}
     earliest_s = {job.id: job.earliest_s for job in problem.jobs}

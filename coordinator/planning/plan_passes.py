@@ -13,9 +13,9 @@ from typing import Final, Protocol
 
 import msgspec
 
-from robrain.coordinator.allocation.allocator import Allocator
-from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Problem
+from robrain.algorithms.allocation.allocator import Allocator
+from robrain.algorithms.allocation.plan import Plan
+from robrain.algorithms.allocation.problem import Problem
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.registry import Registry, failure_text
 
@@ -68,7 +68,7 @@ class Pass(Protocol):
         """Return a draft with the preferred plan, or the same draft.
 
         Only `plan` counts of what a pass of another distribution returns. It must pass
-        `robrain.coordinator.allocation.validate.validate`, have the same objective, and begin each robot's route with
+        `robrain.algorithms.allocation.validate.validate`, have the same objective, and begin each robot's route with
         the jobs that the robot is doing (`Job.pinned_to`).
         """
         ...
@@ -103,7 +103,7 @@ def refined(draft: PlanDraft, passes: Sequence[str]) -> PlanDraft:
 
 def _checked(draft: PlanDraft, refined: object) -> Plan:
     # Here: it imports the allocators' kernels, and names of passes are also checked in processes that do not plan.
-    from robrain.coordinator.allocation.validate import validate
+    from robrain.algorithms.allocation.validate import validate
 
     if not isinstance(refined, PlanDraft):
         raise TypeError(f"expected a PlanDraft, got {type(refined).__name__}")

@@ -14,11 +14,12 @@ from functools import cache
 import msgspec
 import numpy as np
 
-from robrain.coordinator.allocation.allocator import Searching
-from robrain.coordinator.allocation.checked_allocator import CheckedAllocator, allocator_of
-from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Problem
-from robrain.coordinator.allocation.warm_up import warm_up
+from robrain.algorithms.allocation.allocator import Searching
+from robrain.algorithms.allocation.checked_allocator import CheckedAllocator, allocator_of
+from robrain.algorithms.allocation.plan import Plan
+from robrain.algorithms.allocation.problem import Problem
+from robrain.algorithms.allocation.warm_up import warm_up
+from robrain.algorithms.navigation.clearance import mapped_clearance_m
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
 from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, STOCK_PASSES, PlanDraft, PlanFailure, refined
@@ -27,8 +28,7 @@ from robrain.coordinator.planning.problem_builder import BuiltProblem, ask, grea
 from robrain.coordinator.planning.snapshot import Floor, Member, Snapshot
 from robrain.coordinator.planning.stock_passes import for_ready_robots, plan_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
-from robrain.protocol.model.navigation.clearance import mapped_clearance_m
+from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import VISIT

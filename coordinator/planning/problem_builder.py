@@ -3,16 +3,16 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from robrain.coordinator.allocation.problem import Job, Worker
+from robrain.algorithms.allocation.problem import Job, Worker
+from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M
 from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_of, profile_of
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import ProblemRecord, pack_ways
 from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, Member, Snapshot, urgency
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
-from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_seconds

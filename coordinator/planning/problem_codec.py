@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.coordinator.allocation.problem import Job, Problem, Worker
+from robrain.algorithms.allocation.problem import Job, Problem, Worker
 
 M_PER_CM = 0.01
 LONGEST_CM = 2**30

@@ -7,14 +7,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.energy.energy_model import Work
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import RobotReason
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
-    from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+    from robrain.protocol.model.grid_geometry import GridGeometry
 
 HANDLING_S = 1.0
 """Overhead of every task: to be offered, and to come to a stop. So no task ends when it begins."""

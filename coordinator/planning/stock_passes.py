@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from robrain.coordinator.allocation.allocator import Allocator
-from robrain.coordinator.allocation.explain import reasons
-from robrain.coordinator.allocation.plan import Plan, Route, Stop, Unassigned, make_plan
-from robrain.coordinator.allocation.problem import Problem, make_arrays
-from robrain.coordinator.allocation.repair import keep, repaired
-from robrain.coordinator.allocation.validate import validate
+from robrain.algorithms.allocation.allocator import Allocator
+from robrain.algorithms.allocation.explain import reasons
+from robrain.algorithms.allocation.plan import Plan, Route, Stop, Unassigned, make_plan
+from robrain.algorithms.allocation.problem import Problem, make_arrays
+from robrain.algorithms.allocation.repair import keep, repaired
+from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.plan_passes import PlanDraft
 from robrain.protocol.model.tasks.objective import Objective
 

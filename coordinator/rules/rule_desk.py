@@ -19,7 +19,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_requests import TaskRequests
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns

@@ -39,7 +39,7 @@ from robrain.protocol.wire.reasons.tasks import (
 )
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
-    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+    from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 
 NO_SCHEMAS: Mapping[str, Sequence[JsonSchema]] = MappingProxyType({})
 KINDS_WITH_MOTE = (COLLECT, RELAY, REPLACE, SENSE)

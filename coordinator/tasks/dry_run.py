@@ -6,7 +6,7 @@ from robrain.coordinator.planning.energy_budget import UNKNOWN
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.roster import Roster
-from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.team.capabilities import Capabilities
-from robrain.protocol.model.energy.energy_model import Work
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint

@@ -1,10 +1,10 @@
 """Publishes what exploration has left when it ends, and answers who asks for it before."""
 
+from robrain.algorithms.exploration.explorer import Explorer, Scout
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
-from robrain.protocol.exploration.explorer import Explorer, Scout
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 
 if TYPE_CHECKING:
-    from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-    from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+    from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+    from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 
 logger = logging.getLogger(__name__)
 
@@ -73,8 +73,8 @@ class TeamMap:
             self._held.append((patch, now_ns))
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
-        from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-        from robrain.protocol.wire.messages.maps.map_patch import in_own_time, take_message
+        from robrain.algorithms.slam.map_patch import in_own_time, take_message
+        from robrain.algorithms.slam.submap_atlas import SubmapAtlas
         from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, geometry_of
 
         try:

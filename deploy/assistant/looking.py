@@ -18,7 +18,7 @@ from robrain.deploy.assistant.errors import Refused
 from robrain.deploy.assistant.policy import OUTSIDE, Ban, why_no_call
 from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_seconds

@@ -311,9 +311,9 @@ def _solve(path: Path, best: float | None, seconds: float, seed: int, *, as_json
 
     import msgspec
 
-    from robrain.coordinator.allocation.optimal import OptimalAllocator
-    from robrain.coordinator.allocation.problem import Objective
-    from robrain.coordinator.allocation.warm_up import warm_up
+    from robrain.algorithms.allocation.optimal import OptimalAllocator
+    from robrain.algorithms.allocation.problem import Objective
+    from robrain.algorithms.allocation.warm_up import warm_up
     from robrain.deploy.bench.allocation.public import read_best, read_public, solve_public
     from robrain.deploy.errors import UsageError
 

@@ -12,14 +12,14 @@ from zlib import crc32
 
 import msgspec
 
-from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.coordinator.allocation.plan import Plan, make_plan
-from robrain.coordinator.allocation.problem import Objective, Problem, Worker
-from robrain.coordinator.allocation.validate import validate
+from robrain.algorithms.allocation.optimal import OptimalAllocator
+from robrain.algorithms.allocation.plan import Plan, make_plan
+from robrain.algorithms.allocation.problem import Objective, Problem, Worker
+from robrain.algorithms.allocation.validate import validate
+from robrain.algorithms.consensus.negotiation import Negotiation
+from robrain.algorithms.consensus.route_scorer import Drive, RouteScorer, Stop
 from robrain.deploy.bench.allocation.instances import team_problem
 from robrain.deploy.bench.figure import Figure, at_most, deterministic
-from robrain.protocol.model.consensus.negotiation import Negotiation
-from robrain.protocol.model.consensus.route_scorer import Drive, RouteScorer, Stop
 
 SIZES = ((5, 50, 1.0), (10, 100, 0.3))
 """Robots, tasks, and the share of the problems that are measured."""

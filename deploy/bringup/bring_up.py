@@ -14,6 +14,8 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from robrain.agent.host.robot_file import RobotFile, read_robot_file
+from robrain.algorithms.localization.scan_motion import followed
+from robrain.algorithms.navigation.wheel_bases import Ackermann
 from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, has_imu
 from robrain.deploy.bringup.findings import Finding, Found, Patch, Report, Step
 from robrain.deploy.bringup.floor_checks import (
@@ -35,8 +37,6 @@ from robrain.deploy.bringup.wheel_checks import check_battery, check_bus, check_
 from robrain.deploy.errors import UsageError
 from robrain.plugins.device.imu.interface import ImuSample
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
-from robrain.protocol.model.localization.scan_motion import followed
-from robrain.protocol.model.navigation.wheel_bases import Ackermann
 
 PARAMETERS = "parameters"
 BACKUPS_MAX = 1000

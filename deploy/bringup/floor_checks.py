@@ -6,6 +6,11 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from robrain.algorithms.localization.scan_match import beam_ends
+from robrain.algorithms.localization.scan_motion import followed, still_points
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import Differential, Mecanum, Omni, WheelBase
+from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.deploy.bringup.bench import LIDAR, Bench
 from robrain.deploy.bringup.findings import Finding, Found, Patch, Step
 from robrain.deploy.bringup.motions import Record, Rest, Straight, TurnOnSpot
@@ -14,11 +19,6 @@ from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_mount import Mount
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.localization.scan_match import beam_ends
-from robrain.protocol.model.localization.scan_motion import followed, still_points
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Differential, Mecanum, Omni, WheelBase
-from robrain.protocol.model.numeric.kernel_array import Floats
 
 STILL_S = 1.2
 """How long a lidar looks from one place: several turns, of which each beam's median counts."""

@@ -3,6 +3,10 @@
 import math
 from typing import NamedTuple
 
+from robrain.algorithms.localization.scan_motion import followed, scan_motion
+from robrain.algorithms.localization.umbmark import OdometryErrors, SquareEnd, odometry_errors
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import Differential, Omni
 from robrain.deploy.bringup.bench import Bench
 from robrain.deploy.bringup.findings import Finding, Found, Step
 from robrain.deploy.bringup.floor_checks import MORE_WALLS, NO_SIGHT, View, look, points_of
@@ -11,10 +15,6 @@ from robrain.deploy.bringup.operator import Operator
 from robrain.deploy.bringup.wheel_table import base_patch
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.protocol.model.localization.scan_motion import followed, scan_motion
-from robrain.protocol.model.localization.umbmark import OdometryErrors, SquareEnd, odometry_errors
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Differential, Omni
 
 SIDE_M, SIDE_MIN_M, SIDE_STEP_M = 1.0, 0.4, 0.1
 FREE_M = 0.2

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from robrain.algorithms.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
 from robrain.deploy.bringup.findings import Patch
 from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, Unit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
-from robrain.protocol.model.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
 
 CORNERS = ("front left", "front right", "rear left", "rear right")
 

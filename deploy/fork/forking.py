@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from robrain.algorithms.warm_up import warm_up
 from robrain.client.team import Team
 from robrain.coordinator.recording.foxglove.visual_topics import is_visual
 from robrain.coordinator.recording.reader.comparing import Difference, compare_messages
@@ -25,7 +26,6 @@ from robrain.deploy.fork.changes import (
 )
 from robrain.deploy.fork.fork_result import ForkResult
 from robrain.deploy.fork.recorded_run import RecordedRun
-from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.session import open_lockstep_session

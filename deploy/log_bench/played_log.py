@@ -17,6 +17,9 @@ from robrain.agent.event import Event
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.plugin import Device, Unit
+from robrain.algorithms.localization.pose_track import PoseTrack
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.warm_up import warm_up
 from robrain.deploy.errors import LogError
 from robrain.deploy.log_bench.carmen_log import CarmenLog, LogEntry, LoggedScan
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
@@ -25,9 +28,6 @@ from robrain.plugins.skill.mapper.interface import MapperCounters
 from robrain.plugins.unit.driver.driver import Driver
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.localization.pose_track import PoseTrack
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM

@@ -17,7 +17,7 @@ from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_
 from robrain.deploy.ros2 import ros_messages as make
 from robrain.deploy.ros2.orders import Answer, Orders, TeamOrders
 from robrain.plugins.device.ros2.parameters import environment_domain
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.ros2 import message_types as ros
 from robrain.protocol.ros2.definitions import Outcome, TaskAnswer
 from robrain.protocol.ros2.message_classes import MarkerArray, String, TFMessage

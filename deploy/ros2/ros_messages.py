@@ -6,9 +6,9 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
 from robrain.coordinator.drawing.palette import FRONTIER, HALTED, LOST, WARNING, Rgb, look_of
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid as Grid
 from robrain.protocol.ros2 import message_classes as classes
 from robrain.protocol.ros2 import message_types as ros
 from robrain.protocol.ros2.message_types import MessageType

@@ -14,10 +14,10 @@ from typing import NamedTuple, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID
 
+from robrain.algorithms.warm_up import Part
 from robrain.deploy.commands.terminal import both_at_a_terminal, console, say, text_column
 from robrain.deploy.run.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.run.run_options import Watched
-from robrain.protocol.model.warm_up import Part
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.keys import DEFAULT_TEAM

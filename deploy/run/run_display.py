@@ -17,7 +17,7 @@ from robrain.deploy.commands.terminal import (
     say,
     text_column,
 )
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind
 from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.reasons.idle import NothingUnknown

@@ -8,7 +8,7 @@ from robrain.coordinator.team.roster import Roster
 from robrain.deploy.commands.status_command import RobotCondition, standing_of
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.map_frame import ARENA as ARENA_FRAME
+from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox

@@ -21,7 +21,7 @@ from robrain.deploy.supervision.part import HUB, RECORDER, PartEvent, PartView
 from robrain.deploy.supervision.site import MakeParts, Site, hub_part, router_part
 from robrain.deploy.supervision.supervisor import Supervisor
 from robrain.deploy.supervision.team_watch import TeamWatch
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import PortTaken, RobrainError

@@ -11,14 +11,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from robrain.plugins.skill.localisation.interface import LocalisationInterface
-from robrain.plugins.skill.planner.interface import Circle
-from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.plugins.unit.teammates.interface import Doing, Mate
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.navigation.claim import Claim, Rank
-from robrain.protocol.model.navigation.navigation_grid import Zone
-from robrain.protocol.model.navigation.right_of_way import (
+from robrain.algorithms.navigation.navigation_grid import Zone
+from robrain.algorithms.navigation.right_of_way import (
     LOOK_AHEAD_M,
     STEP_M,
     Margins,
@@ -28,7 +22,13 @@ from robrain.protocol.model.navigation.right_of_way import (
     meet,
     release,
 )
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.plugins.skill.localisation.interface import LocalisationInterface
+from robrain.plugins.skill.planner.interface import Circle
+from robrain.plugins.unit.driver.interface import DriverInterface
+from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.protocol.model.claim import Claim, Rank
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath
 

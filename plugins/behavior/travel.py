@@ -7,6 +7,9 @@ import msgspec
 import numpy as np
 
 from robrain.agent.environment import Environment
+from robrain.algorithms.navigation.clearance import least_gap_m
+from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
+from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, Standing, circles, zones
 from robrain.plugins.behavior.search import PATIENCE_S, TASK_PATIENCE_S, Search
 from robrain.plugins.skill.localisation.interface import LocalisationInterface
@@ -14,12 +17,9 @@ from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
 from robrain.plugins.skill.planner.interface import PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import Doing, Mate, TeammatesInterface
+from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.navigation.claim import Claim
-from robrain.protocol.model.navigation.clearance import least_gap_m
-from robrain.protocol.model.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath

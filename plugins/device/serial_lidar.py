@@ -3,11 +3,11 @@
 import msgspec
 
 from robrain.agent.plugin import external
+from robrain.algorithms.localization.pose_track import PoseTrack
 from robrain.plugins.device.scan.lidar_device import LidarDevice
 from robrain.plugins.device.scan.lidar_mount import Mount, Placed, ScanMaker
 from robrain.protocol.lidar.points import LidarDecoder, LineCounts, Piece, Point
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.localization.pose_track import PoseTrack
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import to_ns, to_seconds

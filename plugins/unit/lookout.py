@@ -7,11 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
-from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
-from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
-from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.model.navigation.obstacles import (
+from robrain.algorithms.navigation.obstacles import (
     Passage,
     contact_distance_m,
     has_arrays,
@@ -20,10 +16,14 @@ from robrain.protocol.model.navigation.obstacles import (
     passage,
     points_of,
 )
+from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
+from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.wire.clock import to_ns
 
 if TYPE_CHECKING:
-    from robrain.protocol.model.navigation.obstacles import Points
+    from robrain.algorithms.navigation.obstacles import Points
 
 SCAN_FRESH_NS = to_ns(0.6)
 """Three turns of a lidar at 5 Hz."""

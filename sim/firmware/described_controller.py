@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 
 import can
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni
 from robrain.plugins.device.mocdevice.frame_map import Checksum, FrameMap, FrameSignals, StatusFrame, StopFrame, Unit
 from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni
 from robrain.sim.firmware.motor_controller import MotorController, MotorState
 
 Chassis = Differential | Omni | Mecanum | Ackermann

@@ -5,9 +5,9 @@ from enum import StrEnum
 
 import numpy as np
 
+from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.lidar.ld19 import POINTS, encode_ld19
 from robrain.protocol.lidar.rplidar import DESCRIPTOR, encode_rplidar
-from robrain.protocol.model.numeric.kernel_array import Floats
 
 LD19_PACKETS = 38
 """Of a turn at 10 Hz: 4,500 points a second."""

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sized
 
 import can
 
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Differential
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.protocol.wire.inbox import Inbox
 from robrain.sim.firmware.described_controller import DescribedController
 from robrain.sim.firmware.motor_controller import MotorState

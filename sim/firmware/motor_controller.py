@@ -10,11 +10,11 @@ from enum import IntEnum
 import can
 import numpy as np
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.can.bus_state import MOST_ERRORS, BusState, state_of
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.sequence import SequenceWatch
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER, WheelEncoders
 
 WATCHDOG_S = 0.2

@@ -13,18 +13,18 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.can.frame_port import frame_port
-from robrain.protocol.can.frames import codec
-from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.ray_cast import cast_rays_of
-from robrain.protocol.model.navigation.range_ring import (
+from robrain.algorithms.mapping.ray_cast import cast_rays_of
+from robrain.algorithms.navigation.range_ring import (
     NO_ECHO_M,
     RING_ANGLES_RAD,
     SENSORS_A_FRAME,
     SENSORS_MAX,
     bump_sector,
 )
+from robrain.protocol.can.frame_port import frame_port
+from robrain.protocol.can.frames import codec
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 
 BUMP_PERIOD_S = 1.0

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.can.frames import codec
-from robrain.protocol.model.numeric.kernel_array import Floats
 
 WHEELS = 3
 ENCODER_FRAME = "WheelEncoders"

@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 
-from robrain.protocol.exploration.strategies import strategy_of
+from robrain.algorithms.exploration.strategies import strategy_of
 from robrain.sim.errors import RunFailed
 from robrain.sim.ideal.ideal_team import IdealTeam
 from robrain.sim.scenarios.driving import MILESTONES_PERCENT

@@ -10,17 +10,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.exploration.explorer import Explorer, Scout
-from robrain.protocol.exploration.situation import Busy
-from robrain.protocol.exploration.strategies import Strategy
+from robrain.algorithms.exploration.explorer import Explorer, Scout
+from robrain.algorithms.exploration.situation import Busy
+from robrain.algorithms.exploration.strategies import Strategy
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.mapping.ray_cast import cast_rays_of
+from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_clearance_m, mapped_clearance_m
+from robrain.algorithms.navigation.frontier import MIN_CELLS, frontier_mask
+from robrain.algorithms.navigation.line_of_sight import standpoint
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.mapping.ray_cast import cast_rays_of
-from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, least_clearance_m, mapped_clearance_m
-from robrain.protocol.model.navigation.frontier import MIN_CELLS, frontier_mask
-from robrain.protocol.model.navigation.line_of_sight import standpoint
-from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.clock import to_ns
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec

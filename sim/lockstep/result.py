@@ -2,8 +2,8 @@
 
 import msgspec
 
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.reasons.idle import IdleReason

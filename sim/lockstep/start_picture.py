@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.team.arena_messages import ArenaPreparation, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.topics import ARENA_PREPARATION
 from robrain.sim.maps.floor_plan import FloorPlan

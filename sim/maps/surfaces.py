@@ -9,9 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.ray_cast import (
+from robrain.algorithms.mapping.ray_cast import (
     GLASS_X,
     GLASS_Y,
     MIRROR_EAST,
@@ -21,6 +19,8 @@ from robrain.protocol.model.mapping.ray_cast import (
     SOLID,
     cast_rays_on_surfaces,
 )
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.ranges import check_within
 from robrain.sim.maps.floor_plan import FloorPlan
 
@@ -82,7 +82,7 @@ class Surfaces:
     """Surfaces of a floor, as lidars see them.
 
     Args:
-        cells: (H, W), surfaces as in `robrain.protocol.model.mapping.ray_cast`.
+        cells: (H, W), surfaces as in `robrain.algorithms.mapping.ray_cast`.
         geometry: grid of the cells, arena frame.
         echo_rad: largest angle between a beam and a pane's normal at which the pane returns the beam.
 

@@ -4,8 +4,8 @@ from enum import StrEnum
 
 import msgspec
 
+from robrain.algorithms.motes.mote_energy import MoteEnergy, mica2
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.motes.mote_energy import MoteEnergy, mica2
 from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 
 

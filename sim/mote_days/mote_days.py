@@ -8,13 +8,12 @@ import math
 
 import msgspec
 
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.motes.collect_tour import shortest_order, stops_for, tour_m
-from robrain.protocol.model.motes.coverage import CoverageMap, duty_set
-from robrain.protocol.model.motes.mote_energy import DAY_S
-from robrain.protocol.model.motes.radio_graph import RadioGraph
-from robrain.protocol.model.motes.relay_places import relay_places
-from robrain.protocol.model.motes.routes import (
+from robrain.algorithms.motes.collect_tour import shortest_order, stops_for, tour_m
+from robrain.algorithms.motes.coverage import CoverageMap, duty_set
+from robrain.algorithms.motes.mote_energy import DAY_S
+from robrain.algorithms.motes.radio_graph import RadioGraph
+from robrain.algorithms.motes.relay_places import relay_places
+from robrain.algorithms.motes.routes import (
     NO_ROUTE,
     Routes,
     lifetime_routes,
@@ -22,6 +21,7 @@ from robrain.protocol.model.motes.routes import (
     routes_of,
     share_at_once,
 )
+from robrain.protocol.model.geometry import Point2D
 from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, Routing
 
 HOP_S = 1.0

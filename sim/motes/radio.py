@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from robrain.protocol.model.numeric.elementary_functions import log10
+from robrain.algorithms.numeric.elementary_functions import log10
 from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 from robrain.sim.motes.mote_power import send_ma
 

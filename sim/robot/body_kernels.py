@@ -11,8 +11,8 @@ from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from robrain.protocol.model.navigation.omni_drive import TANGENTS, WHEEL_ANGLES_RAD
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.algorithms.navigation.omni_drive import TANGENTS, WHEEL_ANGLES_RAD
+from robrain.algorithms.numeric.kernel_array import Floats
 
 STATE = np.dtype(
     [

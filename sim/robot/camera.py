@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from robrain.algorithms.mapping.ray_cast import cast_rays
+from robrain.algorithms.numeric.elementary_functions import arctan2
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.ray_cast import cast_rays
-from robrain.protocol.model.numeric.elementary_functions import arctan2
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 
 Rgb = tuple[int, int, int]

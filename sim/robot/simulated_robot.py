@@ -6,11 +6,11 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
+from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.navigation.wheel_bases import Differential
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 

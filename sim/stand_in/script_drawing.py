@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from robrain.coordinator.allocation.allocator import AUCTION, OPTIMAL
+from robrain.algorithms.allocation.allocator import AUCTION, OPTIMAL
 from robrain.coordinator.planning.policy import NEAREST
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import VISIT

@@ -13,10 +13,10 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
+from robrain.algorithms.mapping.ray_cast import SOLID
+from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.ray_cast import SOLID
-from robrain.protocol.model.navigation.clearance import least_clearance_m
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request

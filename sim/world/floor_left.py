@@ -5,8 +5,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.world.referee import Referee
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.slam.submap import Submap
+from robrain.algorithms.slam.submap import Submap
+from robrain.protocol.model.grid_geometry import GridGeometry
 
 
 def overlap(submaps: Mapping[tuple[str, int], Submap], geometry: GridGeometry) -> float:

@@ -10,17 +10,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.algorithms.localization.pose_accuracy import PoseAccuracyMeter
+from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
+from robrain.algorithms.slam.map_patch import in_own_time, take_message
+from robrain.algorithms.slam.submap import Submap
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
-from robrain.protocol.model.localization.pose_accuracy import PoseAccuracyMeter
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
-from robrain.protocol.model.slam.submap import Submap
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_patch import in_own_time, take_message
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE
 from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
@@ -51,7 +51,7 @@ class Referee:
         plan: the true floor.
         starts: where the robots start, arena frame.
         clearance_m: least clearance of the robots, which decides what they can reach
-            (`protocol/model/navigation/clearance.py`).
+            (`algorithms/navigation/clearance.py`).
         geometry: the team's grid; patches for another are refused and counted in `refused_patches`.
         endpoint: where the patches are heard.
 

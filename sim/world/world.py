@@ -14,9 +14,9 @@ from PIL import Image
 from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
+from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.coordinator.recording.writer.provenance import MAP_ATTACHMENT
 from robrain.plugins.device.scan.lidar_mount import Mount
-from robrain.protocol.exploration.strategies import NO_EXPLORATION
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial_lines.serial_line import SIMULATED
 from robrain.protocol.wire.endpoint import Endpoint

@@ -10,9 +10,9 @@ import time
 import msgspec
 from rich.console import Console
 
-from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Objective
+from robrain.algorithms.allocation.optimal import OptimalAllocator
+from robrain.algorithms.allocation.plan import Plan
+from robrain.algorithms.allocation.problem import Objective
 from robrain.deploy.bench.allocation.allocation import (
     BEST,
     GAP_BOUND,

@@ -16,12 +16,12 @@ from rich.console import Console
 from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotTable
 from robrain.agent.manifest import find_manifests
+from robrain.algorithms.warm_up import warm_up
 from robrain.deploy.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.plugins.behavior.monitor.monitor import changed_share, colors_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.team.team_messages import TeamState

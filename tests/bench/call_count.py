@@ -9,7 +9,7 @@ import gc
 from collections.abc import Callable
 
 from robrain import Scenario
-from robrain.protocol.model.warm_up import warm_up
+from robrain.algorithms.warm_up import warm_up
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.world.arena import TICK_S
 

@@ -12,7 +12,7 @@ import zlib
 import msgspec
 import numpy as np
 
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

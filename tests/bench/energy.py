@@ -18,12 +18,12 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
+from robrain.algorithms.energy.consumption import Consumption, Drawn
+from robrain.algorithms.energy.power_learner import PowerPrior
+from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.deploy.bench.figure import Figure, at_least, at_most, between, deterministic
-from robrain.protocol.model.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
-from robrain.protocol.model.energy.consumption import Consumption, Drawn
-from robrain.protocol.model.energy.energy_model import EnergyEstimate, Work, estimate
-from robrain.protocol.model.energy.power_learner import PowerPrior
-from robrain.protocol.model.energy.soc_filter import PackModel
+from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate
 from robrain.sim.firmware.battery import Battery, BatterySpec
 from robrain.sim.firmware.battery_manager import Gauge, Load
 from robrain.sim.firmware.power_model import PowerModel

@@ -7,13 +7,13 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 
+from robrain.algorithms.exploration.strategies import STRATEGIES
+from robrain.algorithms.warm_up import warm_up
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.bench.exploration.exploration import by_group
 from robrain.deploy.bench.exploration.exploration_runs import FULL, IDEAL, ExplorationCase, ExplorationRun, run_case
 from robrain.deploy.bench.figure import Figure, at_least, at_most, deterministic, timing
 from robrain.deploy.bench.mapping.mapping_plan import OWN_MAPS
-from robrain.protocol.exploration.strategies import STRATEGIES
-from robrain.protocol.model.warm_up import warm_up
 
 FLOOR = "clinic"
 SEEDS = range(51, 53)

@@ -16,19 +16,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec
+from robrain.algorithms.localization.pose_filter import DriftModel, PoseFilter
+from robrain.algorithms.localization.pose_mixture import PoseMixture
+from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.algorithms.localization.scan_match import beam_ends
+from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.mapping.ray_cast import cast_rays
+from robrain.algorithms.slam.map_overlap import MapMatcher
+from robrain.algorithms.slam.submap import IDENTITY
 from robrain.deploy.bench.figure import Figure, at_most, deterministic
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.localization.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.localization.pose_filter import DriftModel, PoseFilter
-from robrain.protocol.model.localization.pose_mixture import PoseMixture
-from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
-from robrain.protocol.model.localization.scan_match import beam_ends
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.mapping.ray_cast import cast_rays
-from robrain.protocol.model.slam.map_overlap import MapMatcher
-from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.bench.localisation_world import (
     BLOCK_M,
     DRIFT,

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.algorithms.localization.pose_filter import DriftModel
+from robrain.algorithms.localization.rssi_ranging import PathLoss
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.localization.pose_filter import DriftModel
-from robrain.protocol.model.localization.rssi_ranging import PathLoss
 from robrain.sim.motes.radio import ShadowField
 
 SIDE_M = 20.0

@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 import msgspec
 
 from robrain import Scenario
+from robrain.algorithms.warm_up import warm_up
 from robrain.deploy.bench.figure import Figure, timing
-from robrain.protocol.model.warm_up import warm_up
 from tests.bench.real_time_factor import whole_run_ms
 
 TEAMS = (10, 100)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from robrain.protocol.model.localization.pose_filter import DriftModel
+from robrain.algorithms.localization.pose_filter import DriftModel
 from tests.bench.localisation_world import (
     SIGMA_DB,
     START_SIGMA_M,

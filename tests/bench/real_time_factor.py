@@ -8,8 +8,8 @@ import numpy as np
 import pymunk
 
 from robrain import Scenario
+from robrain.algorithms.warm_up import warm_up
 from robrain.deploy.bench.figure import Figure, at_least, at_most, timing
-from robrain.protocol.model.warm_up import warm_up
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.wall_shapes import add_walls
 from robrain.sim.world.arena import TICK_S

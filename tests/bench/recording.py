@@ -15,17 +15,17 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from rich.console import Console
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.recording.replay.player import Player
 from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent

@@ -19,12 +19,12 @@ from rich.console import Console
 from robrain import Scenario
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.algorithms.warm_up import warm_up
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.plugins.skill.planner.planner import Planner
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.publisher import Publisher
 from robrain.sim.lockstep.lockstep import LockstepRun

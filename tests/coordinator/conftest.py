@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 import zenoh
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.tasks.task_book import LEGAL
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import LiveClock, VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskEvent, TaskOffer, TaskWithdrawal

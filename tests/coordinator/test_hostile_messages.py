@@ -4,12 +4,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.topics import ROBOT_MAP, ROBOT_STATE

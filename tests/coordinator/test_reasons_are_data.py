@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.allocation.explain import explain
+from robrain.algorithms.allocation.explain import explain
 from robrain.coordinator.charging.charge_desk import is_for_energy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
@@ -20,7 +20,7 @@ from robrain.protocol.wire.reasons.plans import HolderLacksEnergy, HolderLate, N
 from robrain.protocol.wire.reasons.robots import BelowReserve, Crowded, LacksEnergy, NoWayAndBack
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import COORDINATOR_CHARGES, TASK_DECISION, TASK_EVENT, TASK_PROBLEM
-from tests.coordinator.allocation.test_allocators import ITERATIONS, allocators, problems
+from tests.algorithms.allocation.test_allocators import ITERATIONS, allocators, problems
 from tests.coordinator.conftest import FakeRobot, Team
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 from tests.random_words import MEANINGLESS, MISLEADING, speak_at_random, wordless

@@ -8,6 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.algorithms.localization.odometry import chord, moved_along
+from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.deploy.errors import LogError, UsageError
 from robrain.deploy.log_bench.bench import (
     LOOP_S,
@@ -20,9 +22,7 @@ from robrain.deploy.log_bench.bench import (
 from robrain.deploy.log_bench.carmen_log import read_carmen_log
 from robrain.deploy.log_bench.played_log import play
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.localization.odometry import chord, moved_along
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.ray_cast import cast_rays
+from robrain.protocol.model.grid_geometry import GridGeometry
 
 CELL_M = 0.05
 PERIOD_S = 0.2

@@ -18,7 +18,7 @@ from robrain.deploy.bench.mapping.mapping import (
 )
 from robrain.deploy.bench.mapping.mapping_plan import OWN_MAPS, Case, Plan, choose
 from robrain.deploy.errors import UsageError
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.sim.lockstep.result import RunResult
 
 CLINIC = OWN_MAPS / "clinic.yaml"

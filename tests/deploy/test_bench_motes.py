@@ -6,6 +6,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.deploy.bench.motes.motes import (
     MULES,
     RELIEF,
@@ -20,7 +21,6 @@ from robrain.deploy.bench.motes.motes import (
     table,
 )
 from robrain.deploy.errors import UsageError
-from robrain.protocol.model.motes.radio_graph import RadioGraph
 
 
 def run(way: str, first_days: float, seed: int = 1, bound_days: float = 200.0) -> MoteRun:

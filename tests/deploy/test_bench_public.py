@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.coordinator.allocation.problem import Objective
-from robrain.coordinator.allocation.warm_up import warm_up
+from robrain.algorithms.allocation.optimal import OptimalAllocator
+from robrain.algorithms.allocation.problem import Objective
+from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.deploy.bench.allocation.public import read_best, read_public, solve_public
 from robrain.deploy.errors import InstanceError
 

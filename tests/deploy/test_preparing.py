@@ -8,12 +8,12 @@ import pytest
 import zenoh
 
 from robrain import Scenario
+from robrain.algorithms.warm_up import Part
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.dashboard_process import StartingPage
 from robrain.deploy.run import preparing, starting
 from robrain.deploy.run.preparing import LATER_S, Preparing
 from robrain.deploy.run.run_options import RunOptions, Watched
-from robrain.protocol.model.warm_up import Part
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.protocol.wire.topics import ARENA_PREPARATION

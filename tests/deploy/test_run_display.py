@@ -1,7 +1,7 @@
 """The lines on map and positions at the end of a run."""
 
 from robrain.deploy.run.run_display import accuracy_lines, links_line
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 
 

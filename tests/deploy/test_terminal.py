@@ -2,7 +2,6 @@
 
 import re
 import shlex
-from pathlib import Path
 
 import pytest
 from rich.console import Group
@@ -11,8 +10,8 @@ from rich.table import Table
 
 from robrain.deploy.commands.terminal import new_console, results, say, text_column
 from robrain.deploy.run.run_display import tell_recorded
+from tests.product import FOLDERS, ROOT
 
-ROOT = Path(__file__).parents[2]
 NAME = "rec:bus:[1][red]x[/].mcap"
 
 
@@ -44,7 +43,7 @@ def test_there_is_no_other_console() -> None:
     other = re.compile(r"\b(Console|TextColumn|from_markup)\(|from rich import|rich\.(print|markup)")
     lines = [
         f"{path.relative_to(ROOT)}: {line}"
-        for folder in ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "robrain", "sim")
+        for folder in FOLDERS
         for path in (ROOT / folder).rglob("*.py")
         for line in path.read_text(encoding="utf-8").splitlines()
         if other.search(line)

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robrain.protocol.model.navigation import clearance_kernels
+from robrain.algorithms.navigation import clearance_kernels
 from tests.mutation.mutant import Mutant, mutants_of
 from tests.mutation.running import ROOT
 from tests.mutation.scope import draw, files_in_scope
 
-CLEARANCE = "protocol/model/navigation/clearance_kernels.py"
+CLEARANCE = "algorithms/navigation/clearance_kernels.py"
 SHOW_CLEARANCE = """
-from robrain.protocol.model.navigation import clearance_kernels
+from robrain.algorithms.navigation import clearance_kernels
 import numpy as np
 print(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist(), flush=True)
 """
@@ -29,8 +29,8 @@ from pathlib import Path
 from tests.mutation.mutant import mutants_of
 from tests.mutation.swapping import LoadedFunctions
 from robrain.protocol.model import geometry
-from robrain.protocol.model.localization.gauss_newton_kernels import eigen
-from robrain.protocol.model.navigation import clearance_kernels
+from robrain.algorithms.localization.gauss_newton_kernels import eigen
+from robrain.algorithms.navigation import clearance_kernels
 import numpy as np
 root = Path.cwd()
 gc.freeze()
@@ -48,7 +48,7 @@ def show(code):
 
 put("protocol/model/geometry.py", "2 * math.pi -> 2 / math.pi")
 show({SHOW_ANGLE!r})
-put("protocol/model/localization/gauss_newton_kernels.py", "eigen::3 -> 4")
+put("algorithms/localization/gauss_newton_kernels.py", "eigen::3 -> 4")
 try:
     eigen(np.eye(3), np.zeros(3), np.zeros((3, 3)))
 except IndexError:

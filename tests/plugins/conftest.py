@@ -8,11 +8,11 @@ import zenoh
 from robrain.agent.authoring.testing import HostBench
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.algorithms.warm_up import warm_up
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.model.warm_up import warm_up
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 
 Floats = NDArray[np.float64]
 Cell = tuple[int, int]

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from robrain import Point2D, Scenario
-from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.protocol.model.energy.power_learner import PowerLearner
+from robrain.algorithms.allocation.optimal import OptimalAllocator
+from robrain.algorithms.energy.power_learner import PowerLearner
+from robrain.algorithms.localization import localiser
+from robrain.algorithms.localization.mote_relocalisation import Signals, find_robot
+from robrain.algorithms.localization.pose_mixture import PoseMixture
+from robrain.algorithms.localization.rssi_ranging import PathLoss
+from robrain.algorithms.slam import map_overlap
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.localization import localiser
-from robrain.protocol.model.localization.mote_relocalisation import Signals, find_robot
-from robrain.protocol.model.localization.pose_mixture import PoseMixture
-from robrain.protocol.model.localization.rssi_ranging import PathLoss
-from robrain.protocol.model.slam import map_overlap
 from robrain.sim.motes.radio import RadioModel
 from robrain.sim.robot.camera import Camera
 

@@ -9,12 +9,10 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from tests.system.conftest import ROOT
+from tests.product import FOLDERS, ROOT
 
 FRESH = ("pip", "setuptools")
 """Distributions of a new environment."""
-OWN = ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "sim")
-"""Folders that a wheel holds."""
 BLOCKS_PER_MB = 2048
 """Of 512 bytes, as `du -m` counts."""
 
@@ -57,7 +55,7 @@ def plain_distributions() -> set[str]:
 def plain_size_mb() -> float:
     """What a new environment with the plain install takes on disk: these distributions, robrain, pip and setuptools."""
     files = {Path(str(file.locate())) for name in (*plain_distributions(), *FRESH) for file in _files(name)}
-    own = {path for folder in OWN for path in (ROOT / folder).rglob("*") if path.suffix not in (".nbi", ".nbc")}
+    own = {path for folder in FOLDERS for path in (ROOT / folder).rglob("*") if path.suffix not in (".nbi", ".nbc")}
     blocks = sum(path.stat().st_blocks for path in (*files, *own) if path.is_file())
     return blocks / BLOCKS_PER_MB
 

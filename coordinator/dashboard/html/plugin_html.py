@@ -4,6 +4,7 @@ import math
 
 import msgspec
 
+from robrain.algorithms.localization.pose_accuracy import position_sigma_m
 from robrain.coordinator.dashboard.html.html_words import (
     NONE,
     colored,
@@ -18,7 +19,6 @@ from robrain.coordinator.dashboard.state.robot_view import RobotView
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.palette import battery_class, look_of
 from robrain.coordinator.drawing.time_span import span_text
-from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 
 LEVELS = ("device", "unit", "skill", "behavior")

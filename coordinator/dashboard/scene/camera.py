@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 
 FOV_RAD = math.radians(45)
 """Vertical field of view; narrower than viser's 75°, which bends a floor plan."""

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
+from robrain.algorithms.localization.pose_accuracy import position_sigma_m
 from robrain.coordinator.dashboard.state.robot_view import Condition, Contact
 from robrain.coordinator.dashboard.state.team_view import TeamView
-from robrain.protocol.model.localization.pose_accuracy import position_sigma_m
-from robrain.protocol.model.mapping.accuracy import MapAccuracy
+from robrain.protocol.model.accuracy import MapAccuracy
 
 UNSURE_M, ASTRAY_M = 0.5, 2.0
 """Standard deviation above which a position is uncertain, and above which it is useless."""

@@ -19,7 +19,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 
-MERGER = "robrain.protocol.wire.messages.maps.map_patch"
+MERGER = "robrain.algorithms.slam.map_patch"
 HELD_PATCHES = 8192
 JOIN_S = 3.0
 

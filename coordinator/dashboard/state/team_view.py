@@ -10,7 +10,7 @@ from robrain.coordinator.dashboard.state.task_board import TaskBoard
 from robrain.coordinator.drawing.drawn_floor import DrawnFloor
 from robrain.coordinator.drawing.map_view import FAR_M, MapView, checked_geometry
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns

@@ -6,12 +6,12 @@ The tasks are planned in the same objective as all others. Their record says by 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
+from robrain.algorithms.motes.collect_tour import stops_for, visit_weight
+from robrain.algorithms.motes.coverage import duty_set
 from robrain.coordinator.motes.field.field_ledger import FieldLedger, MoteLife
 from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.motes.collect_tour import stops_for, visit_weight
-from robrain.protocol.model.motes.coverage import duty_set
 from robrain.protocol.model.tasks.stock_kinds import COLLECT, RELAY, REPLACE, Collect, Relay, Replace, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.tinyos.payloads import PERIOD_MAX_S

@@ -5,11 +5,11 @@ from collections import Counter
 
 from msgspec import UNSET
 
+from robrain.algorithms.motes.cell_trend import CellTrend
+from robrain.algorithms.motes.coverage import CoverageMap
+from robrain.algorithms.motes.mote_energy import FLAT_V, FRESH_V
 from robrain.coordinator.motes.mote_registry import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.motes.cell_trend import CellTrend
-from robrain.protocol.model.motes.coverage import CoverageMap
-from robrain.protocol.model.motes.mote_energy import FLAT_V, FRESH_V
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState

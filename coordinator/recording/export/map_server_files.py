@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
 
 FREE_BYTE, OCCUPIED_BYTE, UNKNOWN_BYTE = 254, 0, 205
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196

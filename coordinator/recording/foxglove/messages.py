@@ -26,10 +26,10 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.drawing.palette import FREE, OCCUPIED, UNKNOWN, Rgb
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import OCCUPIED as OCCUPIED_CELL
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.grid_geometry import OCCUPIED as OCCUPIED_CELL
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 
 ARENA = "arena"

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from robrain.coordinator.recording.invariants.findings import HaltIgnored, Invariant, Missing, MovedHalted
 from robrain.coordinator.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState

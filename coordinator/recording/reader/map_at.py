@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.algorithms.slam.map_patch import submap_message, take_message, whole_map
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.coordinator.drawing.map_view import MapView
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import submap_message, take_message, whole_map
 
 PATCHES_BETWEEN = 250
 KEPT_MAX = 400

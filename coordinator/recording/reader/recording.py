@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.export.tables import Cell, Table
 from robrain.coordinator.recording.reader.reading import read_messages, read_provenance, recording_info
 from robrain.coordinator.recording.replay.player import Player
 from robrain.coordinator.recording.writer.provenance import Provenance
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.topic import Topic
 from robrain.protocol.wire.topics import PUBLISHED, topic_of

@@ -22,11 +22,11 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.reader.chunked_file import ChunkedFile
 from robrain.coordinator.recording.reader.map_at import MapAt, Place, patches_of
 from robrain.coordinator.recording.reader.reading import RecordedMessage
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.topics import ROBOT_MAP, topic_of
 

@@ -27,7 +27,7 @@ from robrain.coordinator.recording.report.figure_style import (
     time_axis,
 )
 from robrain.coordinator.recording.report.run_data import RobotRun, RunData, TaskRun
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
 
 BARS_MAX = 40
 """Rows of a figure at the most."""

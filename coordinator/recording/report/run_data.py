@@ -13,8 +13,8 @@ from robrain.coordinator.drawing.robot_history import model_power_w
 from robrain.coordinator.recording.reader.contents import RecordingContents, read_contents
 from robrain.coordinator.recording.reader.reading import read_front, read_messages, topic_named_by
 from robrain.coordinator.recording.writer.provenance import SCENARIO_ATTACHMENT
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.codec import BadPayload

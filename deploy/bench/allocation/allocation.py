@@ -10,12 +10,12 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.coordinator.allocation.auction import AuctionAllocator, GreedyAllocator
-from robrain.coordinator.allocation.optimal import OptimalAllocator
-from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Objective, Problem
-from robrain.coordinator.allocation.validate import validate
-from robrain.coordinator.allocation.warm_up import warm_up
+from robrain.algorithms.allocation.auction import AuctionAllocator, GreedyAllocator
+from robrain.algorithms.allocation.optimal import OptimalAllocator
+from robrain.algorithms.allocation.plan import Plan
+from robrain.algorithms.allocation.problem import Objective, Problem
+from robrain.algorithms.allocation.validate import validate
+from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.deploy.bench.allocation.instances import team_problem
 from robrain.deploy.bench.figure import Figure, at_least, at_most, deterministic, timing
 

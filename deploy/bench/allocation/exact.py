@@ -10,8 +10,8 @@ import math
 import numpy as np
 from ortools.sat.python import cp_model
 
-from robrain.coordinator.allocation.plan import Plan, make_plan
-from robrain.coordinator.allocation.problem import Objective, Problem
+from robrain.algorithms.allocation.plan import Plan, make_plan
+from robrain.algorithms.allocation.problem import Objective, Problem
 
 SCALE = 1000
 """Units of a joule and of a second."""

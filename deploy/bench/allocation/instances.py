@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from robrain.coordinator.allocation.problem import Job, Problem, Worker
+from robrain.algorithms.allocation.problem import Job, Problem, Worker
 
 SPEEDS_M_S = (0.3, 0.5, 0.8, 1.2)
 POWERS_W = (8.0, 15.0, 30.0, 60.0)

@@ -15,10 +15,10 @@ import numpy as np
 import vrplib
 from numpy.typing import NDArray
 
-from robrain.coordinator.allocation.allocator import Allocator
-from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Job, Problem, Worker
-from robrain.coordinator.allocation.validate import validate
+from robrain.algorithms.allocation.allocator import Allocator
+from robrain.algorithms.allocation.plan import Plan
+from robrain.algorithms.allocation.problem import Job, Problem, Worker
+from robrain.algorithms.allocation.validate import validate
 from robrain.deploy.errors import InstanceError
 from robrain.protocol.wire.reasons.reason import told
 

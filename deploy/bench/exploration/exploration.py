@@ -9,6 +9,7 @@ from typing import NamedTuple
 import msgspec
 from rich.table import Table
 
+from robrain.algorithms.exploration.strategies import STRATEGIES
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.recording.report.mean_interval import mean_interval
 from robrain.deploy.bench.exploration.exploration_runs import (
@@ -31,7 +32,6 @@ from robrain.deploy.bench.mapping.mapping_plan import (
 from robrain.deploy.commands.terminal import new_console, print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
-from robrain.protocol.exploration.strategies import STRATEGIES
 from robrain.protocol.registry import UnknownEntry
 from robrain.sim.scenarios.scenario import MAX_SEED
 from robrain.sim.scenarios.scenario_file import MAX_ROBOTS

@@ -5,13 +5,13 @@ import math
 import msgspec
 import numpy as np
 
+from robrain.algorithms.mapping.ray_cast import cast_rays_of
+from robrain.algorithms.navigation.clearance import least_clearance_m
+from robrain.algorithms.navigation.path_planning import distance_field
+from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.deploy.bench.mapping.mapping_plan import errors_alone
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.ray_cast import cast_rays_of
-from robrain.protocol.model.navigation.clearance import least_clearance_m
-from robrain.protocol.model.navigation.path_planning import distance_field
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.errors import RunFailed
 from robrain.sim.ideal.ideal_run import IdealResult, run_ideal

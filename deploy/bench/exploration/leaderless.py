@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.deploy.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
 from robrain.deploy.bench.mapping.mapping_plan import all_runs, check_limits, choose_maps, errors_alone, numbers_of
 from robrain.deploy.commands.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation.clearance import least_clearance_m
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario import MAX_SEED, Scenario

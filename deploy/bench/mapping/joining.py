@@ -13,6 +13,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.slam.map_overlap import MapMatcher
 from robrain.deploy.bench.figure import (
     WIDTH,
     Figure,
@@ -28,9 +30,7 @@ from robrain.deploy.commands.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.slam.map_overlap import MapMatcher
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.placement import Starts

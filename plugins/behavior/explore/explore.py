@@ -12,19 +12,19 @@ import numpy as np
 
 from robrain.agent.board import HALTED, IDLE, Board
 from robrain.agent.plugin import Behavior, external
+from robrain.algorithms.exploration.explorer import Explorer, Scout
+from robrain.algorithms.exploration.reach import reach_m
+from robrain.algorithms.exploration.situation import Busy
+from robrain.algorithms.exploration.strategies import JOINT, NO_EXPLORATION, STRATEGIES, Strategy, strategy_of
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.navigation.clearance import mapped_gap_cells
+from robrain.algorithms.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
 from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.plugins.unit.teammates.interface import Doing, Mate
-from robrain.protocol.exploration.explorer import Explorer, Scout
-from robrain.protocol.exploration.reach import reach_m
-from robrain.protocol.exploration.situation import Busy
-from robrain.protocol.exploration.strategies import JOINT, NO_EXPLORATION, STRATEGIES, Strategy, strategy_of
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.navigation.clearance import mapped_gap_cells
-from robrain.protocol.model.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Name, Share
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState

@@ -9,7 +9,7 @@ from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import IDLE, Progress, Travel, TravelParameters
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import check_not_negative
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode

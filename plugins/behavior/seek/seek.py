@@ -13,12 +13,12 @@ from collections.abc import Generator
 import msgspec
 
 from robrain.agent.event import Event
+from robrain.algorithms.navigation.source_seeking import FieldFit, FieldSamples
 from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Script
 from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress
 from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
 from robrain.plugins.skill.energy.interface import Work
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation.source_seeking import FieldFit, FieldSamples
 from robrain.protocol.model.tasks.stock_kinds import SEEK, Seek
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.border.reading_sieve import taken_at_ns

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.plugins.device.bm2.interface import ASSUMED_C, BatteryMeasurement
-from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.protocol.wire.clock import NS_PER_S
 
 VOLTAGE_MAX_V = 1000.0

@@ -4,7 +4,7 @@ from typing import Protocol
 
 import msgspec
 
-from robrain.protocol.model.energy.battery_report import BatteryReport
+from robrain.algorithms.energy.battery_report import BatteryReport
 
 ASSUMED_C = 25.0
 """Temperature of a battery that does not measure it."""

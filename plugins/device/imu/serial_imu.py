@@ -14,12 +14,12 @@ from msgspec import Meta
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
+from robrain.algorithms.localization.gyro_yaw import YawRate
 from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.errors import ImuAbsent
 from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
-from robrain.protocol.model.localization.gyro_yaw import YawRate
 from robrain.protocol.model.ranges import check_finite, check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import NS_PER_S, to_ns

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import can
 import msgspec
 
+from robrain.algorithms.navigation.wheel_bases import Ackermann
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, Measure
@@ -25,7 +26,6 @@ from robrain.protocol.can.frames import BadFrame, FrameCodec, known_identifiers
 from robrain.protocol.can.payload import ERROR, EXTENDED, ID_MASK
 from robrain.protocol.can.sequence import MODULUS, SequenceWatch
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.wheel_bases import Ackermann
 from robrain.protocol.wire.clock import to_ns
 
 STATUS_FIELDS = ControllerStatus.__struct_fields__

@@ -3,10 +3,10 @@
 import itertools
 from typing import NamedTuple
 
+from robrain.algorithms.localization.odometry import moved
+from robrain.algorithms.localization.pose_track import PoseTrack
+from robrain.algorithms.navigation.wheel_bases import WheelBase
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.localization.odometry import moved
-from robrain.protocol.model.localization.pose_track import PoseTrack
-from robrain.protocol.model.navigation.wheel_bases import WheelBase
 
 ENCODER_MODULUS = 1 << 16
 ENCODER_PERIOD_S = 0.02

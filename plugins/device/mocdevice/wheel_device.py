@@ -14,6 +14,9 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import FirstWord, Silence
+from robrain.algorithms.localization.gyro_yaw import GyroYaw
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import WheelBase
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
 from robrain.plugins.device.mocdevice.interface import (
@@ -26,9 +29,6 @@ from robrain.plugins.device.mocdevice.interface import (
 from robrain.plugins.device.mocdevice.odometry import Counting, Ticks, WheelOdometry
 from robrain.plugins.device.mocdevice.wheel_link import WheelLink, WheelReport
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.localization.gyro_yaw import GyroYaw
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import WheelBase
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 

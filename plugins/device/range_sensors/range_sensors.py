@@ -13,17 +13,17 @@ from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
-from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
-from robrain.protocol.can.frame_port import FramePort, frame_port
-from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
-from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE
-from robrain.protocol.can.sequence import SequenceWatch
-from robrain.protocol.model.navigation.range_ring import (
+from robrain.algorithms.navigation.range_ring import (
     RING_ANGLES_RAD,
     SENSORS_A_FRAME,
     SENSORS_MAX,
     bump_directions_rad,
 )
+from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
+from robrain.protocol.can.frame_port import FramePort, frame_port
+from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
+from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE
+from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 

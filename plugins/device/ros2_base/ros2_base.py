@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import FirstWord, Silence
+from robrain.algorithms.localization.pose_track import PoseTrack
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters, MocDeviceInterface
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
@@ -26,7 +27,6 @@ from robrain.plugins.device.ros2.link import Publisher, Ros2Link, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry, read_odometry
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.localization.pose_track import PoseTrack
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns, to_seconds
 

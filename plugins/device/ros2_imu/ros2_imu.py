@@ -10,6 +10,7 @@ from sensor_msgs.msg import Imu
 
 from robrain.agent.plugin import external, unlocked
 from robrain.agent.silence import FirstWord, Silence
+from robrain.algorithms.localization.gyro_yaw import YawRate
 from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.errors import ImuAbsent
 from robrain.plugins.device.imu.imu_codec import Motion
@@ -20,7 +21,6 @@ from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.ros2_base.odometry_message import Header
-from robrain.protocol.model.localization.gyro_yaw import YawRate
 from robrain.protocol.model.ranges import check_finite, check_positive
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 

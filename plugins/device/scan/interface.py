@@ -8,7 +8,7 @@ import msgspec
 from robrain.agent.event import Event
 
 if TYPE_CHECKING:
-    from robrain.protocol.model.numeric.kernel_array import Floats
+    from robrain.algorithms.numeric.kernel_array import Floats
 
 
 class LaserScan(msgspec.Struct, frozen=True, eq=False, dict=True):

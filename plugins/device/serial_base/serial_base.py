@@ -7,6 +7,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, WheelBase
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
@@ -15,7 +16,6 @@ from robrain.plugins.device.mocdevice.wheel_device import OpenLink, WheelDevice
 from robrain.plugins.device.mocdevice.wheel_link import WheelReport
 from robrain.plugins.device.serial_base.line_codec import LineCodec, LineWords, WheelCodec
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential, WheelBase
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
 from robrain.protocol.wire.clock import to_ns, to_seconds

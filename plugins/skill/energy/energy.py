@@ -3,12 +3,12 @@
 import math
 
 from robrain.agent.plugin import Skill, external
+from robrain.algorithms.energy.consumption import Consumption
+from robrain.algorithms.energy.power_learner import PowerPrior
 from robrain.plugins.skill.energy.interface import EnergyEstimate, EnergyInterface, EnergyModel, Work
 from robrain.plugins.unit.battery.interface import BatteryInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.protocol.model.energy.consumption import Consumption
-from robrain.protocol.model.energy.energy_model import estimate
-from robrain.protocol.model.energy.power_learner import PowerPrior
+from robrain.protocol.model.energy_model import estimate
 
 
 class Energy(Skill):

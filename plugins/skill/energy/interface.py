@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from robrain.protocol.model.energy.energy_model import EnergyEstimate, EnergyModel, Work
+from robrain.protocol.model.energy_model import EnergyEstimate, EnergyModel, Work
 
 __all__ = ["EnergyEstimate", "EnergyInterface", "EnergyModel", "Work"]
 

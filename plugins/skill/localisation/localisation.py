@@ -12,24 +12,24 @@ import numpy as np
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
+from robrain.algorithms.localization.divergence_watch import WatchSpec
+from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec
+from robrain.algorithms.localization.odometry import chord
+from robrain.algorithms.localization.pose_filter import DriftModel
+from robrain.algorithms.localization.rssi_ranging import PathLoss
+from robrain.algorithms.localization.scan_agreement import COMPARED_MIN, agreement
+from robrain.algorithms.mapping.local_map import ArenaFix, LocalPose
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.algorithms.slam.mates_in_scan import mate_circles, wall_ends
+from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.localisation.interface import Divergence, LocalisationHealth, LocalisationInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
+from robrain.protocol.model.accuracy import recent_agreement
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localization.divergence_watch import WatchSpec
-from robrain.protocol.model.localization.localiser import Localiser, LocaliserSpec
-from robrain.protocol.model.localization.odometry import chord
-from robrain.protocol.model.localization.pose_filter import DriftModel
-from robrain.protocol.model.localization.rssi_ranging import PathLoss
-from robrain.protocol.model.localization.scan_agreement import COMPARED_MIN, agreement
-from robrain.protocol.model.mapping.accuracy import recent_agreement
-from robrain.protocol.model.mapping.local_map import ArenaFix, LocalPose
-from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX, check_positive, check_within
-from robrain.protocol.model.slam.mates_in_scan import mate_circles, wall_ends
-from robrain.protocol.model.slam.submap import IDENTITY
 from robrain.protocol.wire.clock import to_ns
 
 logger = logging.getLogger(__name__)
@@ -88,7 +88,7 @@ class Localisation(Skill):
         """Seconds between two matches of a standing robot."""
         scan_way_m: float = 0.03
         """Metres of path between two matches of a moving robot; turns count as in
-        `protocol/model/localization/localiser.py`."""
+        `algorithms/localization/localiser.py`."""
         wall_slack_cells: float = 0.0
         """Offsets of a scan below this many cells of the map count as zero: raise it for a base whose odometry is
         better than the map's cells, as an exact one is."""

@@ -4,15 +4,15 @@ import math
 from collections import deque
 from collections.abc import Callable
 
+from robrain.algorithms.mapping.local_map import Variances
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.algorithms.numeric.small_linear_algebra import symmetric
+from robrain.algorithms.slam.loop_closure import Contradiction, Lying, lay_on
+from robrain.algorithms.slam.map_patch import is_near_grid
+from robrain.algorithms.slam.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
+from robrain.algorithms.slam.submap_graph import SubmapGraph, is_information
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.local_map import Variances
-from robrain.protocol.model.numeric.kernel_array import Floats
-from robrain.protocol.model.numeric.small_linear_algebra import symmetric
-from robrain.protocol.model.slam.loop_closure import Contradiction, Lying, lay_on
-from robrain.protocol.model.slam.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
-from robrain.protocol.model.slam.submap_graph import SubmapGraph, is_information
 from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures, MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import is_near_grid
 
 WAY_M = 0.4
 """Metres that the robot moves between two attempts."""

@@ -14,17 +14,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robrain.algorithms.mapping.local_map import ArenaFix
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.algorithms.numeric.small_linear_algebra import inverse_form
+from robrain.algorithms.slam.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
+from robrain.algorithms.slam.map_patch import pose_message
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.algorithms.slam.submap_graph import SubmapGraph
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.local_map import ArenaFix
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.numeric.kernel_array import Floats
-from robrain.protocol.model.numeric.small_linear_algebra import inverse_form
-from robrain.protocol.model.slam.map_overlap import EVIDENCE_MIN, MapMatcher, cells_outside
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.slam.submap_graph import SubmapGraph
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import pose_message
 
 logger = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import UNKNOWN, GridGeometry
+from robrain.protocol.model.grid_geometry import UNKNOWN, GridGeometry
 
 
 class MapView(msgspec.Struct, frozen=True, eq=False):

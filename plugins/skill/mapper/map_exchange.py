@@ -7,22 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.plugins.skill.mapper.closures import ClosureDesk
-from robrain.plugins.skill.mapper.frames import Frames
-from robrain.plugins.skill.mapper.own_submaps import OwnPatch, OwnSubmaps
-from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.slam.submap_graph import OwnSubmap
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.record_guard import RecordGuard
-from robrain.protocol.wire.border.refusals import RefusalCode
-from robrain.protocol.wire.clock import AHEAD_S, BEHIND_S, to_ns
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_messages import Closures, MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import (
+from robrain.algorithms.slam.map_patch import (
     AHEAD_MAX_MS,
     in_own_time,
     joined_message,
@@ -32,7 +17,22 @@ from robrain.protocol.wire.messages.maps.map_patch import (
     to_message,
     whole_map,
 )
-from robrain.protocol.wire.messages.maps.shared_patches import SharedSteps
+from robrain.algorithms.slam.shared_patches import SharedSteps
+from robrain.algorithms.slam.submap import IDENTITY
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.algorithms.slam.submap_graph import OwnSubmap
+from robrain.plugins.skill.mapper.closures import ClosureDesk
+from robrain.plugins.skill.mapper.frames import Frames
+from robrain.plugins.skill.mapper.own_submaps import OwnPatch, OwnSubmaps
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.wire.border.refusals import RefusalCode
+from robrain.protocol.wire.clock import AHEAD_S, BEHIND_S, to_ns
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.maps.map_messages import Closures, MapPatch
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)

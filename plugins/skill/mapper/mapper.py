@@ -10,6 +10,13 @@ import numpy as np
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
+from robrain.algorithms.mapping.local_map import LocalPose
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.algorithms.slam.map_patch import map_stamp_ms
+from robrain.algorithms.slam.mates_in_scan import mate_circles, sees_through, wall_ends
+from robrain.algorithms.slam.submap import IDENTITY
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.frames import Frames
@@ -19,18 +26,11 @@ from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.local_map import LocalPose
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.model.slam.mates_in_scan import mate_circles, sees_through, wall_ends
-from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.maps.map_messages import Closures
-from robrain.protocol.wire.messages.maps.map_patch import map_stamp_ms
 from robrain.protocol.wire.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)

@@ -7,16 +7,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.algorithms.localization.scan_match import without_dropouts
+from robrain.algorithms.mapping.local_map import NO_DRIFT, Drift, LocalMap
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.numeric.elementary_functions import arctan2
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.algorithms.slam.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
+from robrain.algorithms.slam.submap_graph import SubmapGraph
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.localization.scan_match import without_dropouts
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift, LocalMap
-from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
-from robrain.protocol.model.numeric.elementary_functions import arctan2
-from robrain.protocol.model.numeric.kernel_array import Floats
-from robrain.protocol.model.slam.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
-from robrain.protocol.model.slam.submap_graph import SubmapGraph
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.map_frame import ARENA
 
 GRID_REACH_M = 20.0
 """Distance from the frame's origin, metres, at which its yaw must not shift cells."""

@@ -5,8 +5,8 @@ do not start is left out, and localisation does not require this one.
 """
 
 from robrain.agent.plugin import Skill, external
+from robrain.algorithms.localization.rssi_ranging import RssiSample
 from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement, SnwInterface
-from robrain.protocol.model.localization.rssi_ranging import RssiSample
 
 
 class MoteRanges(Skill):

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+from robrain.algorithms.navigation.navigation_grid import Zone
+from robrain.algorithms.navigation.right_of_way import Track
+from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation.navigation_grid import Zone
-from robrain.protocol.model.navigation.right_of_way import Track
-from robrain.protocol.model.numeric.kernel_array import Floats
 
 Circle = tuple[float, float, float]
 """x, y, radius: metres, arena frame."""

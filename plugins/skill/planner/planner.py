@@ -6,16 +6,16 @@ from typing import Literal
 import msgspec
 
 from robrain.agent.plugin import Skill
+from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
+from robrain.algorithms.navigation.escape import escape_cells
+from robrain.algorithms.navigation.line_of_sight import standpoint
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
+from robrain.algorithms.navigation.right_of_way import Track
+from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.plugins.skill.planner.interface import Circle, PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
-from robrain.protocol.model.navigation.escape import escape_cells
-from robrain.protocol.model.navigation.line_of_sight import standpoint
-from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
-from robrain.protocol.model.navigation.right_of_way import Track
-from robrain.protocol.model.numeric.kernel_array import Floats
 from robrain.protocol.model.ranges import check_positive
 
 

@@ -5,7 +5,7 @@ from typing import Protocol
 import msgspec
 
 from robrain.agent.event import Event
-from robrain.protocol.model.energy.consumption import Drawn
+from robrain.algorithms.energy.consumption import Drawn
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 

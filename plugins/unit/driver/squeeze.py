@@ -8,15 +8,15 @@ its left and right, because the map behind the path is coarser than the room to 
 import math
 from typing import NamedTuple
 
-from robrain.plugins.unit.lookout import Lookout
-from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.model.navigation.clearance import (
+from robrain.algorithms.navigation.clearance import (
     LEAST_MARGIN_M,
     PREFERRED_MARGIN_M,
     least_clearance_m,
     least_gap_m,
 )
-from robrain.protocol.model.navigation.obstacles import Passage
+from robrain.algorithms.navigation.obstacles import Passage
+from robrain.plugins.unit.lookout import Lookout
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 
 BEGIN_M = 0.3
 """The driver squeezes where normal driving has less room ahead than this."""

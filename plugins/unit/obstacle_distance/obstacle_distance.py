@@ -11,11 +11,11 @@ from typing import Protocol
 import msgspec
 
 from robrain.agent.plugin import Unit, external
+from robrain.algorithms.navigation.obstacles import joined, sector_distances_m
 from robrain.plugins.device.range_sensors.interface import RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.lookout import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.navigation.obstacles import joined, sector_distances_m
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.wire.errors import CallError, ErrorCode
 

@@ -6,10 +6,10 @@ from typing import Protocol
 
 import msgspec
 
+from robrain.algorithms.navigation.right_of_way import Track
+from robrain.protocol.model.claim import Claim, Rank
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.mapping.map_frame import MapFrame
-from robrain.protocol.model.navigation.claim import Claim, Rank
-from robrain.protocol.model.navigation.right_of_way import Track
+from robrain.protocol.model.map_frame import MapFrame
 
 
 class Teammate(msgspec.Struct, frozen=True):

@@ -8,11 +8,7 @@ import msgspec
 import numpy as np
 
 from robrain.agent.plugin import Unit, external
-from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate, TeammatesInterface
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.navigation.claim import Claim
-from robrain.protocol.model.navigation.right_of_way import (
+from robrain.algorithms.navigation.right_of_way import (
     LONGEST_M,
     MATE_AHEAD_M,
     STEP_M,
@@ -21,7 +17,11 @@ from robrain.protocol.model.navigation.right_of_way import (
     pass_on,
     sample_way,
 )
-from robrain.protocol.model.numeric.kernel_array import Floats
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate, TeammatesInterface
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.task import ENDED
 from robrain.protocol.wire.border.border import Received

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from robrain.agent.plugin import Behavior
-from robrain.protocol.model.energy.energy_model import Work
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds

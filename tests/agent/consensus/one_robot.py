@@ -5,7 +5,7 @@ from typing import Any
 from robrain.agent.board import Board
 from robrain.agent.consensus.consensus_desk import ConsensusDesk
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.model.consensus.ballot import Ballot, Heard
+from robrain.protocol.model.ballot import Ballot, Heard
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns

@@ -8,9 +8,9 @@ import pytest
 from robrain.agent.consensus.consensus_desk import AGAIN_NS, TELLING, chargers_in
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.agent.consensus.known_tasks import ENDED_MAX, TASKS_MAX, KnownTasks
-from robrain.protocol.model.consensus.ballot import Ballot, Bid
-from robrain.protocol.model.consensus.route_scorer import task_scorer
-from robrain.protocol.model.energy.energy_model import Work
+from robrain.algorithms.consensus.route_scorer import task_scorer
+from robrain.protocol.model.ballot import Ballot, Bid
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
+from robrain.algorithms.exploration.reach import PLENTY_M, STEP_M
 from robrain.coordinator.charging.explorer_reach import reach_m
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.exploration.reach import PLENTY_M, STEP_M
-from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.reasons.idle import LacksRange

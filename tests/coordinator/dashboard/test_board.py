@@ -14,7 +14,7 @@ from robrain.coordinator.dashboard.state.robot_view import Condition, MoteView, 
 from robrain.coordinator.dashboard.state.task_board import TaskBoard
 from robrain.coordinator.dashboard.state.team_view import TeamView
 from robrain.coordinator.drawing.robot_history import RobotHistory
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received

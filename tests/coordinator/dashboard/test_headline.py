@@ -25,8 +25,8 @@ from robrain.coordinator.dashboard.state.headline import (
 )
 from robrain.coordinator.dashboard.state.robot_view import Condition
 from robrain.coordinator.dashboard.state.team_view import TeamView
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.team.team_messages import TeamState

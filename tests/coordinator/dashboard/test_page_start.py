@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.dashboard.state import live_source
 from robrain.coordinator.dashboard.state.live_source import MapLoading
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.team.arena_messages import ArenaClock
 from robrain.protocol.wire.topics import ARENA_CLOCK, ROBOT_MAP
 from tests.waiting import PATIENCE_S

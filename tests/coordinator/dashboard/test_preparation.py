@@ -4,17 +4,17 @@ import zlib
 
 import numpy as np
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.dashboard.html.panel_html import robots_html, strip_html
 from robrain.coordinator.dashboard.state.alerts import alerts_of
 from robrain.coordinator.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.coordinator.dashboard.state.robot_view import Condition
 from robrain.coordinator.dashboard.state.team_view import PLAN_S, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.team.arena_messages import (
     ArenaClock,

@@ -4,13 +4,13 @@ from contextlib import nullcontext
 
 import pytest
 
+from robrain.algorithms.motes.mote_energy import CAPACITY_J, FLAT_V, FRESH_V
 from robrain.coordinator.motes import mote_registry as motes
 from robrain.coordinator.motes.mote_members import mote_left_j, mote_share, reading_j, robot_share
 from robrain.coordinator.motes.mote_registry import MoteTable
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.motes.mote_energy import CAPACITY_J, FLAT_V, FRESH_V
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.errors import CallError

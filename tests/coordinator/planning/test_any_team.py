@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.allocation.repair import repaired
-from robrain.coordinator.allocation.validate import validate
+from robrain.algorithms.allocation.repair import repaired
+from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.coordinator.planning.recorded_plans import plan_again
-from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import Recharge

@@ -4,12 +4,12 @@ import msgspec
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.allocation.auction import AuctionAllocator
-from robrain.coordinator.allocation.validate import validate
+from robrain.algorithms.allocation.auction import AuctionAllocator
+from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.stock_passes import for_ready_robots, with_charging_robots
 from robrain.protocol.model.tasks.objective import Objective
-from tests.coordinator.allocation.instances import team_problem
+from tests.algorithms.allocation.instances import team_problem
 
 
 @st.composite

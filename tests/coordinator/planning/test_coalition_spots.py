@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.planning.coalition import ROOM_M, spots_around
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 PLACE = Point2D(4.0, 3.0)
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from robrain.coordinator.allocation.plan import make_plan
-from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.allocation.validate import validate
+from robrain.algorithms.allocation.plan import make_plan
+from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
+from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.stock_passes import without_idling
 
 

@@ -1,6 +1,6 @@
 """A rehearsal loads whatever makes plans: a problem, a search for better routes, and what is told of them."""
 
-from robrain.coordinator.allocation.optimal import OptimalAllocator
+from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.coordinator.planning import plan_search
 
 

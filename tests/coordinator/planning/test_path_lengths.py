@@ -22,9 +22,9 @@ from robrain.coordinator.planning.problem_codec import (
     to_deltas,
 )
 from robrain.coordinator.planning.snapshot import Floor
-from robrain.protocol.model.energy.energy_model import Work, estimate
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.wire.reasons.plans import ChargersTaken
 from tests.coordinator.planning.worlds import model
 

@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.allocation.plan import Unassigned, make_plan
-from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
+from robrain.algorithms.allocation.plan import Unassigned, make_plan
+from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.planning import plan_in_force as planned_module
 from robrain.coordinator.planning.plan_in_force import Step, planned
 from robrain.coordinator.planning.problem_builder import BuiltProblem

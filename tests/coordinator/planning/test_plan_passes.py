@@ -19,7 +19,7 @@ from tests.installed_distributions import install  # noqa: F401 - a fixture
 LAST_FIRST = '''
 import msgspec
 
-from robrain.coordinator.allocation.plan import make_plan
+from robrain.algorithms.allocation.plan import make_plan
 
 
 def _with_orders(draft, orders):

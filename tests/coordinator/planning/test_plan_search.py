@@ -7,7 +7,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning import plan_search as search
 from robrain.coordinator.planning.plan_search import PlanSearch
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState

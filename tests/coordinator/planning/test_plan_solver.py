@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.allocation.plan import Plan
-from robrain.coordinator.allocation.problem import Job, Objective, Problem, Worker
+from robrain.algorithms.allocation.plan import Plan
+from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.planning import stock_passes
 from robrain.coordinator.planning.plan_search import FRUITLESS, PlanSolver, solve
 

@@ -16,7 +16,7 @@ from robrain.coordinator.planning.live_planner import LivePlanner, PlannerProces
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Floor
 from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until
 

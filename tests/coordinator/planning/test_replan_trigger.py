@@ -5,7 +5,7 @@ import pytest
 
 from robrain.coordinator.planning.planning import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, ReplanTrigger
 from robrain.coordinator.planning.snapshot import Member
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState

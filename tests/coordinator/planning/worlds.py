@@ -4,7 +4,7 @@ import math
 
 import msgspec
 
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import TaskState, parameters_of

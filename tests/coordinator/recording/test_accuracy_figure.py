@@ -9,7 +9,7 @@ import pytest
 from robrain.coordinator.recording.report.figure_style import BAD, figure_style, line_look
 from robrain.coordinator.recording.report.figures import SILENT_WIDTH, accuracy_figure
 from robrain.coordinator.recording.report.run_data import RobotRun
-from robrain.protocol.model.mapping.accuracy import MapAccuracy
+from robrain.protocol.model.accuracy import MapAccuracy
 from tests.coordinator.recording.drawn_runs import NAN, axes_of, curve, legend_texts, robot_of, robots_of, run_of
 
 

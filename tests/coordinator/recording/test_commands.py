@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.reader import recovering
 from robrain.coordinator.recording.reader.checking import Kind, Severity, check_recording
@@ -22,9 +23,8 @@ from robrain.coordinator.recording.reader.recovering import recover
 from robrain.coordinator.recording.writer.provenance import SUMMARY_METADATA
 from robrain.deploy.recordings.recording_display import FOLDED_ABOVE, folded
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import joined_message, pose_message
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.coordinator.recording.report.figure_style import (
     BAD,
     FAINT,
@@ -20,8 +21,7 @@ from robrain.coordinator.recording.report.figure_style import (
 from robrain.coordinator.recording.report.figures import energy_figure, explored_figure, task_figure, trajectory_figure
 from robrain.coordinator.recording.report.run_data import MoteRun, RobotRun, RunData
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from tests.coordinator.recording.drawn_runs import (
     NAN,
     axes_of,

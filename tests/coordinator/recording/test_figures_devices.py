@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.coordinator.recording.reader.contents import KeyContents
 from robrain.coordinator.recording.report.figure_style import BAD, GOOD, INK, NEUTRAL, WARN, figure_style, line_look
 from robrain.coordinator.recording.report.figures import (
@@ -19,8 +20,7 @@ from robrain.coordinator.recording.report.figures import (
 from robrain.coordinator.recording.report.report import comparison_figure, totals
 from robrain.coordinator.recording.report.run_data import Happening, MoteRun, RunData, TaskRun
 from robrain.coordinator.recording.report.two_runs import outcome_of
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.coordinator.recording.drawn_runs import (
     NAN,
     axes_of,

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.recording.foxglove.channels import FoxgloveChannels
 from robrain.coordinator.recording.foxglove.server import FoxgloveServer
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import WireError
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState

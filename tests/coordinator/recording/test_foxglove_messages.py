@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from robrain.algorithms.mapping import grid_geometry as cells
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.drawing.palette import (
     BAD,
     FREE,
@@ -23,9 +25,7 @@ from robrain.coordinator.drawing.palette import (
 from robrain.coordinator.recording.foxglove import messages as make
 from robrain.coordinator.recording.foxglove import scene as foxglove_scene
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping import grid_geometry as cells
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus

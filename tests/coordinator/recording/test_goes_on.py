@@ -14,6 +14,8 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.recording.reader.checking import check_recording
 from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.coordinator.recording.replay.player import Player
@@ -21,12 +23,10 @@ from robrain.coordinator.recording.writer import recording_file, recording_files
 from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.coordinator.recording.writer.recording_files import SplitAt
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_MAP

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.recording.reader.chunked_file import ChunkedFile
 from robrain.coordinator.recording.reader.map_at import MapAt, Place
 from robrain.coordinator.recording.reader.reading import RecordedMessage
 from robrain.coordinator.recording.replay.player import Player
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import pose_message, take_message, to_message
 from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS
 
 DECODER = msgspec.json.Decoder(MapPatch)

@@ -6,14 +6,14 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.cli import app
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.export.map_server_files import write_grid
 from robrain.coordinator.recording.replay.player import Player
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.exporting import export_map
-from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.scenarios.scenario import Scenario
 

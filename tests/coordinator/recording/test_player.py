@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.recording.errors import RecordingError
 from robrain.coordinator.recording.reader.contents import read_contents
 from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages, recording_info
 from robrain.coordinator.recording.reader.recovering import recover
 from robrain.coordinator.recording.replay.player import Player
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
 from robrain.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.slow

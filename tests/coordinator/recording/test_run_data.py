@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.drawing.robot_history import model_power_w
 from robrain.coordinator.recording.report.report import totals
 from robrain.coordinator.recording.report.run_data import RunData, read_run
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState

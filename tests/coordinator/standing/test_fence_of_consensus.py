@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.protocol.model.consensus.ballot import Ballot
+from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot

@@ -7,10 +7,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.tasks.admission import why_dependency_ended, why_impossible, why_unknown
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskSubmission

@@ -5,7 +5,7 @@ import pytest
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import HeldElsewhere
 from robrain.coordinator.team.roster import Robot, Roster
-from robrain.protocol.model.consensus.ballot import Ballot
+from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns

@@ -5,7 +5,7 @@ import pytest
 from robrain.coordinator.tasks.task_costs import ANSWER_NS, PATIENCE_NS, TaskCosts
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot
-from robrain.protocol.model.energy.energy_model import Work
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.clock import VirtualClock

@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.team.team_map import TeamMap
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
-from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 GEOMETRY = GridGeometry(0.1, -1.0, -1.0, 40, 30)
 

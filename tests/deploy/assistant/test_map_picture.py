@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robrain.algorithms.mapping import grid_geometry
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.drawing.map_view import MapView
 from robrain.coordinator.drawing.palette import FREE, OCCUPIED, UNKNOWN
 from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, map_png
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping import grid_geometry
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
-from robrain.protocol.wire.messages.maps.map_patch import to_message
+from robrain.protocol.model.grid_geometry import GridGeometry
 
 WIDTH_M, HEIGHT_M = 12.0, 6.0
 ORIGIN = (-20.0, -10.0)

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.deploy.bringup.findings import Finding, Found
 from robrain.deploy.bringup.motions import Ending, Motion, Record, Sample, TurnWheels
 from robrain.deploy.bringup.operator import YesOperator
@@ -19,7 +20,6 @@ from robrain.deploy.bringup.wheel_checks import (
 )
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.navigation.wheel_bases import Differential
 from robrain.protocol.wire.clock import to_ns
 
 BASE = WheelDevice.Parameters(base=Differential(wheel_radius_m=0.05, track_m=0.3, encoder_ticks_per_turn=4096))

@@ -3,10 +3,10 @@
 import msgspec
 import pytest
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
 from robrain.deploy.bringup.wheel_table import base_patch, frames_of, positive_way, slots_of, wheel_names
 from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, Unit
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
 
 SIZES = {"wheel_radius_m": 0.05, "encoder_ticks_per_turn": 4096}
 TWO = Differential(track_m=0.3, **SIZES)

@@ -15,8 +15,8 @@ from robrain.deploy.ros2 import gateway_process
 from robrain.deploy.ros2.gateway_process import Gateway
 from robrain.deploy.ros2.orders import Answer
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.map_frame import MapFrame
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.map_frame import MapFrame
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.ros2.definitions import Nothing, Outcome, TaskAnswer, TaskText
 from robrain.protocol.ros2.message_classes import String

@@ -9,8 +9,8 @@ from robrain.plugins.behavior.travel import Progress
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.navigation.claim import Claim
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from robrain.agent.plugin import PluginState
+from robrain.algorithms.navigation.frontier import find_frontiers, frontier_mask
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.model.navigation.frontier import find_frontiers, frontier_mask
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE

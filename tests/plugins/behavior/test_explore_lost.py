@@ -2,12 +2,12 @@
 
 import pytest
 
+from robrain.algorithms.navigation.frontier import find_frontiers
+from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.behavior.explore.explore import ExploreBehavior
 from robrain.plugins.skill.mapper.frames import Move
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.navigation.frontier import find_frontiers
-from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.topics import ROBOT_STATE
 

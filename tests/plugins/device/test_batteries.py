@@ -12,13 +12,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.agent.authoring.testing import PluginBench
+from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.plugins.device.bm2 import ina_battery, smart_battery
 from robrain.plugins.device.bm2.counting import BadReading, plausible
 from robrain.plugins.device.bm2.ina_battery import Chip, InaBattery
 from robrain.plugins.device.bm2.polled_battery import BatteryAbsent
 from robrain.plugins.device.bm2.power_supply import PowerSupply
 from robrain.plugins.device.bm2.smart_battery import SmartBattery, SmartBatteryStatus
-from robrain.protocol.model.energy.battery_report import BatteryReport
 from robrain.sim.peripherals.battery_chips import InaChip, SmartBatteryChip
 from robrain.sim.peripherals.i2c_bus import I2cBus
 from tests.plugins.device.bare_device import BareDevice

@@ -9,12 +9,12 @@ import cantools
 import msgspec
 import pytest
 
+from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.plugins.device.bm2.bm2 import BatteryFrame, BatteryMap, Bm2, Quantity
 from robrain.plugins.device.bm2.interface import ASSUMED_C
 from robrain.plugins.device.mocdevice.frame_map import Checksum
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.payload import ID_MASK
-from robrain.protocol.model.energy.battery_report import BatteryReport
 from tests.plugins.device.bare_device import BareDevice
 
 DBC = """VERSION ""

@@ -3,9 +3,9 @@ from itertools import pairwise
 
 import pytest
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.topics import ROBOT_STATE
 

@@ -5,13 +5,13 @@ import math
 import can
 import pytest
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.plugins.device.mocdevice.errors import BusFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters
 from robrain.plugins.device.mocdevice.mocdevice import ECHOES, MocDevice
 from robrain.protocol.can.bus_state import BusState, error_frame
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.clock import to_ns
 from tests.plugins.device.bare_device import BareDevice
 

@@ -6,7 +6,7 @@ from PIL import Image
 
 from robrain.plugins.behavior.monitor.monitor import changed_share, colors_of
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.sim.robot.camera import Camera, CameraSpec, SeenRobot
 
 HERE = Pose2D(1.0, 2.0, 0.3)

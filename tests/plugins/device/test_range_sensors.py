@@ -6,10 +6,10 @@ import math
 import can
 import pytest
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.range_ring import NO_ECHO_M
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.range_ring import NO_ECHO_M
 from robrain.protocol.wire.topics import ROBOT_EVENT
 from robrain.sim.firmware.bus_line import LineFault
 

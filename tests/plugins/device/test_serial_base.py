@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.agent.errors import HardwareAbsent
+from robrain.algorithms.navigation.wheel_bases import Differential, WheelBase
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.frame_map import Unit
 from robrain.plugins.device.serial_base.line_codec import LINE_BYTES_MAX, LineCodec, LineWords
 from robrain.plugins.device.serial_base.serial_base import SerialBase, SerialLink
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.wheel_bases import Differential, WheelBase
 from robrain.protocol.serial_lines.serial_line import PortLine
 from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.plugins.device.bare_device import BareDevice

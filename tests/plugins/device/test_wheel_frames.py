@@ -9,6 +9,7 @@ import can
 import msgspec
 import pytest
 
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
@@ -23,7 +24,6 @@ from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc
 from robrain.protocol.can.frames import BadFrame, codec, crc8_j1850
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.navigation.wheel_bases import Ackermann, Differential
 from robrain.sim.firmware.described_controller import TWO_WHEELS as FRAMES
 from robrain.sim.firmware.described_controller import frames_of
 from tests.plugins.device.bare_device import BareDevice

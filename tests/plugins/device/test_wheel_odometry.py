@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.plugins.device.mocdevice.odometry import ENCODER_PERIOD_S, HISTORY_FRAMES, WheelOdometry
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.clock import to_ns
 
 BASE = OmniBase()

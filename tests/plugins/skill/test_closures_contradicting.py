@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from robrain.algorithms.slam.submap import IDENTITY, Submap
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.slam.submap import IDENTITY, Submap
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas, SubmapKey
-from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
-from tests.protocol.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
+from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 SEEN = ROOM.submap(*ROOM_PLACES)
 PLACES = [Pose2D(1.6 + 0.75 * n, 4.6, 0.8) for n in range(8)] + [Pose2D(6.9, 3.8 - 0.75 * n, 0.8) for n in range(4)]

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from robrain.algorithms.slam.map_patch import joined_message, pose_message
+from robrain.algorithms.slam.submap import IDENTITY
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import UNSAID, ClosureDesk
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
-from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
+from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures
-from robrain.protocol.wire.messages.maps.map_patch import joined_message, pose_message
 
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
 SURE = (1e4, 0.0, 0.0, 1e4, 0.0, 1e4)

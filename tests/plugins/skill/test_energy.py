@@ -1,10 +1,10 @@
 import msgspec
 import pytest
 
+from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
+from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.protocol.can.frames import codec
-from robrain.protocol.model.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
-from robrain.protocol.model.energy.energy_model import EnergyModel, Work, estimate
-from robrain.protocol.model.energy.soc_filter import PackModel
+from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.topics import ROBOT_STATE
 

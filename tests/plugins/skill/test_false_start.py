@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from robrain.algorithms.slam.submap import IDENTITY
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import OCCUPIED
-from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.grid_geometry import OCCUPIED
 from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_MAP
 
 START = Pose2D(1.0, 1.0, 0.0)

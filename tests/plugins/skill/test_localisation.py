@@ -2,12 +2,12 @@ import math
 
 import pytest
 
+from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
-from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.navigation.omni_drive import OmniBase
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_MAP, ROBOT_STATE
 
 BASE = OmniBase()

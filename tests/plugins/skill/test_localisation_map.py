@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.skill.localisation.localisation import PAUSE_M, PAUSE_RAD, Localisation
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.mapping.grid_geometry import OCCUPIED, GridGeometry
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}

@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.localization.odometry import moved_along
+from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.slam.submap import IDENTITY
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.localization.odometry import moved_along
-from robrain.protocol.model.localization.rssi_ranging import PathLoss, RssiSample
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap
-from robrain.protocol.model.mapping.map_frame import MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.map_frame import MapFrame
 from robrain.protocol.wire.topics import ROBOT_EVENT
 
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)

@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.localization.odometry import moved_along
+from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.slam.map_patch import take_message
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.localization.odometry import moved_along
-from robrain.protocol.model.mapping.map_accuracy import measure_map_accuracy
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.messages.maps.map_patch import take_message
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP
-from tests.protocol.mapping.lidar_floor import ANGLES_RAD, LidarFloor
+from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, LidarFloor
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from robrain.plugins.behavior.explore.explore import LOOK_PERIOD_S
 from robrain.plugins.behavior.search import SPEED_M_S, TASK_PATIENCE_S, Search
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.topics import ROBOT_PATH
 from tests.plugins.behavior.errands import CHARGER, Build, Errands, open_errands

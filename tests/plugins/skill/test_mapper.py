@@ -4,15 +4,15 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.slam.map_patch import take_message, to_message
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import take_message, to_message
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
 

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose
+from robrain.algorithms.slam.map_patch import pose_message, to_message
+from robrain.algorithms.slam.submap import IDENTITY
+from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, LocalPose
-from robrain.protocol.model.mapping.map_frame import ARENA
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.wire.messages.maps.map_patch import pose_message, to_message
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}

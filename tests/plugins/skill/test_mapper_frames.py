@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix
+from robrain.algorithms.slam.map_patch import joined_message, pose_message
+from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.skill.mapper import frames as module
 from robrain.plugins.skill.mapper.frames import ANSWERS_MIN, Move
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, ArenaFix
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.slam.submap import IDENTITY
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import joined_message, pose_message
 from tests.plugins.unit.frame_scene import MATES, OWN, PLACES, SURE, T_OWN_FLOOR, WHY, WIDE, Scene, lost, off
 
 

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import joined_message, to_message
+from robrain.algorithms.slam.submap import IDENTITY
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose
-from robrain.protocol.model.mapping.map_frame import ARENA
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.wire.messages.maps.map_patch import joined_message, to_message
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_MAP
+from tests.algorithms.mapping.lidar_floor import ROOM
 from tests.plugins.unit.frame_scene import PLACES, ROOM_CLASSES, T_OWN_FLOOR, WIDE
-from tests.protocol.mapping.lidar_floor import ROOM
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -12.0, "origin_y_m": -12.0, "width_m": 24.0, "height_m": 24.0}
 WHY = "it was carried"

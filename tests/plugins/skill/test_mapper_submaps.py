@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message
+from robrain.algorithms.slam.submap import IDENTITY
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.plugins.skill.mapper.mapper import Mapper
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures
-from robrain.protocol.wire.messages.maps.map_patch import pose_message, take_message, to_message
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}

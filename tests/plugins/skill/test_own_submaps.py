@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.algorithms.mapping.local_map import NO_DRIFT, Drift
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.slam.submap import IDENTITY, PARTS, SURFACE
+from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper import own_submaps
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
-from robrain.protocol.model.mapping.local_map import NO_DRIFT, Drift
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.slam.submap import IDENTITY, PARTS, SURFACE
-from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
-from tests.protocol.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, RANGE_M, ROOM, ROOM_PLACES
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
+from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, RANGE_M, ROOM, ROOM_PLACES
 
 PRIOR = np.diag((0.04, 0.03, 0.01))
 START = Pose2D(1.0, 3.1, 0.3)

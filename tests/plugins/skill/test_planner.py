@@ -6,10 +6,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.navigation.navigation_grid import NavigationGrid, Zone
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 RESOLUTION_M = 0.1
 GEOMETRY = GridGeometry(RESOLUTION_M, -1.0, -2.0, 60, 40)

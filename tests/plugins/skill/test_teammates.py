@@ -1,8 +1,8 @@
 from robrain.plugins.unit.teammates import teammates
 from robrain.plugins.unit.teammates.interface import Doing
+from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.wire.topics import ROBOT_PATH, ROBOT_STATE
 

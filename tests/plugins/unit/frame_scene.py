@@ -5,17 +5,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+from robrain.algorithms.mapping.local_map import NO_DRIFT
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.slam.submap import IDENTITY
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.mapping.local_map import NO_DRIFT
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
-from tests.protocol.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, ROOM, ROOM_PLACES
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.map_frame import ARENA, MapFrame
+from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, ROOM, ROOM_PLACES
 
 WIDE = GridGeometry(0.1, -12.0, -12.0, 240, 240)
 OWN, MATES = MapFrame(20, "r1"), MapFrame(10, "r2")

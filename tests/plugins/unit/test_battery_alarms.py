@@ -7,10 +7,10 @@ import pytest
 
 from robrain.agent.board import Board
 from robrain.agent.event import Mailbox
+from robrain.algorithms.energy.battery_report import NOTHING_MORE, BatteryReport
+from robrain.algorithms.energy.battery_tracker import Measured
 from robrain.plugins.device.bm2.interface import BatteryMeasurement
 from robrain.plugins.unit.battery.battery import Battery
-from robrain.protocol.model.energy.battery_report import NOTHING_MORE, BatteryReport
-from robrain.protocol.model.energy.battery_tracker import Measured
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 
 

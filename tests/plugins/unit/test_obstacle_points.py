@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.navigation import obstacles
 from robrain.plugins.device.range_sensors.interface import RangeRing
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.unit import lookout
@@ -19,7 +20,6 @@ from robrain.plugins.unit.lookout import (
     scan_points_m,
 )
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.navigation import obstacles
 
 SEEN_FROM = Pose2D(1.0, 2.0, math.pi / 2)
 BLIND, FROZEN = "there has been no fresh scan", "the lidar has been frozen"

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.algorithms.localization.scan_match import without_dropouts
+from robrain.algorithms.mapping.local_map import NO_DRIFT
+from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
-from robrain.protocol.model.localization.scan_match import without_dropouts
-from robrain.protocol.model.mapping.grid_geometry import FREE
-from robrain.protocol.model.mapping.local_map import NO_DRIFT
-from robrain.protocol.model.slam.submap_graph import GraphSpec, SubmapGraph
-from tests.protocol.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, ROOM, ROOM_PLACES
+from robrain.protocol.model.grid_geometry import FREE
+from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, ROOM, ROOM_PLACES
 
 BEAMS = 12
 

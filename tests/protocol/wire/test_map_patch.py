@@ -7,15 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
-from robrain.protocol.model.slam import submap_atlas
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.wire.clock import NS_PER_S
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import (
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam import submap_atlas
+from robrain.algorithms.slam.map_patch import (
     MESSAGE_CELLS_MAX,
     in_own_time,
     joined_message,
@@ -26,6 +20,12 @@ from robrain.protocol.wire.messages.maps.map_patch import (
     to_message,
     whole_map,
 )
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.map_frame import ARENA, MapFrame
+from robrain.protocol.wire.clock import NS_PER_S
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, OCCUPIED_MAX
 
 GEOMETRY = GridGeometry(0.05, -1.0, -2.0, 12, 9)

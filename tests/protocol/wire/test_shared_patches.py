@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam import submap_atlas
+from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message, whole_map
+from robrain.algorithms.slam.shared_patches import SharedSteps
+from robrain.algorithms.slam.submap import IDENTITY
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
-from robrain.protocol.model.slam import submap_atlas
-from robrain.protocol.model.slam.submap import IDENTITY
-from robrain.protocol.model.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import pose_message, take_message, to_message, whole_map
-from robrain.protocol.wire.messages.maps.shared_patches import SharedSteps
 
 TEAM = GridGeometry(0.5, -3.0, 2.0, 40, 32)
 CLASS = st.sampled_from([FREE, OCCUPIED, UNKNOWN])

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 import can
 import pytest
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.plugins.device.mocdevice.signal_frame import read_dbc
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Differential
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.described_controller import TWO_WHEELS, FrameController
 from robrain.sim.firmware.motor_controller import NEVER, WATCHDOG_S, MotorState

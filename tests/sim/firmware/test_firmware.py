@@ -3,9 +3,9 @@ from collections.abc import Iterator
 import can
 import pytest
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.motor_controller import MotorController, MotorState
 

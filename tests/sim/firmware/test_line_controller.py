@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.navigation.omni_drive import OmniBase
-from robrain.protocol.model.navigation.wheel_bases import Differential
+from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_SERIAL_TX
 from robrain.sim.firmware.line_controller import LineController, SerialPort

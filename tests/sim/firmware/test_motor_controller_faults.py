@@ -2,10 +2,10 @@
 
 import pytest
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.can.bus_state import BusState, state_in, state_of
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.bus_line import BusLine, LineFault
 from robrain.sim.firmware.motor_controller import MotorController, MotorState

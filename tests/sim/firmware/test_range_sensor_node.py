@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.navigation.range_ring import NO_ECHO_M, bump_directions_rad, bump_sector
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
-from robrain.protocol.model.navigation.range_ring import NO_ECHO_M, bump_directions_rad, bump_sector
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.sim.firmware.range_sensors import RangeSensors, RangeSensorSpec
 
 TICK_S = 0.02

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from robrain.algorithms.exploration.joint import joint
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.exploration.joint import joint
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.ideal.ideal_run import IdealResult, run_ideal
 from robrain.sim.ideal.ideal_team import SPEED_M_S, IdealTeam

@@ -3,8 +3,8 @@
 import pytest
 
 from robrain import Scenario
+from robrain.protocol.model.accuracy import PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.accuracy import PoseAccuracy
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.robot.robot_hardware import RobotHardware

@@ -5,7 +5,7 @@ import pytest
 import zenoh
 
 from robrain import Scenario
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.wire.clock import LiveClock, VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, OCCUPIED
-from robrain.protocol.model.navigation.clearance import (
+from robrain.algorithms.navigation.clearance import (
     least_clearance_m,
     least_gap_m,
     mapped_clearance_m,
     mapped_gap_cells,
 )
-from robrain.protocol.model.navigation.frontier import touching
-from robrain.protocol.model.navigation.navigation_grid import NavigationGrid
+from robrain.algorithms.navigation.frontier import touching
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.world.referee import floor_weights, team_geometry
 

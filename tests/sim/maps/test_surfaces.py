@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.ray_cast import (
+from robrain.algorithms.mapping.ray_cast import (
     GLASS_X,
     GLASS_Y,
     MIRROR_EAST,
@@ -15,6 +14,7 @@ from robrain.protocol.model.mapping.ray_cast import (
     MIRROR_WEST,
     SOLID,
 )
+from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.drawing import Block, FloorDrawing, Wall, rasterise
 from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec

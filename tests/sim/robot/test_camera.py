@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.sim.robot.camera import (
     CHARGER_YELLOW,
     MOTE_POST,

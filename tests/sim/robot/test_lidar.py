@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.sim.errors import ScenarioError
 from robrain.sim.robot.lidar import Lidar, LidarSpec
 from robrain.sim.scenarios.scenario_file import parse_scenario

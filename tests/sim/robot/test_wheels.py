@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.robot.wheels import Wheels, WheelSpec
 from robrain.sim.scenarios.scenario import Scenario

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from robrain.agent.witness import Kept
-from robrain.coordinator.allocation.allocator import AUCTION
+from robrain.algorithms.allocation.allocator import AUCTION
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import NEAREST
 from robrain.coordinator.standing.journal_feed import JournalFeed

@@ -1,7 +1,7 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.allocation.allocator import AUCTION
+from robrain.algorithms.allocation.allocator import AUCTION
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Border

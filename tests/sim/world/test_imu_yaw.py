@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from robrain import Scenario
+from robrain.algorithms.localization.gyro_yaw import COMPARED_RAD, REFUSED_AFTER
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.localization.gyro_yaw import COMPARED_RAD, REFUSED_AFTER
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from robrain.algorithms.slam.submap import Submap
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
-from robrain.protocol.model.slam.submap import Submap
+from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.overlap import overlap
 

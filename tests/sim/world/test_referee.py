@@ -5,12 +5,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_MAP
 from robrain.sim.maps.floor_plan import FloorPlan

@@ -22,10 +22,10 @@ import pytest
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.can.frames import codec, database
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.navigation.omni_drive import OmniBase
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox

@@ -15,6 +15,7 @@ from robrain.cli import app
 from robrain.protocol.extras import EXTRAS
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from robrain.protocol.wire.session import open_session
+from tests.product import FOLDERS
 from tests.system.conftest import ROOT, Commands
 from tests.system.plain_install import plain_packages, plain_python_path
 from tests.system.processes.test_light_host import PLAIN as PLAIN_PLUGINS
@@ -273,7 +274,7 @@ def _statements(node: ast.AST) -> Iterator[ast.stmt]:
 
 
 def _imported() -> Iterator[tuple[str, str]]:
-    for folder in ("agent", "client", "coordinator", "deploy", "plugins", "protocol", "robrain", "sim"):
+    for folder in (*FOLDERS, "robrain"):
         paths = (ROOT / folder).glob("*.py") if folder == "robrain" else (ROOT / folder).rglob("*.py")
         for path in paths:
             for node in _statements(ast.parse(path.read_text())):

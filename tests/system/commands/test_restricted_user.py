@@ -101,7 +101,7 @@ def test_commands_work_or_say_what_they_need_on_a_read_only_root_without_home(re
 @pytest.mark.slow
 def test_kernels_are_stored_where_the_user_can_write(tmp_path: Path) -> None:
     tmp_path.chmod(0o777)
-    code = "import os; from robrain.protocol.model.slam import submap; print(os.environ['NUMBA_CACHE_DIR'])"
+    code = "import os; from robrain.algorithms.slam import submap; print(os.environ['NUMBA_CACHE_DIR'])"
     assert run(tmp_path, "-c", code, HOME=str(tmp_path)).stdout.strip() == str(tmp_path / ".cache" / "robrain")
     assert run(tmp_path, "-c", code, TMPDIR=str(tmp_path)).stdout.strip() == str(tmp_path / "robrain-kernels-12345")
     assert not (tmp_path / "~").exists()

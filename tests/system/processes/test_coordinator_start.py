@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robrain.protocol.model.mapping.grid_geometry import FREE, GridGeometry
-from robrain.protocol.model.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
+from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_patch import to_message
 from robrain.protocol.wire.session import listening_at
 from robrain.protocol.wire.topics import (
     COORDINATOR_ALIVE,

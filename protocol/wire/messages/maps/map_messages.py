@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import METRES_MAX, Count, Metres, Name, Quantity
 from robrain.protocol.wire.messages.message import Message, SharedMessage
 
@@ -23,7 +23,7 @@ class MapPatch(SharedMessage, frozen=True, kw_only=True):
     `columns`, in the frame `local` of the submap: the cells of the team's grid, moved by `T_arena_local`. The box may
     extend beyond the grid. Cells are int8, row-major, row 0 at the lowest y: 0 free, 100 occupied, −1 no statement;
     deflated (zlib), base64 in JSON. A patch without cells moves, finishes or withdraws a submap.
-    `robrain.protocol.wire.messages.maps.map_patch` makes and merges patches.
+    `robrain.algorithms.slam.map_patch` makes and merges patches.
     """
 
     robot: Name
@@ -53,7 +53,7 @@ class MapPatch(SharedMessage, frozen=True, kw_only=True):
     """Time of observation of each tile of 8 × 8 cells in a patch of a whole submap: int32, row-major, deflated."""
     surfaces: bytes = b""
     """Places of the walls within their cells, sent when a submap is finished: `SURFACE` of
-    `protocol/model/slam/submap.py`, deflated."""
+    `algorithms/slam/submap.py`, deflated."""
     submap: Count = 0
     """Number of the submap; numbers of one robot increase."""
     T_arena_local: Pose2D = Pose2D(0.0, 0.0, 0.0)

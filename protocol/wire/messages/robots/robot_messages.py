@@ -5,10 +5,10 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.energy.energy_model import EnergyModel
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.mapping.map_frame import ARENA, MapFrame
-from robrain.protocol.model.navigation.claim import Claim
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import (
     Charge,
     Count,

@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.consensus.ballot import Ballot, HeardOf
+from robrain.protocol.model.ballot import Ballot, HeardOf
 from robrain.protocol.model.ranges import Duration, Epoch, Name, Names, Stamp
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages.message import Message

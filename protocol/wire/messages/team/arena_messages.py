@@ -6,8 +6,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.mapping.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.ranges import Count, Joules, Length, Metres, Name, Radians, Seconds, Share, Text
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.message import Message

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from robrain.protocol.model.energy.energy_model import Work
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.reasons.offers import OfferRefusal

@@ -1,0 +1,328 @@
+"""Reasons for a plan: for each job, its cost for each robot, or why the robot is excluded."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import msgspec
+from numba import njit
+
+from robrain.algorithms.allocation.coupling import windows_of
+from robrain.algorithms.allocation.insertion import BY_ENERGY, Routes, empty_routes, insertion_at, refresh, remove
+from robrain.algorithms.allocation.plan import Plan, Stop, Unassigned
+from robrain.algorithms.allocation.problem import (
+    Job,
+    Problem,
+    ProblemArrays,
+    TeamArrays,
+    VisitArrays,
+    Worker,
+    make_arrays,
+)
+from robrain.protocol.wire.reasons.plans import (
+    AfterUndone,
+    BestTogether,
+    Cheapest,
+    Chosen,
+    IsAtIt,
+    LeftOut,
+    NearestOut,
+    NobodyAllowed,
+    NobodyHas,
+    NoRobots,
+    NotTogetherForIt,
+    NotWorthIt,
+    OnlyThese,
+)
+from robrain.protocol.wire.reasons.robots import (
+    BelowReserve,
+    Crowded,
+    Forbidden,
+    LacksEnergy,
+    LacksPlugins,
+    NotReady,
+    NoWayAndBack,
+    RobotReason,
+    TooLate,
+    TooLateHome,
+)
+
+
+class Option(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One robot's cost of one job, or why the robot is excluded."""
+
+    worker: str
+    energy_j: float | None = None
+    """Additional energy on top of the rest of its route; None if excluded."""
+    time_s: float | None = None
+    """Additional time until the robot is at its charger."""
+    start_s: float | None = None
+    """Start of the job."""
+    why_not: RobotReason | None = None
+    """Why the robot is excluded; None if it is not."""
+
+
+class Decision(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The decision about one job. Encodes as JSON."""
+
+    job: str
+    robots: tuple[str, ...] = ()
+    """The robots that do it; empty if none does."""
+    start_s: float | None = None
+    reason: Chosen | LeftOut | None = None
+    """Why these robots do it, or why none does."""
+    options: tuple[Option, ...] = ()
+    """One for each robot, in the problem's order."""
+
+
+def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> list[Decision]:
+    """Return the decisions of a plan.
+
+    Each robot's figures are those of the cheapest position in its route of the plan, with all other jobs in place. A
+    robot that does the job is evaluated without it. Jobs that others wait for keep their windows.
+
+    Args:
+        problem: the problem.
+        plan: its plan.
+        jobs: ids; all if None.
+
+    """
+    arrays = make_arrays(problem)
+    if problem.coupled:
+        arrays = _narrowed(problem, arrays, plan)
+    routes = routes_of(problem, arrays, plan)
+    visit_of = {int(index): visit for visit, index in reversed(list(enumerate(arrays.visits.job)))}
+    stops: dict[str, list[tuple[str, Stop]]] = {}
+    for route in plan.routes:
+        for stop in route.stops:
+            stops.setdefault(stop.job, []).append((route.worker, stop))
+    left_out = {one.job: one.reason for one in plan.unassigned}
+    decisions = []
+    for name in [job.id for job in problem.jobs] if jobs is None else jobs:
+        index = problem.job_index[name]
+        job, done_by = problem.jobs[index], stops.get(name, [])
+        robots = tuple(worker for worker, _ in done_by)
+        if job.pinned_to:
+            start_s = done_by[0][1].start_s if done_by else None
+            decisions.append(Decision(name, robots, start_s, left_out.get(name) or IsAtIt(job.pinned_to)))
+            continue
+        taken = _take_out(problem, arrays, routes, index)
+        options = tuple(
+            _option(problem, arrays, routes, worker, job, visit_of[index]) for worker in range(len(problem.workers))
+        )
+        for worker, order in taken.items():
+            routes.order[worker, : len(order)] = order
+            routes.length[worker] = len(order)
+            refresh(arrays.team, arrays.visits, routes, worker)
+        reason = _why_these(robots, options) if robots else left_out.get(name)
+        decisions.append(Decision(name, robots, done_by[0][1].start_s if done_by else None, reason, options))
+    return decisions
+
+
+def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArrays:
+    windows = windows_of(problem, arrays, plan, 0.5, plan.makespan_s)
+    for full, narrow in (
+        (arrays.visits.earliest_s, windows.visits.earliest_s),
+        (arrays.visits.latest_s, windows.visits.latest_s),
+    ):
+        full[windows.rows] = narrow
+    return arrays
+
+
+def _take_out(problem: Problem, arrays: ProblemArrays, routes: Routes, index: int) -> dict[int, list[int]]:
+    """Remove a job's visits from their routes; returns the former routes."""
+    taken: dict[int, list[int]] = {}
+    for worker in range(len(problem.workers)):
+        order = [int(visit) for visit in routes.order[worker, : routes.length[worker]]]
+        for position, visit in enumerate(order):
+            if int(arrays.visits.job[visit]) == index:
+                taken[worker] = order
+                remove(arrays.team, arrays.visits, routes, worker, position)
+                break
+    return taken
+
+
+def _option(problem: Problem, arrays: ProblemArrays, routes: Routes, index: int, job: Job, visit: int) -> Option:
+    worker = problem.workers[index]
+    judged = judge(arrays, routes, index, visit)
+    if judged.code != FITS:
+        return Option(worker.name, why_not=why_not(judged, worker, job, problem.horizon_s))
+    return Option(worker.name, round(judged.more_j, 3), round(judged.more_s, 3), round(judged.start_s, 3))
+
+
+def _why_these(robots: tuple[str, ...], options: Sequence[Option]) -> Chosen:
+    """Whether they are the cheapest robots, or the plan as a whole is cheaper this way."""
+    costs = sorted((option.energy_j, option.worker) for option in options if option.energy_j is not None)
+    cheapest = {worker for _, worker in costs[: len(robots)]}
+    if set(robots) <= cheapest:
+        others = [cost for cost, worker in costs if worker not in robots]
+        if not others or not math.isfinite(others[0]):
+            return OnlyThese(robots)
+        return Cheapest(robots, others[0])
+    return BestTogether(robots)
+
+
+FITS, LACKS, NO_WAY, TOO_LATE, CROWDED, NO_ENERGY = range(6)
+"""Whether a job fits into a route, or why not: the robot lacks a plugin or is not admitted; no path; too late even
+if it goes at once; another job would be too late; not enough energy."""
+
+
+class Judgement(NamedTuple):
+    """Effect of one more job on a robot's route."""
+
+    code: int
+    more_j: float
+    """Joules of the cheapest insertion, also if the energy does not suffice; infinite otherwise."""
+    more_s: float
+    """Additional time until the robot is back."""
+    start_s: float
+    """Start of the job in that position; its earliest possible start if that is too late."""
+    left_j: float
+    """Energy left of `usable_j`; below 0 if it does not suffice."""
+    position: int
+
+
+@njit(cache=True, nogil=True)
+def judge_visit(
+    team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int
+) -> tuple[int, float, float, float, float, int]:
+    """Compute the fields of a `Judgement`."""
+    profile = team.profile[worker]
+    here = visits.place[visit]
+    if not visits.allowed[worker, visit]:
+        return LACKS, math.inf, math.inf, math.inf, math.inf, -1
+    best_j, lacking_j, position, lacking_position = math.inf, math.inf, -1, -1
+    for index in range(routes.length[worker] + 1):
+        bid, more_j = insertion_at(team, visits, routes, worker, visit, index, BY_ENERGY)
+        if bid < best_j:
+            best_j, position = bid, index
+        if more_j < lacking_j:
+            lacking_j, lacking_position = more_j, index
+    code = FITS
+    if position < 0:
+        code, best_j, position = NO_ENERGY, lacking_j, lacking_position
+    if position < 0:
+        arrive_s = team.ready_s[worker] + team.time_s[profile, team.start[worker], here]
+        start_s = max(arrive_s, visits.earliest_s[visit])
+        way_j = team.energy_j[profile, team.start[worker], here] + team.end_j[worker, here]
+        if not way_j < math.inf:
+            return NO_WAY, math.inf, math.inf, math.inf, math.inf, -1
+        end_s = start_s + visits.service_s[visit] + team.end_s[worker, here]
+        is_late = start_s > visits.latest_s[visit] or end_s > team.horizon_s
+        return TOO_LATE if is_late else CROWDED, math.inf, math.inf, start_s, math.inf, -1
+    place = team.start[worker] if position == 0 else visits.place[routes.order[worker, position - 1]]
+    arrive_s = routes.leave_s[worker, position] + team.time_s[profile, place, here]
+    start_s = max(arrive_s, visits.earliest_s[visit])
+    end_s = start_s + visits.service_s[visit]
+    for index in range(position, routes.length[worker]):
+        following = routes.order[worker, index]
+        before = here if index == position else visits.place[routes.order[worker, index - 1]]
+        end_s += team.time_s[profile, before, visits.place[following]]
+        end_s = max(end_s, visits.earliest_s[following]) + visits.service_s[following]
+    last = visits.place[routes.order[worker, routes.length[worker] - 1]] if routes.length[worker] > position else here
+    end_s += team.end_s[worker, last]
+    left_j = team.usable_j[worker] - routes.spent_j[worker] - best_j
+    return code, best_j, end_s - routes.end_s[worker], start_s, left_j, position
+
+
+def judge(arrays: ProblemArrays, routes: Routes, worker: int, visit: int) -> Judgement:
+    """Evaluate a visit for a worker's route."""
+    return Judgement(*judge_visit(arrays.team, arrays.visits, routes, worker, visit))
+
+
+def why_not(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) -> RobotReason | None:
+    """Why the worker is excluded; None if it is not."""
+    match judgement.code:
+        case code if code == FITS:
+            return None
+        case code if code == LACKS:
+            if missing := sorted(job.needs - worker.offers):
+                return LacksPlugins(tuple(missing))
+            return Forbidden() if worker.name in job.forbidden_workers else NotReady()
+        case code if code == NO_WAY:
+            return NoWayAndBack()
+        case code if code == TOO_LATE:
+            if judgement.start_s + job.service_s > job.latest_s:
+                return TooLate(_figure(judgement.start_s), _figure(job.latest_s))
+            return TooLateHome(_figure(judgement.start_s), _figure(horizon_s) if horizon_s < math.inf else None)
+        case code if code == CROWDED:
+            return Crowded()
+    if worker.capacity_j > 0:
+        left = max(0.0, (judgement.left_j + worker.reserve_j) / worker.capacity_j)
+        return BelowReserve(_figure(left), _figure(worker.reserve_j / worker.capacity_j))
+    return LacksEnergy(_figure(-judgement.left_j))
+
+
+def _figure(value: float) -> float:
+    """Rounded, and within the range of `Quantity`."""
+    return min(1e15, round(value, 6))
+
+
+@njit(cache=True, nogil=True)
+def _nearest_to_it(team: TeamArrays, visits: VisitArrays, routes: Routes, visit: int) -> int:
+    """The worker that could do it at least cost; if none can, the one whose code in the list above is highest."""
+    best, best_code, best_more_j = -1, -1, math.inf
+    for worker in range(len(team.ready_s)):
+        code, more_j, _, _, left_j, _ = judge_visit(team, visits, routes, worker, visit)
+        if code == FITS:
+            code = NO_ENERGY + 1
+        elif code == NO_ENERGY:
+            more_j = -left_j
+        if code > best_code or (code == best_code and more_j < best_more_j):
+            best, best_code, best_more_j = worker, code, more_j
+    return best
+
+
+def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, known: Mapping[str, LeftOut | None]) -> Plan:
+    """Return the plan with a reason for each unassigned job.
+
+    The reason names a robot that could do the job at more than its prize; otherwise the robot that came closest.
+    `known` has reasons that are known already; those of assigned jobs are ignored.
+    """
+    routes = routes_of(problem, arrays, plan)
+    visit_of = {int(index): visit for visit, index in enumerate(arrays.visits.job)}
+    done = {stop.job for route in plan.routes for stop in route.stops}
+    found = []
+    for one in plan.unassigned:
+        index = problem.job_index[one.job]
+        job = problem.jobs[index]
+        missing = next((name for name in problem.predecessors(job) if name not in done), "")
+        if index in arrays.refused:
+            reason: LeftOut = arrays.refused[index]
+        elif missing and one.job not in known:
+            reason = AfterUndone(missing)
+        else:
+            reason = known.get(one.job) or _reason(problem, arrays, routes, job, visit_of[index])
+        found.append(Unassigned(one.job, reason))
+    return msgspec.structs.replace(plan, unassigned=tuple(found))
+
+
+def _reason(problem: Problem, arrays: ProblemArrays, routes: Routes, job: Job, visit: int) -> LeftOut:
+    if not problem.workers:
+        return NoRobots()
+    nearest = int(_nearest_to_it(arrays.team, arrays.visits, routes, visit))
+    worker = problem.workers[nearest]
+    best = judge(arrays, routes, nearest, visit)
+    if best.code == LACKS:
+        has_plugins = any(job.needs <= other.offers for other in problem.workers)
+        return NobodyAllowed() if has_plugins else NobodyHas(tuple(sorted(job.needs)))
+    out = why_not(best, worker, job, problem.horizon_s)
+    if out is not None:
+        return NearestOut(worker.name, out)
+    if job.robots > 1:
+        return NotTogetherForIt(job.robots)
+    return NotWorthIt(_figure(job.prize_j), worker.name, _figure(best.more_j))
+
+
+def routes_of(problem: Problem, arrays: ProblemArrays, plan: Plan) -> Routes:
+    """A plan's routes in the kernels' form, without pinned jobs."""
+    rows: dict[str, list[int]] = {}
+    for visit, index in enumerate(arrays.visits.job):
+        rows.setdefault(problem.jobs[index].id, []).append(visit)
+    routes = empty_routes(arrays.team, arrays.visits)
+    for worker, route in enumerate(plan.routes):
+        order = [rows[stop.job].pop(0) for stop in route.stops if stop.job in rows]
+        routes.order[worker, : len(order)] = order
+        routes.length[worker] = len(order)
+        refresh(arrays.team, arrays.visits, routes, worker)
+    return routes

@@ -1,0 +1,379 @@
+"""The searching allocator: an auction first, then PyVRP for the remaining time.
+
+Features that PyVRP's model does not have are handled around it:
+
+- precedence and k robots at once: time windows from the best plan so far (`coupling.py`), rebuilt several times with
+  more and with less slack;
+- makespan and least energy left: PyVRP has neither as an objective, so a limit is tightened step by step, and each
+  search starts from the best plan so far, which slightly violates the new limit;
+- energy used while waiting (`Worker.wait_w`): plans are made without it, then corrected by leaving jobs out;
+- recharging: a plan ends at the charger, and the next plan begins there.
+
+Every result is scheduled and checked in floats before it is used.
+"""
+
+import math
+import warnings
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from pyvrp import (
+    IteratedLocalSearch,
+    IteratedLocalSearchCallbacks,
+    IteratedLocalSearchParams,
+    PenaltyManager,
+    PenaltyParams,
+    ProblemData,
+    RandomNumberGenerator,
+    Solution,
+)
+from pyvrp.exceptions import PenaltyBoundWarning
+from pyvrp.search import (
+    OPERATORS,
+    LocalSearch,
+    NeighbourhoodParams,
+    PerturbationManager,
+    PerturbationParams,
+    compute_neighbours,
+)
+
+from robrain.algorithms.allocation.allocator import Effort, Monotonic
+from robrain.algorithms.allocation.auction import ROUNDS, AuctionAllocator
+from robrain.algorithms.allocation.coupling import HORIZON_SHARE, Windows, windows_of
+from robrain.algorithms.allocation.explain import reasons
+from robrain.algorithms.allocation.plan import Plan
+from robrain.algorithms.allocation.problem import Objective, Problem, ProblemArrays, make_arrays
+from robrain.algorithms.allocation.repair import repaired
+from robrain.algorithms.allocation.vrp_model import J_UNITS, MAX_PENALTY, S_UNITS, VrpModel
+
+NEIGHBOURS = 20
+"""Found by experiment, like the figures of `WARM`: 20 × 200 and 100 × 1000, five seconds of one core, three seeds."""
+LARGE = 500
+"""From this many visits on, memory is shorter and steps are smaller, so that one step stays short."""
+
+
+class SearchParameters(NamedTuple):
+    """Parameters of a search."""
+
+    perturbation: PerturbationParams
+    first_penalties: tuple[float, float, float]
+    """Penalties per unit of excess load, time and energy."""
+    penalties: PenaltyParams
+    history: int
+    large_history: int
+
+
+WARM = SearchParameters(
+    PerturbationParams(20, 40),
+    (J_UNITS, 30.0 * J_UNITS / S_UNITS, 30.0),
+    PenaltyParams(solutions_between_updates=200, min_penalty=1e-4, max_penalty=1e4),
+    100,
+    50,
+)
+"""From a plan: large steps, and small violations are soon tolerated."""
+COLD = SearchParameters(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParams(max_penalty=MAX_PENALTY), 300, 50)
+"""From a random start, as PyVRP's defaults: small steps, and violations are not tolerated for a long time. Each of the
+two sometimes finds what the other does not."""
+
+
+class Search:
+    """Searches of one model, each with its own limits.
+
+    Args:
+        data: of the model; neighbours of visits are computed once.
+
+    """
+
+    def __init__(self, data: ProblemData) -> None:
+        self._neighbours = compute_neighbours(data, NeighbourhoodParams(num_neighbours=NEIGHBOURS))
+        self.longest_s = 0.0
+        """Longest step seen, in seconds; a step cannot be interrupted."""
+
+    def run(
+        self,
+        data: ProblemData,
+        start: Solution | None,
+        effort: Effort,
+        seed: int,
+        *,
+        patience: int,
+        end_left_s: float = 0.0,
+        iterations: float = float("inf"),
+        is_enough: Callable[[Solution], bool] | None = None,
+    ) -> Solution | None:
+        """Return the best feasible solution found; None if there is none.
+
+        Args:
+            data: of the model, possibly with limits.
+            start: first solution, feasible or not; None for a random one.
+            effort: stops the search, and is spent by it.
+            seed: of the search.
+            patience: stop after this many iterations without improvement.
+            end_left_s: stop when no more than this is left of the deadline.
+            iterations: stop after this many.
+            is_enough: stop at a solution for which this is true.
+
+        """
+        generator = RandomNumberGenerator(seed=seed % 2**32)
+        way = WARM if start is not None else COLD
+        local_search = LocalSearch(data, generator, self._neighbours, PerturbationManager(way.perturbation))
+        for operator in OPERATORS:
+            if operator.supports(data):
+                local_search.add_operator(operator(data))
+        load, time, energy = way.first_penalties
+        penalties = PenaltyManager(([load] * data.num_load_dimensions, time, energy), way.penalties)
+        if start is None:
+            start = local_search(Solution.make_random(data, generator), penalties.max_cost_evaluator(), exhaustive=True)
+        watch = _Watch(self, effort, end_left_s, iterations, patience, is_enough)
+        parameters = IteratedLocalSearchParams(
+            history_length=way.history if data.num_clients < LARGE else way.large_history,
+            exhaustive_on_best=data.num_clients < LARGE,
+            callbacks=watch,
+        )
+        search = IteratedLocalSearch(data, penalties, local_search, start, parameters)
+        with warnings.catch_warnings():
+            # An infeasible limit is a regular result here, no error.
+            warnings.simplefilter("ignore", PenaltyBoundWarning)
+            best = search.run(watch, collect_stats=False, display=False).best
+        return best if best.is_feasible() else None
+
+
+class _Watch(IteratedLocalSearchCallbacks):
+    """Stops the search, and measures the duration of a step."""
+
+    def __init__(
+        self,
+        search: Search,
+        effort: Effort,
+        end_left_s: float,
+        iterations: float,
+        patience: int,
+        is_enough: Callable[[Solution], bool] | None,
+    ) -> None:
+        self._search = search
+        self._effort = effort
+        self._end_left_s = end_left_s
+        self._iterations = iterations
+        self._patience = patience
+        self._patience_left = patience
+        self._is_enough = is_enough
+        self._found_enough = False
+        self._last_left_s = effort.left_s
+
+    def __call__(self, best_cost: float) -> bool:
+        left_s = self._effort.left_s
+        if left_s < self._last_left_s:
+            self._search.longest_s = max(self._search.longest_s, self._last_left_s - left_s)
+            self._last_left_s = left_s
+        if self._found_enough or min(self._iterations, self._patience_left, self._effort.left_iterations) <= 0:
+            return True
+        if left_s <= self._end_left_s + 1.5 * self._search.longest_s:
+            return True
+        self._iterations -= 1
+        self._patience_left -= 1
+        self._effort.spend()
+        return False
+
+    def on_best(self, best: Solution) -> None:
+        """See PyVRP."""
+        self._patience_left = self._patience
+        if self._is_enough is not None and best.is_feasible():
+            self._found_enough = self._is_enough(best)
+
+
+SHARES = (0.5, 0.2, 0.8, 0.35, 0.65, 0.1)
+"""Position within its slack at which each coupled job is fixed, round by round (chosen to try early and late)."""
+STEP = 0.1
+"""First step of a limit, as a share of the makespan or of the possible energy left."""
+LEAST_STEP = 0.005
+PATIENCE = 100
+PATIENCE_PER_VISIT = 6
+"""Iterations without improvement after which a search ends. Found by experiment: late acceptance is then stuck."""
+FRUITLESS = 12
+"""Consecutive searches without improvement after which the search gives up."""
+RANDOM_S_PER_CELL = 2e-6
+"""Making a random start feasible took 0.05 s for 400 visits; this is six times that, for a busy machine."""
+COUPLED_FRUITLESS = 60
+"""As `FRUITLESS`, where jobs are coupled and other times for them are tried."""
+MODEL_S_PER_CELL = 1e-7
+"""Building a model took 0.07 s for 4 profiles of 1,100² paths; this is four times that, for a busy machine."""
+CHECK_S_PER_JOB = 4e-5
+"""Converting and checking a solution took 6 ms for 1,000 jobs; this is several times that, for a busy machine."""
+
+
+class OptimalAllocator:
+    """Plans by search. It answers within its deadline, never worse than the auction or the warm start.
+
+    Args:
+        objective: what its plans are optimised for.
+        monotonic: the clock that deadlines refer to.
+
+    """
+
+    def __init__(self, objective: Objective, monotonic: Monotonic) -> None:
+        self.objective = objective
+        self._monotonic = monotonic
+        self._auction = AuctionAllocator(objective)
+
+    def plan(
+        self,
+        problem: Problem,
+        *,
+        deadline_s: float | None = None,
+        iterations: int | None = None,
+        seed: int = 0,
+        warm_start: Plan | None = None,
+    ) -> Plan:
+        """See `Allocator`. Raises ValueError if neither deadline nor iterations are given."""
+        effort = Effort(self._monotonic, deadline_s, iterations)
+        left_s = effort.left_s
+        first = self._auction.plan(problem, warm_start=warm_start)
+        auction_s = left_s - effort.left_s if math.isfinite(left_s) else 0.0
+        best = _Improvement(problem, first, effort, seed, auction_s).run()
+        return best if best is first else reasons(problem, make_arrays(problem), best, {})
+
+
+class _Improvement:
+    """The best plan of one problem, while it is improved."""
+
+    def __init__(self, problem: Problem, first: Plan, effort: Effort, seed: int, auction_s: float) -> None:
+        self.best = first
+        self._problem = problem
+        self._effort = effort
+        self._seed = seed
+        self._arrays: ProblemArrays = make_arrays(problem)
+        self._is_coupled = bool(problem.coupled)
+        self._check_s = CHECK_S_PER_JOB * len(problem.jobs)
+        self._auction_s = auction_s
+        self._searches = 0
+        self._auction = AuctionAllocator(first.objective)
+        self._kept_model: tuple[Windows, VrpModel, Search] | None = None
+
+    def run(self) -> Plan:
+        """Search until the effort is spent."""
+        places = len(self._arrays.visits.job) + len(self._problem.workers)
+        self._model_s = MODEL_S_PER_CELL * places**2 * self._problem.energy_j.shape[0]
+        if len(self._arrays.visits.job) and max(self._arrays.team.usable_j, default=-1.0) >= 0:
+            match self.best.objective:
+                case Objective.ENERGY:
+                    self._save_energy()
+                case Objective.MAKESPAN:
+                    if self.best.lost_prize_j > 0:
+                        self._search(0.2)
+                    self._shorten()
+                case Objective.LIFETIME:
+                    if self.best.lost_prize_j > 0:
+                        self._search(0.2)
+                    self._level()
+        return self.best
+
+    @property
+    def _has_time(self) -> bool:
+        return self._effort.left_iterations > 0 and self._effort.left_s > self._model_s + 2 * self._check_s
+
+    def _save_energy(self) -> None:
+        """Search from the best plan and from random ones in turn, until neither improves or the effort is spent."""
+        fruitless = attempt = 0
+        random_start_s = RANDOM_S_PER_CELL * len(self._arrays.visits.job) ** 2
+        while fruitless < (COUPLED_FRUITLESS if self._is_coupled else FRUITLESS) and self._has_time:
+            is_random = attempt % 2 == 1 and self._effort.left_s > random_start_s
+            if is_random and self._is_coupled and self._effort.left_s > 2 * self._auction_s + self._model_s:
+                # The search does not change times, so other times are drawn.
+                is_better = self._search(1.0, base=self._drawn())
+            else:
+                is_better = self._search(1.0, is_random=is_random and not self._is_coupled)
+            fruitless = 0 if is_better else fruitless + 1
+            attempt += 1
+
+    def _drawn(self) -> Plan:
+        """An auction's plan with random times and robots for coupled jobs."""
+        rule, choice = ROUNDS[self.best.objective][self._searches % 3]
+        rng = np.random.default_rng((self._seed, self._searches))
+        return self._auction.hold(self._problem, rule, choice, rng)[0]
+
+    def _model(self, base: Plan, room_s: float) -> tuple[Windows, VrpModel, Search]:
+        """Model around the best plan so far; without coupled jobs, one model serves all plans."""
+        if self._kept_model is not None:
+            return self._kept_model
+        share = SHARES[self._searches % len(SHARES)]
+        windows = windows_of(self._problem, self._arrays, base, share, room_s)
+        model = VrpModel(self._problem, self._arrays, windows.visits, windows.required, self.best.objective)
+        made = windows, model, Search(model.data)
+        if not self._is_coupled:
+            self._kept_model = made
+        return made
+
+    def _search(
+        self,
+        share: float,
+        end_s: float = math.inf,
+        left_j: float = 0.0,
+        *,
+        is_random: bool = False,
+        base: Plan | None = None,
+    ) -> bool:
+        """Run one search with a share of the effort, from `base`, or else from the best plan so far.
+
+        Returns:
+            Whether it found a better plan within the limits.
+
+        """
+        if not self._has_time:
+            return False
+        effort = self._effort
+        is_limited = math.isfinite(end_s) or left_j > 0
+        base = base or self.best
+        windows, model, search = self._model(base, end_s if math.isfinite(end_s) else base.makespan_s * HORIZON_SHARE)
+        data = model.limited(end_s, left_j) if is_limited else model.data
+        start = model.solution(data, self._visits_of(base, windows.rows.tolist()))
+        lost = start.uncollected_prizes()
+        found = search.run(
+            data,
+            None if is_random else start,
+            effort,
+            self._seed + 1000 * self._searches,
+            patience=PATIENCE + PATIENCE_PER_VISIT * len(windows.rows),
+            end_left_s=max(self._check_s, effort.left_s * (1 - share)) if math.isfinite(effort.left_s) else 0.0,
+            iterations=math.ceil(effort.left_iterations * share) if math.isfinite(effort.left_iterations) else math.inf,
+            is_enough=(lambda solution: solution.uncollected_prizes() <= lost) if is_limited else None,
+        )
+        self._searches += 1
+        if found is None:
+            return False
+        jobs = self._arrays.visits.job
+        orders = [
+            [self._problem.jobs[index].id for index in pinned]
+            + [self._problem.jobs[jobs[windows.rows[visit]]].id for visit in visits]
+            for pinned, visits in zip(self._arrays.pinned, model.orders(found), strict=True)
+        ]
+        plan = repaired(self._problem, orders, self.best.objective)
+        if plan is None or not plan.rank < self.best.rank:
+            return False
+        self.best = plan
+        return True
+
+    def _shorten(self) -> None:
+        """Shorten the makespan: tighten the limit step by step."""
+        step, fruitless = STEP, 0
+        while fruitless < FRUITLESS and self._has_time and self.best.makespan_s > 0:
+            is_better = self._search(0.25, end_s=self.best.makespan_s * (1 - step))
+            fruitless = 0 if is_better else fruitless + 1
+            if not is_better:
+                step = max(step / 2, LEAST_STEP)
+
+    def _level(self) -> None:
+        """Raise the least energy left: tighten the limit step by step, up to the energy of the weakest robot."""
+        most_j = min(float(worker.usable_j) for worker in self._problem.workers)
+        step = 0.5
+        while self._has_time and step >= LEAST_STEP:
+            room_j = most_j - self.best.least_left_j
+            if room_j <= 1e-3 or not self._search(0.25, left_j=max(0.0, self.best.least_left_j + step * room_j)):
+                step /= 2
+
+    def _visits_of(self, plan: Plan, index: list[int]) -> list[list[int]]:
+        """The plan's orders as rows of the windows' visits, without pinned jobs."""
+        rows: dict[str, list[int]] = {}
+        for row, visit in enumerate(index):
+            rows.setdefault(self._problem.jobs[self._arrays.visits.job[visit]].id, []).append(row)
+        return [[rows[stop.job].pop(0) for stop in route.stops if stop.job in rows] for route in plan.routes]

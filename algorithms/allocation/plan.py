@@ -1,0 +1,179 @@
+"""An allocator's plan: assignments, times and energy left; and `make_plan`, which builds one from orders of jobs.
+
+`make_plan` starts each job as early as possible.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+
+from robrain.algorithms.allocation.problem import Objective, Problem, Worker
+from robrain.protocol.wire.reasons.plans import LeftOut
+
+
+class Stop(msgspec.Struct, frozen=True):
+    """One job on a robot's route."""
+
+    job: str
+    arrive_s: float
+    start_s: float
+    end_s: float
+    left_j: float
+    """Energy left of the worker's `usable_j` after the job, before the path to the charger."""
+
+
+class Route(msgspec.Struct, frozen=True):
+    """The stops of one robot. A robot without stops stays where it is, at no cost."""
+
+    worker: str
+    stops: tuple[Stop, ...]
+    end_place: int
+    """The charger at the end; the robot's start if it has no stops."""
+    end_s: float
+    """Arrival there."""
+    energy_j: float
+    left_j: float
+    """Energy left of `usable_j` there."""
+
+    @property
+    def jobs(self) -> tuple[str, ...]:
+        """Ids in order."""
+        return tuple(stop.job for stop in self.stops)
+
+
+class Unassigned(msgspec.Struct, frozen=True):
+    """A job that no robot does, and why."""
+
+    job: str
+    reason: LeftOut | None = None
+    """None until `explain.reasons` fills it."""
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True):
+    """Routes of all workers, in the order of the problem's workers."""
+
+    objective: Objective
+    routes: tuple[Route, ...]
+    unassigned: tuple[Unassigned, ...] = ()
+    cost_j: float
+    lost_prize_j: float
+    makespan_s: float
+    """When the last robot with a job arrives at its charger; 0 if no robot has one."""
+    least_left_j: float
+    """The least energy left in any robot; infinite without robots."""
+
+    @property
+    def value(self) -> float:
+        """The objective's figure: joules (energy), seconds (makespan), joules (lifetime; more is better)."""
+        if self.objective is Objective.ENERGY:
+            return self.cost_j + self.lost_prize_j
+        return self.makespan_s if self.objective is Objective.MAKESPAN else self.least_left_j
+
+    @property
+    def rank(self) -> tuple[float, float, float]:
+        """Of two plans for one problem and objective, the one with the lesser rank is better."""
+        match self.objective:
+            case Objective.ENERGY:
+                return (_coarse(self.cost_j + self.lost_prize_j), self.makespan_s, 0.0)
+            case Objective.MAKESPAN:
+                return (_coarse(self.lost_prize_j), self.makespan_s, self.cost_j)
+            case Objective.LIFETIME:
+                return (_coarse(self.lost_prize_j), -self.least_left_j, self.cost_j)
+
+    @property
+    def orders(self) -> tuple[tuple[str, ...], ...]:
+        """Job ids of each route."""
+        return tuple(route.jobs for route in self.routes)
+
+
+def _coarse(value_j: float) -> float:
+    """Rounded to a millijoule, so that the order of summation does not matter."""
+    return round(value_j, 3) if math.isfinite(value_j) else value_j
+
+
+def make_plan(problem: Problem, orders: Sequence[Sequence[str]], objective: Objective) -> Plan | None:
+    """Return the plan in which each worker does its jobs in this order.
+
+    A job starts when all its robots are there, its earliest time has come and its predecessors have ended. Limits
+    (energy, deadlines, needs) are not checked here; `validate` does.
+
+    Args:
+        problem: the problem.
+        orders: ids of jobs for each of the problem's workers.
+        objective: of the plan.
+
+    Returns:
+        The plan, its unassigned jobs without reasons (see `explain.py`); None if the orders form a cycle.
+
+    """
+    starts_s = _earliest_starts(problem, orders)
+    if starts_s is None:
+        return None
+    routes = tuple(
+        _route(problem, worker, order, starts_s) for worker, order in zip(problem.workers, orders, strict=True)
+    )
+    done = {job for order in orders for job in order}
+    left_out = [job for job in problem.jobs if job.id not in done]
+    return Plan(
+        objective=objective,
+        routes=routes,
+        unassigned=tuple(Unassigned(job.id) for job in left_out),
+        cost_j=math.fsum(route.energy_j for route in routes),
+        lost_prize_j=math.fsum(job.prize_j for job in left_out),
+        makespan_s=max((route.end_s for route in routes if route.stops), default=0.0),
+        least_left_j=min((route.left_j for route in routes), default=math.inf),
+    )
+
+
+def _earliest_starts(problem: Problem, orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
+    """Starts of the jobs: the least fixed point, by passes over the routes until no time changes."""
+    jobs = problem.jobs
+    index = problem.job_index
+    starts_s: dict[str, float] = {}
+    coupled = any(jobs[index[job]].robots > 1 or problem.predecessors(jobs[index[job]]) for o in orders for job in o)
+    for _ in range(sum(len(order) for order in orders) + 1):
+        is_settled = True
+        for worker, order in zip(problem.workers, orders, strict=True):
+            time_s = problem.time_s[worker.profile]
+            now_s, place = worker.ready_s, worker.start
+            for name in order:
+                job = jobs[index[name]]
+                start_s = max(now_s + float(time_s[place, job.place]), job.earliest_s)
+                if coupled:
+                    for other in problem.predecessors(job):
+                        start_s = max(start_s, starts_s.get(other, 0.0) + jobs[index[other]].service_s)
+                    start_s = max(start_s, starts_s.get(name, 0.0))
+                if start_s != starts_s.get(name):
+                    starts_s[name] = start_s
+                    is_settled = False
+                now_s, place = start_s + job.service_s, job.place
+        if is_settled or not coupled:
+            return starts_s
+    return None
+
+
+def _route(problem: Problem, worker: Worker, order: Sequence[str], starts_s: Mapping[str, float]) -> Route:
+    if not order:
+        return Route(worker.name, (), worker.start, worker.ready_s, 0.0, worker.usable_j)
+    energy_j, time_s = problem.energy_j[worker.profile], problem.time_s[worker.profile]
+    now_s, place, spent_j = worker.ready_s, worker.start, 0.0
+    stops = []
+    for name in order:
+        job = problem.jobs[problem.job_index[name]]
+        arrive_s = now_s + float(time_s[place, job.place])
+        start_s = starts_s[name]
+        spent_j += float(energy_j[place, job.place]) + job.service_j + worker.wait_w * (start_s - arrive_s)
+        now_s, place = start_s + job.service_s, job.place
+        stops.append(Stop(name, arrive_s, start_s, now_s, worker.usable_j - spent_j))
+    end_place = nearest_end(problem, worker, place)
+    spent_j += float(energy_j[place, end_place])
+    end_s = now_s + float(time_s[place, end_place])
+    return Route(worker.name, tuple(stops), end_place, end_s, spent_j, worker.usable_j - spent_j)
+
+
+def nearest_end(problem: Problem, worker: Worker, place: int) -> int:
+    """The charger that a worker reaches from a place with least energy."""
+    ends = sorted(set(worker.ends))
+    return ends[int(np.argmin(problem.energy_j[worker.profile, place, ends]))]

@@ -1,0 +1,29 @@
+"""Compiles the allocators' kernels before a run, so that the first plan is not delayed."""
+
+import numpy as np
+
+from robrain.algorithms.allocation.auction import AuctionAllocator, GreedyAllocator
+from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
+from robrain.algorithms.allocation.vrp_model import fill_matrix
+
+
+def warm_up() -> None:
+    """Call every kernel once.
+
+    The first call on a machine compiles the kernels and stores the machine code beside the sources (some seconds).
+    Later processes load it (tenths of a second).
+    """
+    ways = np.array([[[0.0, 2.0], [2.0, 0.0]]])
+    jobs = (
+        Job(id="a", place=1, prize_j=9.0),
+        Job(id="b", place=1, prize_j=9.0, after=("a",)),
+        Job(id="c", place=1, prize_j=9.0),
+        Job(id="d", place=1, prize_j=0.0, latest_s=0.0),
+    )
+    problem = Problem(
+        jobs=jobs, workers=(Worker(name="r", start=0, ends=(0,), usable_j=9.0),), energy_j=ways, time_s=ways
+    )
+    for objective in Objective:
+        AuctionAllocator(objective).plan(problem)
+        GreedyAllocator(objective).plan(problem)
+    fill_matrix(ways[0], np.array([1, 0]), np.ones(1, np.bool_), np.zeros(1), np.zeros((2, 1)), 1.0, 0, True)

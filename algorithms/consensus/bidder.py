@@ -1,0 +1,276 @@
+"""One robot of the consensus-based bundle algorithm (CBBA) of Choi, Brunet and How 2009: it bids, hears and agrees.
+
+A bundle is built greedily: the task whose best insertion into the robot's path gains most is bid for, if the bid beats
+the best one known. Whoever is outbid for a task releases it and what it added to its bundle later, since those bids
+counted on it, and bids anew. A bid is never greater than the one before it in the bundle; so the rounds converge for
+every score, also for one that grows with the path (L. Johnson, H.-L. Choi, S. Ponda, J. P. How, Allowing
+Non-Submodular Score Functions in Distributed Task Allocation, CDC 2012).
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from enum import StrEnum
+from typing import NamedTuple, Protocol
+
+from robrain.protocol.model.ballot import TASKS_MAX, Ballot, Bid, Heard
+
+IsNewer = Callable[[str], bool]
+"""Whether the sender knows a later ballot of a robot than the receiver does."""
+
+
+class Action(StrEnum):
+    """What the receiver does with its own opinion."""
+
+    UPDATE = "update"
+    """Take over the sender's."""
+    RESET = "reset"
+    """Forget it: nobody is known to win the task."""
+    LEAVE = "leave"
+
+
+def action_for(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None, is_newer: IsNewer) -> Action:
+    """Action of the receiver of a ballot for one task.
+
+    Args:
+        receiver: name of the robot that received the ballot.
+        sender: name of the robot that sent it.
+        mine: the receiver's winning bid; None if it knows of none.
+        theirs: the sender's.
+        is_newer: tells of which robots the sender knows more.
+
+    """
+    winner = None if theirs is None else theirs.robot
+    if winner == sender:
+        return _sender_says_itself(receiver, sender, mine, theirs, is_newer)
+    if winner == receiver:
+        return _sender_says_receiver(receiver, sender, mine, is_newer)
+    if theirs is None:
+        return _sender_says_nobody(receiver, sender, mine, is_newer)
+    return _sender_says_another(receiver, sender, mine, theirs, is_newer)
+
+
+def _sender_says_itself(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None, is_newer: IsNewer) -> Action:
+    if mine is None or mine.robot == sender or (theirs is not None and theirs.beats(mine)):
+        return Action.UPDATE
+    if mine.robot != receiver and is_newer(mine.robot):
+        return Action.UPDATE
+    return Action.LEAVE
+
+
+def _sender_says_receiver(receiver: str, sender: str, mine: Bid | None, is_newer: IsNewer) -> Action:
+    if mine is None or mine.robot == receiver:
+        return Action.LEAVE
+    return Action.RESET if mine.robot == sender or is_newer(mine.robot) else Action.LEAVE
+
+
+def _sender_says_another(receiver: str, sender: str, mine: Bid | None, theirs: Bid, is_newer: IsNewer) -> Action:
+    is_fresh = is_newer(theirs.robot)
+    if mine is None or mine.robot == theirs.robot:
+        return Action.UPDATE if is_fresh else Action.LEAVE
+    if mine.robot == receiver:
+        return Action.UPDATE if is_fresh and theirs.beats(mine) else Action.LEAVE
+    if mine.robot == sender:
+        return Action.UPDATE if is_fresh else Action.RESET
+    if is_fresh and (is_newer(mine.robot) or theirs.beats(mine)):
+        return Action.UPDATE
+    return Action.RESET if is_newer(mine.robot) else Action.LEAVE
+
+
+def _sender_says_nobody(receiver: str, sender: str, mine: Bid | None, is_newer: IsNewer) -> Action:
+    if mine is None or mine.robot == receiver:
+        return Action.LEAVE
+    return Action.UPDATE if mine.robot == sender or is_newer(mine.robot) else Action.LEAVE
+
+
+class Insertion(NamedTuple):
+    """The best place of a task in a path."""
+
+    gain: float
+    """What the path is worth more with the task, or by another measure, see `Scorer.begin`; none of 0 is bid for."""
+    position: int
+    """Index that the task gets in the path."""
+
+
+class Scorer(Protocol):
+    """What tasks are worth to one robot."""
+
+    def begin(self, variant: int) -> None:
+        """Score in another way from now on; variant 0 is the plain gain, equal variants score alike."""
+
+    def insertion(self, path: Sequence[str], task: str) -> Insertion | None:
+        """The best insertion of a task into a path; None if the robot cannot do it then."""
+
+    def ordered(self, path: Sequence[str]) -> list[str]:
+        """The same tasks in an order that is worth at least as much."""
+
+    def value(self, path: Sequence[str]) -> float:
+        """What a path is worth."""
+
+    def keep_first(self, count: int) -> None:
+        """From now on the first `count` tasks of every path stay where they are: the robot has begun them."""
+
+
+BEGUN_SCORE = 1e15
+"""Bid for a task that the robot has begun: the greatest that a ballot can carry."""
+
+
+class Bidder:
+    """A robot that allocates tasks with others.
+
+    Equal ballots in any order, any number of times, with any of them lost, lead to one allocation if scores have
+    diminishing gains: that of the sequential greedy algorithm, at least half of the optimum.
+
+    Args:
+        robot: its name.
+        scorer: what tasks are worth to it.
+        number: its ballots have greater numbers; after a restart, greater than before.
+
+    """
+
+    def __init__(self, robot: str, scorer: Scorer, number: int = 0) -> None:
+        self.robot = robot
+        self.scorer = scorer
+        self.bundle: list[str] = []
+        """Tasks that it bids for, in the order of the bids."""
+        self.path: list[str] = []
+        """The same in the order in which it would do them."""
+        self.winning: dict[str, Bid] = {}
+        """The best bid known of each task that has one."""
+        self.heard: dict[str, int] = {}
+        self.limit: int | None = None
+        """The most tasks of its path, those that are fixed included; None for any number."""
+        self.is_resting = False
+        """Whether it bids for nothing until `open` is called again."""
+        self.number = number
+        """Of its last ballot."""
+        self._tasks: list[str] = []
+        self._fixed: list[str] = []
+        self._begun: list[str] = []
+        """Tasks that the robot has begun, in that order."""
+        self._is_stale = True
+        """Whether an opinion has changed since the bundle was built."""
+
+    @property
+    def tasks(self) -> list[str]:
+        """The tasks that are open for bids, sorted."""
+        return self._tasks
+
+    def open(self, tasks: Iterable[str], fixed: Sequence[str] = (), *, rests: bool = False) -> None:
+        """Bid for these tasks from now on; all earlier bids are forgotten.
+
+        Args:
+            tasks: ids, at most 256; of more the first ones by name count.
+            fixed: path of tasks that the robot does in any case and nobody bids for.
+            rests: whether it leaves all of them to the others.
+
+        """
+        self.is_resting = rests
+        self._tasks = sorted(set(tasks))[:TASKS_MAX]
+        self._fixed = list(fixed)
+        self.winning, self.heard, self.bundle = {}, {}, []
+        self.path = self.scorer.ordered(self._first())
+        self._is_stale = True
+
+    @property
+    def begun(self) -> list[str]:
+        """Tasks that the robot has begun, in that order; nobody takes them from it."""
+        return self._begun
+
+    def begin(self, task: str) -> None:
+        """The robot begins a task of its path: it keeps it, before all that it has not begun."""
+        self._begun = [*(one for one in self._begun if one != task), task]
+        self.scorer.keep_first(len(self._begun))
+        self._is_stale = True
+
+    def forget_begun(self) -> None:
+        """A new negotiation: what the robot has begun is not part of it."""
+        self._begun = []
+        self.scorer.keep_first(0)
+
+    def build(self) -> bool:
+        """Build the bundle again if an opinion has changed; whether the own bids are others then.
+
+        The paper only adds to the bundle. Then a task that became free again, because its winner was outbid for an
+        earlier one, would be bid for as an addition to all that was taken in its place, and the result would depend on
+        the order of messages.
+        """
+        if not self._is_stale:
+            return False
+        self._is_stale = False
+        before = {task: bid for task, bid in self.winning.items() if bid.robot == self.robot}
+        self.winning = {task: bid for task, bid in self.winning.items() if bid.robot != self.robot}
+        self.bundle, self.path = [], self.scorer.ordered(self._first())
+        limit = math.inf
+        for task in self._begun:
+            if task in self._tasks:
+                self.winning[task] = Bid(task=task, robot=self.robot, score=BEGUN_SCORE)
+                self.bundle.append(task)
+        most = 0 if self.is_resting else self.limit and max(0, self.limit - len(self._fixed))
+        while (best := None if most is not None and len(self.bundle) >= most else self._best(limit)) is not None:
+            bid, found = best
+            self.bundle.append(bid.task)
+            # Here, not once none wins: whether one wins depends on lesser bids, and greater ones would then on those.
+            self.path = self.scorer.ordered([*self.path[: found.position], bid.task, *self.path[found.position :]])
+            self.winning[bid.task] = bid
+            limit = bid.score
+        return before != {task: self.winning[task] for task in self.bundle}
+
+    def _first(self) -> list[str]:
+        """What is in its path in any case: what it has begun, and what nobody bids for."""
+        return [*self._begun, *(task for task in self._fixed if task not in self._begun)]
+
+    def _best(self, limit: float) -> tuple[Bid, Insertion] | None:
+        """The winning bid of greatest gain for one more task, at most `limit`; None if no bid wins."""
+        best: tuple[Bid, Insertion] | None = None
+        for task in self._tasks:
+            known = self.winning.get(task)
+            if known is not None and (known.robot == self.robot or known.score > limit):
+                continue
+            found = self.scorer.insertion(self.path, task)
+            if found is None or not found.gain > 0 or (best is not None and not found.gain > best[1].gain):
+                continue
+            bid = Bid(task=task, robot=self.robot, score=min(found.gain, limit))
+            if bid.beats(known):
+                best = bid, found
+        return best
+
+    def ballot(self) -> Ballot:
+        """What to tell the others now."""
+        self.number += 1
+        bids = tuple(self.winning[task] for task in sorted(self.winning))
+        heard = tuple(Heard(robot=robot, number=self.heard[robot]) for robot in sorted(self.heard))
+        return Ballot(robot=self.robot, number=self.number, bids=bids, heard=heard)
+
+    def hear(self, ballot: Ballot) -> bool:
+        """Take another robot's ballot into account; whether that changed an opinion. Repeated and old ones do not."""
+        sender = ballot.robot
+        if sender == self.robot or ballot.number <= self.heard.get(sender, -1):
+            return False
+        theirs = {bid.task: bid for bid in ballot.bids}
+        knows = {one.robot: one.number for one in ballot.heard} | {sender: ballot.number}
+        knows.pop(self.robot, None)
+
+        def is_newer(robot: str) -> bool:
+            return knows.get(robot, -1) > self.heard.get(robot, -1)
+
+        changed = []
+        for task in sorted({*self.winning, *theirs}):
+            mine, said = self.winning.get(task), theirs.get(task)
+            match action_for(self.robot, sender, mine, said, is_newer):
+                case Action.UPDATE if said is not None:
+                    self.winning[task] = said
+                case Action.UPDATE | Action.RESET:
+                    self.winning.pop(task, None)
+                case Action.LEAVE:
+                    continue
+            if self.winning.get(task) != mine:
+                changed.append(task)
+        for robot, number in knows.items():
+            self.heard[robot] = max(self.heard.get(robot, -1), number)
+        self._is_stale |= bool(changed)
+        return bool(changed)
+
+    def forget(self, robot: str) -> None:
+        """A robot has vanished: the tasks that it won are open again. A later ballot of it counts again."""
+        self.winning = {task: bid for task, bid in self.winning.items() if bid.robot != robot}
+        self._is_stale = True

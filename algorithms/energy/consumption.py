@@ -1,0 +1,186 @@
+"""A robot's consumption: lessons from its battery and its wheels, and the model that comes of them.
+
+The integrals of the power's factors are kept long enough to be asked for between two stamps of the battery.
+"""
+
+import math
+from bisect import bisect_right
+from collections import deque
+from typing import NamedTuple
+
+from robrain.algorithms.energy.power_learner import PowerLearner, PowerPrior
+from robrain.protocol.model.energy_model import STANDING_BELOW, EnergyModel, Work, estimate
+
+NS = 1e-9
+LESSON_S = 2.0
+"""One lesson covers about this time: long against the delay between wheels and measurements."""
+LESSON_MAX_S = 6.0
+"""A lesson with a hole in it is none."""
+POWER_OVER_S, USUAL_OVER_S = 5.0, 120.0
+OUTCOMES = 20
+"""Works over which plans are compared with what they cost; the prior counts as `PRIOR_OUTCOMES`."""
+PRIOR_OUTCOMES = 4
+RELATIVE_SD_LEAST = 0.01
+OUTCOME_MOST = 0.3
+"""A work that cost more than this beyond its plan, relatively, did not go as planned at all: counted as this."""
+KEPT = 128
+"""Samples that are kept: 25 s at 5 Hz."""
+GAP_S = 0.5
+"""A longer time without a sample is a hole."""
+
+Amounts = tuple[float, float, float, float, float]
+
+
+class MotionTerms:
+    """Adds up motion, sample by sample. Between samples the speeds are taken to change evenly."""
+
+    def __init__(self) -> None:
+        self._stamps: deque[int] = deque(maxlen=KEPT)
+        self._sums: deque[Amounts] = deque(maxlen=KEPT)
+        self._speed_m_s = 0.0
+        self._yaw_rate_rad_s = 0.0
+
+    def move(self, stamp_ns: int, speed_m_s: float, yaw_rate_rad_s: float) -> float:
+        """Take in the absolute speeds at a time; returns the time since the sample before, 0 for the first."""
+        before_m_s, before_rad_s = self._speed_m_s, self._yaw_rate_rad_s
+        self._speed_m_s, self._yaw_rate_rad_s = speed_m_s, yaw_rate_rad_s
+        if self._stamps and stamp_ns - self._stamps[-1] > GAP_S / NS:
+            self._stamps.clear()
+            self._sums.clear()
+        if not self._stamps:
+            self._stamps.append(stamp_ns)
+            self._sums.append((0.0, 0.0, 0.0, 0.0, 0.0))
+            return 0.0
+        elapsed_s = (stamp_ns - self._stamps[-1]) * NS
+        if elapsed_s <= 0:
+            return 0.0
+        duration_s, moving_s, path_m, turned_rad, started = self._sums[-1]
+        mean_m_s, mean_rad_s = 0.5 * (before_m_s + speed_m_s), 0.5 * (before_rad_s + yaw_rate_rad_s)
+        is_moving = mean_m_s > STANDING_BELOW or mean_rad_s > STANDING_BELOW
+        gained = 0.5 * (speed_m_s * speed_m_s - before_m_s * before_m_s)
+        self._stamps.append(stamp_ns)
+        self._sums.append(
+            (
+                duration_s + elapsed_s,
+                moving_s + (elapsed_s if is_moving else 0.0),
+                path_m + mean_m_s * elapsed_s,
+                turned_rad + mean_rad_s * elapsed_s,
+                started + max(0.0, gained),
+            )
+        )
+        return elapsed_s
+
+    def between(self, from_ns: int, to_ns: int) -> Amounts | None:
+        """The integrals between two stamps, in the order of `TERMS`; None if they are not known, or empty."""
+        begun, ended = self._at(from_ns), self._at(to_ns)
+        if begun is None or ended is None or to_ns <= from_ns:
+            return None
+        duration_s, moving_s, path_m, turned_rad, started = (b - a for a, b in zip(begun, ended, strict=True))
+        return duration_s, moving_s, path_m, turned_rad, started
+
+    def _at(self, stamp_ns: int) -> Amounts | None:
+        if not self._stamps or not self._stamps[0] <= stamp_ns <= self._stamps[-1]:
+            return None
+        upper = min(len(self._stamps) - 1, max(1, bisect_right(self._stamps, stamp_ns)))
+        first_ns, last_ns = self._stamps[upper - 1], self._stamps[upper]
+        share = (stamp_ns - first_ns) / max(last_ns - first_ns, 1)
+        lower, higher = self._sums[upper - 1], self._sums[upper]
+        duration_s, moving_s, path_m, turned_rad, started = (
+            a + share * (b - a) for a, b in zip(lower, higher, strict=True)
+        )
+        return duration_s, moving_s, path_m, turned_rad, started
+
+
+class Drawn(NamedTuple):
+    """Energy drawn from the battery since some beginning."""
+
+    stamp_ns: int
+    energy_j: float
+    trusted: bool
+    """The measurement is believed, and nothing is being charged."""
+
+
+class Consumption:
+    """Learns, and makes the model.
+
+    Args:
+        prior: what is believed before anything is measured.
+        packet_j: for one packet by radio.
+        relative_sd: of the cost of a way, before any has been driven.
+
+    """
+
+    def __init__(self, prior: PowerPrior, packet_j: float, relative_sd: float) -> None:
+        self.learner = PowerLearner(prior)
+        self.power_w = prior.standing_w
+        """Averaged over some seconds; `usual_power_w` over minutes."""
+        self.usual_power_w = prior.standing_w
+        self._packet_j = packet_j
+        self._terms = MotionTerms()
+        self._begun: Drawn | None = None
+        self._last: Drawn | None = None
+        self._way_ratio = 1.0
+        self._relative_variance = relative_sd * relative_sd
+        self._outcomes = PRIOR_OUTCOMES
+
+    def move(self, stamp_ns: int, speed_m_s: float, yaw_rate_rad_s: float) -> None:
+        """The robot's speeds now; both absolute."""
+        elapsed_s = self._terms.move(stamp_ns, speed_m_s, yaw_rate_rad_s)
+        self.learner.pass_by(speed_m_s, yaw_rate_rad_s, elapsed_s)
+
+    def draw(self, drawn: Drawn) -> bool:
+        """What has been drawn up to now; True if something was learned from it."""
+        last, self._last = self._last, drawn
+        if not drawn.trusted:
+            self._begun = None
+            return False
+        if last is not None and last.trusted and drawn.stamp_ns > last.stamp_ns:
+            elapsed_s = (drawn.stamp_ns - last.stamp_ns) * NS
+            power_w = (drawn.energy_j - last.energy_j) / elapsed_s
+            self.power_w += min(1.0, elapsed_s / POWER_OVER_S) * (power_w - self.power_w)
+            self.usual_power_w += min(1.0, elapsed_s / USUAL_OVER_S) * (power_w - self.usual_power_w)
+        begun = self._begun
+        if begun is None or drawn.energy_j < begun.energy_j:  # less than before: the count started again
+            self._begun = drawn
+            return False
+        if (drawn.stamp_ns - begun.stamp_ns) * NS < LESSON_S:
+            return False
+        self._begun = drawn
+        amounts = self._terms.between(begun.stamp_ns, drawn.stamp_ns)
+        if amounts is None or amounts[0] > LESSON_MAX_S:
+            return False
+        self.learner.learn(amounts, drawn.energy_j - begun.energy_j)
+        return True
+
+    def compare(self, work: Work, cost_j: float) -> None:
+        """Take in what a work has cost that was done as planned; waiting does not tell of ways."""
+        model = self.model(0.0)
+        planned = estimate(model, work)
+        on_the_way_j = planned.mean_j - model.coefficients[0] * work.wait_s - model.packet_j * work.radio_packets
+        if work.path_m <= 0 or on_the_way_j <= 0:
+            return
+        by_way_j = model.relative_sd * on_the_way_j
+        known = max(0.0, planned.sigma_j**2 - by_way_j**2) / on_the_way_j**2
+        error = min(OUTCOME_MOST, max(-OUTCOME_MOST, (cost_j - planned.mean_j) / on_the_way_j))
+        self._outcomes = min(OUTCOMES, self._outcomes + 1)
+        self._way_ratio *= 1.0 + error / self._outcomes
+        # What the power alone explains is not held against the way.
+        self._relative_variance += (max(0.0, error * error - known) - self._relative_variance) / self._outcomes
+
+    def model(self, usable_j: float) -> EnergyModel:
+        """What is known now."""
+        learner = self.learner
+        return EnergyModel(
+            coefficients=learner.coefficients,
+            covariance=learner.covariance,
+            residual_w2_s=round(learner.residual_w2_s, 4),
+            drift_w2_per_s=learner.drift_w2_per_s,
+            relative_sd=round(max(RELATIVE_SD_LEAST, math.sqrt(self._relative_variance)), 4),
+            way_ratio=round(self._way_ratio, 4),
+            pace_m_s=round(learner.pace_m_s, 4),
+            turn_rate_rad_s=round(learner.turn_rate_rad_s, 4),
+            packet_j=self._packet_j,
+            usable_j=round(usable_j, 1),
+            power_w=round(self.power_w, 3),
+            usual_power_w=round(self.usual_power_w, 3),
+        )

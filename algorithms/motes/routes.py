@@ -1,0 +1,156 @@
+"""Routes of readings to the sink: a plain collection tree, and routes in turn that make the first mote die late.
+
+Trees are lists of parents by mote; NO_ROUTE stands for motes that do not reach the sink.
+"""
+
+import heapq
+from collections.abc import Collection, Sequence
+
+import msgspec
+
+from robrain.algorithms.motes.mote_energy import MoteEnergy
+from robrain.algorithms.motes.radio_graph import LinkGraph, RadioGraph
+
+NO_ROUTE = -1
+TREES = 64
+"""Trees of a plan, used in turn for equal times; chosen."""
+STEP = 1.0
+"""By how much, at the most, a tree makes a mote's energy dearer for the next; chosen."""
+Tree = list[int]
+
+
+class Routes(msgspec.Struct, frozen=True, kw_only=True):
+    """Trees used in turn for equal times, and what they ask of each mote: packets for one reading of each source."""
+
+    trees: list[Tree]
+    sent: list[float]
+    received: list[float]
+    hops: list[float]
+    """Mean number of hops of a mote's own readings; 0 without a route."""
+
+
+def min_hop_tree(graph: RadioGraph, alive: Collection[int]) -> Tree:
+    """A collection tree with the fewest hops; of several parents the nearest.
+
+    What the Collection Tree Protocol (Gnawali and others, SenSys 2009) settles on where all links are alike.
+    """
+    usable = set(alive)
+    parents, hops = [NO_ROUTE] * graph.sink, {graph.sink: 0}
+    layer = [graph.sink]
+    while layer:
+        reached = sorted({other for node in layer for other in graph.neighbours[node]} & usable - hops.keys())
+        for mote in reached:
+            parents[mote] = min(
+                (node for node in graph.neighbours[mote] if node in hops and hops[node] == hops[layer[0]]),
+                key=lambda node: (graph.distance_m(mote, node), node),
+            )
+        hops |= dict.fromkeys(reached, hops[layer[0]] + 1)
+        layer = reached
+    return parents
+
+
+def routes_of(graph: LinkGraph, trees: Sequence[Tree], sources: Collection[int]) -> Routes:
+    """What trees ask of the motes if each source has one reading to send."""
+    count = graph.sink
+    sent, received, hops = [0.0] * count, [0.0] * count, [0.0] * count
+    part = 1.0 / len(trees)
+    for tree in trees:
+        for source in sources:
+            node = source
+            while node != graph.sink and tree[node] != NO_ROUTE:
+                sent[node] += part
+                hops[source] += part
+                node = tree[node]
+                if node != graph.sink:
+                    received[node] += part
+    return Routes(trees=list(trees), sent=sent, received=received, hops=hops)
+
+
+def lifetime_routes(
+    graph: LinkGraph,
+    left_j: Sequence[float],
+    alive: Collection[int],
+    sources: Collection[int],
+    energy: MoteEnergy,
+    rate_hz: float,
+    count: int = TREES,
+) -> Routes:
+    """Trees in turn that make the first mote die as late as possible, as nearly as so many trees can.
+
+    Maximum lifetime routing (Chang and Tassiulas, IEEE/ACM Transactions on Networking 12(4), 2004) as a game: each tree
+    takes the cheapest ways for prices of the motes' energy, and a price grows with the share of its mote's energy that
+    the tree takes a second (multiplicative weights; Arora, Hazan, Kale, Theory of Computing 8, 2012).
+
+    Args:
+        graph: who hears whom.
+        left_j: energy of each mote.
+        alive: motes that send and forward.
+        sources: of these, those that take readings.
+        energy: of the motes.
+        rate_hz: readings a second of each source.
+        count: number of trees.
+
+    """
+    prices = [1.0 / max(joules, 1e-9) for joules in left_j]
+    trees = []
+    for _ in range(count):
+        tree = cheapest_tree(graph, prices, alive, energy)
+        trees.append(tree)
+        used = routes_of(graph, [tree], sources)
+        drain = {
+            mote: (
+                energy.awake_w + rate_hz * (used.sent[mote] * energy.send_j + used.received[mote] * energy.receive_j)
+            )
+            / max(left_j[mote], 1e-9)
+            for mote in alive
+        }
+        worst = max(drain.values(), default=1.0)
+        for mote, share in drain.items():
+            prices[mote] *= 1.0 + STEP * share / worst
+        highest = max(prices)
+        prices = [price / highest for price in prices]
+    return routes_of(graph, trees, sources)
+
+
+def cheapest_tree(graph: LinkGraph, prices: Sequence[float], alive: Collection[int], energy: MoteEnergy) -> Tree:
+    """The tree of the cheapest ways to the sink if a joule of each mote has a price (Dijkstra)."""
+    usable = set(alive)
+    parents = [NO_ROUTE] * graph.sink
+    best = {graph.sink: 0.0}
+    waiting = [(0.0, graph.sink)]
+    while waiting:
+        cost, node = heapq.heappop(waiting)
+        if cost > best[node]:
+            continue
+        taking_in = 0.0 if node == graph.sink else prices[node] * energy.receive_j
+        for mote in graph.neighbours[node]:
+            if mote not in usable:
+                continue
+            found = cost + taking_in + prices[mote] * energy.send_j
+            if mote not in best or found < best[mote]:
+                best[mote] = found
+                parents[mote] = node
+                heapq.heappush(waiting, (found, mote))
+    return parents
+
+
+def share_at_once(
+    routes: Routes, sources: Collection[int], budgets_w: Sequence[float], energy: MoteEnergy, rate_hz: float
+) -> float:
+    """The largest share of all readings that may travel over the air, 0 to 1; robots collect the rest.
+
+    Args:
+        routes: what travels.
+        sources: motes that take readings.
+        budgets_w: what each mote may spend on packets.
+        energy: of the motes.
+        rate_hz: readings a second of each source.
+
+    """
+    share, own = 1.0, set(sources)
+    for mote, budget_w in enumerate(budgets_w):
+        on_air_w = rate_hz * (routes.sent[mote] * energy.send_j + routes.received[mote] * energy.receive_j)
+        by_robot_w = rate_hz * energy.hand_over_j if mote in own else 0.0
+        if on_air_w > max(by_robot_w, budget_w):
+            share = min(share, max(0.0, (budget_w - by_robot_w) / (on_air_w - by_robot_w)))
+    return share

@@ -1,0 +1,394 @@
+"""How far a robot may drive where its way meets those of others.
+
+Each robot tells the team its path and its claim (`claim.py`). Claims are compared alike on both sides, so two robots
+that have heard each other agree on who yields, with nobody to ask. That is prioritised planning (Erdmann and
+Lozano-Pérez, *On Multiple Moving Objects*, Algorithmica 2, 1987; Silver, *Cooperative Pathfinding*, AIIDE 2005), one
+pair at a time: who goes first drives as if alone, who yields keeps out of the whole way that the other has still to go,
+unless it is through in time.
+
+Positions are (N, 2) in metres, arena frame, `STEP_M` apart along the way; a robot is at position k of its own at
+k · STEP_M / speed.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robrain.algorithms.numeric.kernel_array import FLOAT64, Floats, kernel_array
+from robrain.protocol.model.geometry import Point2D
+
+STEP_M = 0.1
+"""From one position of a way to the next; half of what a small robot is wide would be enough."""
+LOOK_AHEAD_M = 10.0
+"""Own way that is looked at, chosen: some 15 s, more than two robots need to settle who goes first."""
+MATE_AHEAD_M = 25.0
+"""A mate's way that is looked at, chosen: the longest corridor that two robots should not both enter."""
+LONGEST_M = 1000.0
+"""The longest path that is followed."""
+SEARCH = 30
+"""Positions by which a robot advances between two looks at the most: 3 m."""
+
+
+class Track(msgspec.Struct, frozen=True, eq=False):
+    """A mate as it is reckoned with."""
+
+    positions: Floats
+    """(M, 2), the way that it has still to go, from where it is now; that place alone if it stands."""
+    speed_m_s: float
+    held_at: int
+    """The position at which it waits for others; the last one if it does not."""
+    keep_m: float
+    """Both radii: centres as near as this touch."""
+    goes_first: bool
+
+
+class Release(NamedTuple):
+    """How far a robot may drive along its way."""
+
+    positions: int
+    """Those from the first one that are released; 1 is to stand."""
+    is_whole: bool
+    """Everything that was looked at is released."""
+    must_leave: bool
+    """The robot stands where somebody who goes first has yet to pass."""
+    by: int
+    """The mate for which it ends there, as an index; −1 for none."""
+
+
+class Margins(msgspec.Struct, frozen=True, kw_only=True):
+    """Distances and times kept from mates."""
+
+    contest_m: float = 0.12
+    """Between two hulls, for a place to be out of the other's way."""
+    guard_m: float = 0.08
+    """Between two hulls, whoever goes first: nobody drives on into less."""
+    slack_s: float = 1.0
+    """Who crosses before or behind somebody who goes first is earlier or later by this."""
+    guard_s: float = 2.5
+    """How far ahead in time the guard looks; beyond that, what is foreseen of a mate is not to be relied on."""
+
+
+def sample_way(points: Floats, limit_m: float) -> Floats:
+    """Positions `STEP_M` apart along a polyline (N, 2), for `limit_m` or to its end; both its ends are among them."""
+    return _sample(kernel_array(points, FLOAT64), STEP_M, float(limit_m))
+
+
+def pass_on(ways: Sequence[Floats], passed: Sequence[int], places: Floats) -> list[int]:
+    """How far robots at `places` (N, 2) have come along their ways, each (M, 2): the position that each has passed.
+
+    What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
+
+    Args:
+        ways: positions of each way.
+        passed: the position of each that was passed before.
+        places: where the robots are now.
+
+    """
+    begins = np.array([0, *itertools.accumulate([len(way) for way in ways])])
+    now = np.array(passed, np.int64)
+    _pass_on(np.concatenate(ways), begins, now, kernel_array(places, FLOAT64))
+    found: list[int] = now.tolist()
+    return found
+
+
+def release(
+    own: Floats, speed_m_s: float, tracks: Sequence[Track], margins: Margins, *, yields: bool = True
+) -> Release:
+    """How far a robot may go along its own positions (N, 2), the first of which is where it is.
+
+    Towards a mate that goes first, an own position is *contested* while the mate has still to pass within reach of it.
+    A contested stretch is entered only if at every position of it the two are apart by `slack_s` in time. A robot that
+    is already in one goes on if it gets out of it ahead of the mate, and must leave it otherwise. Towards all mates,
+    the way ends where in the next `guard_s` the hulls would come nearer than `guard_m`. Without `yields`, that alone
+    counts.
+    """
+    if not tracks:
+        return Release(own.shape[0], is_whole=True, must_leave=False, by=-1)
+    positions = [track.positions for track in tracks]
+    begins = np.array([0, *itertools.accumulate([len(track) for track in positions])])
+    count, must_leave, by = _release(
+        own,
+        STEP_M / speed_m_s,
+        np.concatenate(positions),
+        begins,
+        np.array([STEP_M / max(track.speed_m_s, 1e-3) for track in tracks]),
+        np.array([track.held_at for track in tracks], np.int64),
+        np.array([track.keep_m for track in tracks], np.float64),
+        np.array([yields and track.goes_first for track in tracks], np.bool_),
+        margins.contest_m,
+        margins.guard_m,
+        margins.slack_s,
+        margins.guard_s,
+    )
+    return Release(count, is_whole=count == own.shape[0], must_leave=must_leave, by=by)
+
+
+def meet(own: Floats, track: Track, margin_m: float, within: int | None = None) -> bool:
+    """Whether the rest of a mate's way, or its positions `within`, come anywhere within reach of own ones (N, 2)."""
+    return _meet(own, track.positions[:within], float(track.keep_m + margin_m))
+
+
+def any_within(tracks: Sequence[Track], place: Point2D, within_m: float) -> list[bool]:
+    """Whether any position of each track is within a distance of a place."""
+    if not tracks:
+        return []
+    positions = [track.positions for track in tracks]
+    counts = np.array([len(each) for each in positions])
+    found: list[bool] = _any_within(
+        np.concatenate(positions), counts, float(place.x_m), float(place.y_m), float(within_m)
+    ).tolist()
+    return found
+
+
+class Way:
+    """A path that is being driven along.
+
+    Args:
+        points: (N, 2), metres, arena frame; N at least 1.
+
+    """
+
+    def __init__(self, points: Floats) -> None:
+        self._points = points
+        self._positions = sample_way(points, LONGEST_M)
+        self._passed = 0
+
+    @cached_property
+    def _at_m(self) -> Floats:
+        """How far along the path each of its points lies."""
+        legs_m = np.hypot(*np.diff(self._points, axis=0).T)
+        return np.concatenate(([0.0], np.cumsum(legs_m)))
+
+    @property
+    def passed_m(self) -> float:
+        """How much of it lies behind."""
+        return self._passed * STEP_M
+
+    @property
+    def length_m(self) -> float:
+        """The whole of it."""
+        return float(self._at_m[-1])
+
+    @property
+    def end(self) -> Point2D:
+        """Where it leads."""
+        return Point2D(float(self._points[-1, 0]), float(self._points[-1, 1]))
+
+    @property
+    def left_m(self) -> float:
+        """How much of it lies ahead."""
+        return max(0.0, self.length_m - self.passed_m)
+
+    def ahead(self, x_m: float, y_m: float, limit_m: float) -> Floats:
+        """Positions from a place on, for `limit_m`: the place itself, then those that lie ahead of it.
+
+        What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
+        """
+        self._passed = int(_passed_at(self._positions, self._passed, float(x_m), float(y_m)))
+        rest = self._positions[self._passed + 1 : self._passed + 1 + round(limit_m / STEP_M)]
+        ahead = np.empty((len(rest) + 1, 2))
+        ahead[0] = x_m, y_m
+        ahead[1:] = rest
+        return ahead
+
+    def points_until(self, at_m: float) -> Floats:
+        """Its points from here to a place on it, `at_m` along it; the last lies there."""
+        if at_m >= self.length_m:
+            return self._points[min(np.searchsorted(self._at_m, self.passed_m, "right"), len(self._points) - 1) :]
+        between = (self._at_m > self.passed_m) & (self._at_m < at_m)
+        end = self._positions[min(round(at_m / STEP_M), self._positions.shape[0] - 1)]
+        return np.concatenate((self._points[between], end[None]))
+
+
+@njit(cache=True, nogil=True)
+def _passed_at(positions: Floats, passed: int, x_m: float, y_m: float) -> int:
+    """The position nearest to a place among the next `SEARCH` ones; of equally near ones the first."""
+    nearest, nearest_2 = passed, np.inf
+    for k in range(passed, min(passed + SEARCH, positions.shape[0])):
+        dx, dy = positions[k, 0] - x_m, positions[k, 1] - y_m
+        if dx * dx + dy * dy < nearest_2:
+            nearest, nearest_2 = k, dx * dx + dy * dy
+    return nearest
+
+
+@njit(cache=True, nogil=True)
+def _pass_on(positions: Floats, begins: NDArray[np.int64], passed: NDArray[np.int64], places: Floats) -> None:
+    """Set what is passed of several ways, which lie one behind the other, from `begins[n]` on."""
+    for n in range(passed.shape[0]):
+        way = positions[begins[n] : begins[n + 1]]
+        passed[n] = _passed_at(way, passed[n], places[n, 0], places[n, 1])
+
+
+@njit(cache=True, nogil=True)
+def _any_within(
+    positions: Floats, counts: NDArray[np.int64], x_m: float, y_m: float, within_m: float
+) -> NDArray[np.bool_]:
+    """As `any_within`, of tracks that lie one behind the other in `positions` (N, 2); `counts` (T,) their lengths."""
+    found = np.zeros(counts.shape[0], np.bool_)
+    begin = 0
+    for track in range(counts.shape[0]):
+        for k in range(begin, begin + counts[track]):
+            dx, dy = positions[k, 0] - x_m, positions[k, 1] - y_m
+            if dx * dx + dy * dy <= within_m * within_m:
+                found[track] = True
+                break
+        begin += counts[track]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _stride_m(positions: Floats, first: int, last: int) -> float:
+    """The greatest distance from one position of a track to the next, and a little more."""
+    stride_2 = 0.0
+    for k in range(first, last):
+        dx, dy = positions[k + 1, 0] - positions[k, 0], positions[k + 1, 1] - positions[k, 1]
+        stride_2 = max(stride_2, dx * dx + dy * dy)
+    return math.sqrt(stride_2) + 1e-6
+
+
+@njit(cache=True, nogil=True)
+def _sample(points: Floats, step_m: float, limit_m: float) -> Floats:
+    samples = np.empty((_samples_max(points, step_m, limit_m), 2))
+    return samples[: _fill(samples, points, step_m, limit_m)].copy()
+
+
+@njit(cache=True, nogil=True)
+def _samples_max(points: Floats, step_m: float, limit_m: float) -> int:
+    length_m = 0.0
+    for k in range(1, points.shape[0]):
+        length_m += math.hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1])
+    return math.floor(min(length_m, limit_m) / step_m + 1e-9) + 2
+
+
+@njit(cache=True, nogil=True)
+def _fill(samples: Floats, points: Floats, step_m: float, limit_m: float) -> int:
+    """Write the samples of a polyline; returns how many there are."""
+    most = _samples_max(points, step_m, limit_m) - 1
+    samples[0] = points[0]
+    count = 1
+    passed_m = 0.0
+    for k in range(1, points.shape[0]):
+        dx, dy = points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]
+        leg_m = math.hypot(dx, dy)
+        while count < most and count * step_m <= passed_m + leg_m:
+            share = (count * step_m - passed_m) / leg_m
+            samples[count, 0] = points[k - 1, 0] + share * dx
+            samples[count, 1] = points[k - 1, 1] + share * dy
+            count += 1
+        passed_m += leg_m
+    if passed_m <= limit_m and passed_m > (count - 1) * step_m + 0.01:
+        samples[count] = points[points.shape[0] - 1]
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _meet(own: Floats, other: Floats, reach_m: float) -> bool:
+    for k in range(own.shape[0]):
+        for j in range(other.shape[0]):
+            dx, dy = other[j, 0] - own[k, 0], other[j, 1] - own[k, 1]
+            if dx * dx + dy * dy < reach_m * reach_m:
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _release(
+    own: Floats,
+    own_step_s: float,
+    tracks: Floats,
+    begins: NDArray[np.int64],
+    steps_s: Floats,
+    held_at: NDArray[np.int64],
+    keep_m: Floats,
+    goes_first: NDArray[np.bool_],
+    contest_m: float,
+    guard_m: float,
+    slack_s: float,
+    guard_s: float,
+) -> tuple[int, bool, int]:
+    """Released positions, whether the first must be left, and the mate that the way ends for (−1: none)."""
+    count = own.shape[0]
+    contested_by = np.full(count, -1, np.int64)
+    """The first mate that contests each own position."""
+    late = np.zeros(count, np.bool_)
+    """Mate and robot would meet there, nearly in time."""
+    meets = np.zeros(count, np.bool_)
+    """They would meet there if both kept exactly to their times."""
+    for mate in range(begins.shape[0] - 1):
+        if not goes_first[mate]:
+            continue
+        first, last = begins[mate], begins[mate + 1] - 1
+        held = held_at[mate] < last - first
+        reach_2 = (keep_m[mate] + contest_m) ** 2
+        stride_m = _stride_m(tracks, first, last)
+        for k in range(count):
+            own_s = k * own_step_s
+            j = first - 1
+            while j < last:
+                j += 1
+                dx, dy = tracks[j, 0] - own[k, 0], tracks[j, 1] - own[k, 1]
+                if dx * dx + dy * dy >= reach_2:
+                    # The track takes so many positions at least to come within reach.
+                    j += max(0, int((math.sqrt(dx * dx + dy * dy) - keep_m[mate] - contest_m) / stride_m) - 1)
+                    continue
+                if contested_by[k] < 0:
+                    contested_by[k] = mate
+                mate_s = (j - first) * steps_s[mate]
+                # Who is held comes later than foreseen, nobody knows when; who has arrived stays there.
+                stays = held or j == last
+                if own_s + slack_s >= mate_s and (stays or own_s - slack_s <= mate_s):
+                    late[k] = True
+                if own_s + 0.5 * own_step_s >= mate_s and (stays or own_s - 0.5 * own_step_s <= mate_s):
+                    meets[k] = True
+                if k == count - 1 and mate_s >= own_s:  # the robot stays at the end of its way
+                    late[k] = True
+                    meets[k] = True
+    end, by, must_leave = count, -1, False
+    k = 0
+    while k < count:
+        if contested_by[k] < 0:
+            k += 1
+            continue
+        begin, is_free = k, True
+        while k < count and contested_by[k] >= 0:
+            if late[k] if begin > 0 else meets[k]:
+                is_free = False
+            k += 1
+        if not is_free:
+            end, by, must_leave = max(begin, 1), contested_by[begin], begin == 0
+            break
+
+    guarded = min(count - 1, int(guard_s / own_step_s) + 1)
+    guarded_m = guarded * _stride_m(own, 0, guarded)
+    """How far the robot can get while the guard looks ahead."""
+    for mate in range(begins.shape[0] - 1):
+        first, last = begins[mate], begins[mate + 1] - 1
+        last = min(last, first + held_at[mate])
+        reach_m = keep_m[mate] + guard_m
+        now_m = math.hypot(tracks[first, 0] - own[0, 0], tracks[first, 1] - own[0, 1])
+        soon = min(last, first + int((guard_s + 0.5) / steps_s[mate]) + 1)
+        if now_m - guarded_m - (soon - first) * _stride_m(tracks, first, soon) > reach_m:
+            continue
+        for k in range(1, end):
+            own_s = k * own_step_s
+            if own_s > guard_s:
+                break
+            # Where the mate may be by then: on time, or up to half a second late or early.
+            low = min(last, first + int(max(0.0, own_s - 0.5) / steps_s[mate]))
+            high = min(last, first + int((own_s + 0.5) / steps_s[mate]) + 1)
+            nearest_m = np.inf
+            for j in range(low, high + 1):
+                nearest_m = min(nearest_m, math.hypot(tracks[j, 0] - own[k, 0], tracks[j, 1] - own[k, 1]))
+            # Who is too near already may go where that does not get worse.
+            if nearest_m < reach_m and nearest_m < now_m - 0.02:
+                end, by = max(1, k - 1), mate
+                break
+    return end, must_leave, by

@@ -1,0 +1,317 @@
+"""How two maps lie to each other that were made in different frames, found from the walls that both show.
+
+The walls about a place of one map are looked for on the other map; each answer is refined and held against all that
+either map knows: walls of one that are floor on the other speak against it (Birk, Carpin, *Merging occupancy grid maps
+from multiple robots*, Proceedings of the IEEE 94(7), 2006). Walls are compared as points, the middles of their cells.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.algorithms.localization.scan_match import match_walls
+from robrain.algorithms.localization.scan_match_kernels import distance_window
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.numeric.kernel_array import INT8, Floats, kernel_array
+from robrain.algorithms.numeric.small_linear_algebra import least_solution
+from robrain.algorithms.slam import map_overlap_kernels as kernels
+from robrain.algorithms.slam.place_search import search_places
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
+
+ABOUT_M = 8.0
+"""Walls within this distance of a place are looked for."""
+WALLS_MIN = 60
+"""With fewer wall cells there a place is not looked for."""
+SEARCH_WALLS = 120
+"""Number of these wall cells that the search uses."""
+REFINE_WALLS = 600
+"""Number of these wall cells that the refinement uses."""
+PLACES = 512
+TRIED, TRY_WALLS = 100, 200
+"""Number of places that are tried, and of wall cells used for each."""
+REFINED = 8
+"""Number of the best places tried that are refined."""
+REACHES_M = (0.4, 0.4, 0.2)
+WHOLE_WALLS = 1500
+WHOLE_REACH_M = 0.4
+BODY_MARGIN_M = 0.3
+"""Cells within this distance of a robot's hull may show the robot."""
+SMALL_MAX_M = 0.8
+"""A cluster that is no longer and no wider than this may be a robot."""
+NOBODY = np.empty((0, 3))
+AGREES_MIN = 0.99
+"""Share of the compared wall cells that must agree. Measured on six floors: where maps truly overlap, 155 of 169
+answers have no cluster of contradicting cells; at wrong places of floors that repeat themselves 1.4 to 16 % do."""
+COMMON_MIN = 100
+"""Wall cells that must be the same: 10 m of wall at 0.1 m."""
+CONTRADICTION = 2.0
+"""Number of agreeing wall cells that one contradicting wall cell outweighs."""
+FLOOR_MIN = 1200
+"""Cells that must be floor on both: 12 m² at 0.1 m. A wall alone may be known from either side."""
+WALL_WORTH = 5
+"""Number of floor cells that one wall cell is worth."""
+EVIDENCE_MIN = 4200
+"""Both together, in floor cells. Where offices of 25 m² are equal, wrong places reach 3900 without a contradiction."""
+SECOND_MAX = 0.6
+"""The second best answer may have at most this share of the best one's weight."""
+REPEATED_MIN = 0.6
+"""Share of the common wall cells that, uncontradicted in a second place of either map, make them no evidence.
+
+Where offices are equal, maps of two of them lie on each other without any contradiction.
+"""
+REPEATED_NEARLY = 0.7
+"""Share of the first place's score that such a second place has."""
+
+NEAR_CELLS = 2.3
+"""Walls that are this near to each other are the same wall."""
+
+
+class Overlap(NamedTuple):
+    """What two maps say of each other."""
+
+    agreeing: int
+    """Wall cells of the one that are walls on the other."""
+    contradicting: int
+    """Wall cells of either that are floor on the other."""
+    floor: int
+    """Cells that are floor on both."""
+
+    @property
+    def share(self) -> float:
+        """Share of the compared wall cells that agree."""
+        return self.agreeing / max(self.agreeing + self.contradicting, 1)
+
+    @property
+    def weight(self) -> float:
+        """Wall cells that agree, less those that contradict."""
+        return max(self.agreeing - CONTRADICTION * self.contradicting, 0.0)
+
+    @property
+    def evidence(self) -> int:
+        """For the maps' showing the same place, in cells of floor; 0 if that is contradicted."""
+        if self.agreeing < COMMON_MIN or self.floor < FLOOR_MIN or self.share < AGREES_MIN:
+            return 0
+        return self.floor + WALL_WORTH * self.agreeing
+
+
+class Found(NamedTuple):
+    """How a map lies on another."""
+
+    T_other_own: Pose2D
+    overlap: Overlap
+
+
+class MapMatcher:
+    """Looks for places of one map on another; made for one pair of maps as they are now.
+
+    Args:
+        own: the map whose place is looked for.
+        other: the map on which it is looked for, with cells of the same size.
+        own_bodies: (K, 3) x, y, radius in metres of robots in the frame of the own map: what either map shows there may
+            be a robot, and contradicts nothing.
+        other_bodies: (M, 3) the same in the frame of the other map.
+        strangers: number of robots that either map may show without anybody knowing where: so many small things that
+            contradict and stand free, the largest, are left out.
+        evidence_min: least `Overlap.evidence` of an answer.
+
+    """
+
+    def __init__(
+        self,
+        own: OccupancyGrid,
+        other: OccupancyGrid,
+        own_bodies: Floats = NOBODY,
+        other_bodies: Floats = NOBODY,
+        strangers: int = 0,
+        evidence_min: int = EVIDENCE_MIN,
+    ) -> None:
+        self._own = own
+        self._other = other
+        self._own_bodies = own_bodies
+        self._other_bodies = other_bodies
+        self._strangers = strangers
+        self._evidence_min = evidence_min
+        self._walls = wall_points(own)
+        self._own_distance = distances_to_walls(own)
+        self._other_distance = distances_to_walls(other)
+
+    def find(self, at: Pose2D) -> Found | None:
+        """T_other_own, found from the walls about a place of the own map; None if it is nowhere, or ambiguous."""
+        about = self._walls - (at.x_m, at.y_m)
+        about = about[about[:, 0] ** 2 + about[:, 1] ** 2 < ABOUT_M**2]
+        if len(about) < WALLS_MIN:
+            return None
+        other = self._other
+        T_own_place = Pose2D(at.x_m, at.y_m, 0.0)
+        places = search_places(other.log_odds, other.geometry, some_points(about, SEARCH_WALLS), PLACES)
+        seen: list[Pose2D] = []
+        for _, guess in places:
+            if len(seen) < TRIED and not any(is_same_place(guess, each) for each in seen):
+                seen.append(guess)
+        some = some_points(about, TRY_WALLS)
+        tried = [self._laid(matched_place(self._other, guess, some, REACHES_M[:1]), T_own_place) for guess in seen]
+        tried.sort(key=lambda each: each.overlap.contradicting - each.overlap.agreeing)
+        found: list[Found] = []
+        for each in tried[:REFINED]:
+            guess, walls = each.T_other_own.compose(T_own_place), some_points(about, REFINE_WALLS)
+            better = self._laid(matched_place(self._other, guess, walls, REACHES_M), T_own_place)
+            place = better.T_other_own.compose(T_own_place)
+            if not any(is_same_place(place, other.T_other_own.compose(T_own_place)) for other in found):
+                found.append(better)
+        found.sort(key=lambda each: -each.overlap.weight)
+        if not found:
+            return None
+        best = self._settled(found[0], T_own_place)
+        if best.overlap.evidence < self._evidence_min:
+            return None
+        if len(found) > 1:
+            second = self._settled(found[1], T_own_place)
+            is_other = not is_same_place(second.T_other_own.compose(T_own_place), best.T_other_own.compose(T_own_place))
+            if is_other and second.overlap.weight > SECOND_MAX * best.overlap.weight:
+                return None
+        return None if self._is_repeated(best, at) else best
+
+    def overlap(self, T_other_own: Pose2D) -> Overlap:
+        """What the maps say of each other if they lie so."""
+        return self._compared(T_other_own)[0]
+
+    def fits_elsewhere(self, at: Pose2D, T_other_own: Pose2D) -> bool:
+        """Whether the walls of the own map are there a second time on the other map.
+
+        Args:
+            at: free place of the own map.
+            T_other_own: how the maps are known to lie to each other.
+
+        """
+        T_own_place = Pose2D(at.x_m, at.y_m, 0.0)
+        home, walls = T_other_own.compose(T_own_place), self._walls - (at.x_m, at.y_m)
+        other, some = self._other, some_points(self._walls, SEARCH_WALLS) - (at.x_m, at.y_m)
+        places = [home]
+        for _, guess in search_places(other.log_odds, other.geometry, some, PLACES, REPEATED_NEARLY):
+            if len(places) <= TRIED and not any(is_same_place(guess, each) for each in places):
+                places.append(guess)
+        for guess in places[1:]:
+            place = matched_place(other, guess, some_points(walls, TRY_WALLS), REACHES_M)
+            overlap = self._laid(place, T_own_place).overlap
+            is_repeated = overlap.agreeing >= REPEATED_MIN * len(walls) and overlap.share >= AGREES_MIN
+            if is_repeated and not is_same_place(place, home):
+                return True
+        return False
+
+    def _is_repeated(self, found: Found, at: Pose2D) -> bool:
+        """Whether what agrees is there a second time, on either map: then it is no evidence."""
+        _, marks = self._compared(found.T_other_own)
+        common = OccupancyGrid(self._own.geometry)
+        common.log_odds[:] = np.where(marks == kernels.COMMON, self._own.log_odds, 0)
+        return MapMatcher(common, self._own).fits_elsewhere(at, Pose2D(0.0, 0.0, 0.0)) or MapMatcher(
+            common, self._other
+        ).fits_elsewhere(at, found.T_other_own)
+
+    def _compared(self, T_other_own: Pose2D) -> tuple[Overlap, NDArray[np.uint8]]:
+        """What the maps say of each other if they lie so, and which cells of the own map are common."""
+        own, other = self._own.geometry, self._other.geometry
+        # The middle of the own map's cell (0, 0), in cells of the other map.
+        x_m, y_m = own.origin_x_m + 0.5 * own.resolution_m, own.origin_y_m + 0.5 * own.resolution_m
+        cos, sin = math.cos(T_other_own.yaw_rad), math.sin(T_other_own.yaw_rad)
+        first_x = (T_other_own.x_m + cos * x_m - sin * y_m - other.origin_x_m) / other.resolution_m
+        first_y = (T_other_own.y_m + sin * x_m + cos * y_m - other.origin_y_m) / other.resolution_m
+        marks = np.zeros(own.shape, np.uint8)
+        agreeing, floor = kernels.compare(
+            kernel_array(self._own.log_odds, INT8),
+            self._own_distance,
+            kernel_array(self._other.log_odds, INT8),
+            self._other_distance,
+            (cos, sin, first_x, first_y),
+            NEAR_CELLS,
+            marks,
+        )
+        self._leave_out_bodies(marks, T_other_own)
+        large, small = kernels.in_clusters(
+            marks, kernel_array(self._own.log_odds, INT8), SMALL_MAX_M / own.resolution_m
+        )
+        contradicting = large + sum(sorted(small.tolist())[: max(len(small) - self._strangers, 0)])
+        return Overlap(agreeing, contradicting, floor), marks
+
+    def _leave_out_bodies(self, marks: NDArray[np.uint8], T_other_own: Pose2D) -> None:
+        rows, columns = np.nonzero(marks == kernels.CONTRADICTS)
+        geometry = self._own.geometry
+        x_m = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
+        y_m = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
+        T_own_other = T_other_own.inverse()
+        others = [(T_own_other.compose(Pose2D(x, y, 0.0)), radius_m) for x, y, radius_m in self._other_bodies.tolist()]
+        bodies = [*self._own_bodies.tolist(), *((at.x_m, at.y_m, radius_m) for at, radius_m in others)]
+        for body_x_m, body_y_m, radius_m in bodies:
+            is_body = (x_m - body_x_m) ** 2 + (y_m - body_y_m) ** 2 < (radius_m + BODY_MARGIN_M) ** 2
+            marks[rows[is_body], columns[is_body]] = kernels.UNMARKED
+
+    def _laid(self, place: Pose2D, T_own_place: Pose2D) -> Found:
+        T_other_own = place.compose(T_own_place.inverse())
+        return Found(T_other_own, self.overlap(T_other_own))
+
+    def _settled(self, found: Found, T_own_place: Pose2D) -> Found:
+        """Refined by all walls of the own map, if that is better."""
+        walls = some_points(self._walls, WHOLE_WALLS) - (T_own_place.x_m, T_own_place.y_m)
+        place = matched_place(
+            self._other, found.T_other_own.compose(T_own_place), walls, (WHOLE_REACH_M, WHOLE_REACH_M)
+        )
+        T_other_own = place.compose(T_own_place.inverse())
+        overlap = self.overlap(T_other_own)
+        return Found(T_other_own, overlap) if overlap.weight > found.overlap.weight else found
+
+
+def cells_outside(own: OccupancyGrid, T_other_own: Pose2D, other: GridGeometry) -> int:
+    """Number of floor cells of a map that lie outside another map's grid."""
+    rows, columns = np.nonzero(own.log_odds < 0)
+    geometry = own.geometry
+    x_m = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
+    y_m = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
+    cos, sin = math.cos(T_other_own.yaw_rad), math.sin(T_other_own.yaw_rad)
+    column = (T_other_own.x_m + cos * x_m - sin * y_m - other.origin_x_m) / other.resolution_m
+    row = (T_other_own.y_m + sin * x_m + cos * y_m - other.origin_y_m) / other.resolution_m
+    inside = (column >= 0) & (row >= 0) & (column < other.width) & (row < other.height)
+    return int(np.count_nonzero(~inside))
+
+
+APART_M, APART_RAD = 0.5, 0.2
+"""Places that differ by less are one."""
+
+
+def wall_points(grid: OccupancyGrid) -> Floats:
+    """(K, 2) the middles of the occupied cells, metres."""
+    geometry = grid.geometry
+    rows, columns = np.nonzero(grid.log_odds > 0)
+    points = np.empty((len(rows), 2))
+    points[:, 0] = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
+    points[:, 1] = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
+    return points
+
+
+def distances_to_walls(grid: OccupancyGrid) -> NDArray[np.float32]:
+    """float32 (H, W), cells to the nearest wall, as far as `NEAR_CELLS` needs it."""
+    return distance_window(grid.log_odds, 0, 0, *grid.geometry.shape, math.ceil(NEAR_CELLS) + 1)
+
+
+def some_points(points: Floats, count: int) -> Floats:
+    """At most `count` of the points, spread over all of them."""
+    return points[np.linspace(0, len(points) - 1, min(count, len(points))).astype(np.int64)]
+
+
+def is_same_place(one: Pose2D, other: Pose2D) -> bool:
+    """Whether two poses are one answer."""
+    turn_rad = math.remainder(one.yaw_rad - other.yaw_rad, math.tau)
+    return one.distance_m(other) < APART_M and abs(turn_rad) < APART_RAD
+
+
+def matched_place(grid: OccupancyGrid, guess: Pose2D, points: Floats, reaches_m: tuple[float, ...]) -> Pose2D:
+    """A pose near a guess at which points, (N, 2) metres in its frame, match the walls of a map."""
+    for reach_m in reaches_m:
+        held = match_walls(grid.log_odds, grid.geometry, guess, points, reach_m).directions
+        if not held:
+            return guess
+        rows, offsets_m = np.array([each.row for each in held]), np.array([each.offset_m for each in held])
+        x_m, y_m, yaw_rad = least_solution(rows, offsets_m).tolist()
+        guess = Pose2D(guess.x_m + x_m, guess.y_m + y_m, math.remainder(guess.yaw_rad + yaw_rad, math.tau))
+    return guess

@@ -1,0 +1,136 @@
+"""Allocators by name: those of robrain, and one of another distribution."""
+
+import re
+
+import msgspec
+import pytest
+
+from robrain.algorithms.allocation.allocator import ALLOCATORS
+from robrain.algorithms.allocation.problem import Objective
+from robrain.coordinator.planning.plan_search import PlanSolver, solve
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.registry import Registry
+from robrain.protocol.wire.reasons.plans import NobodyHas
+from tests.coordinator.planning.test_plan_solver import job, problem
+from tests.installed_distributions import install  # noqa: F401 - a fixture
+
+IN_TURN = '''
+from robrain.algorithms.allocation.plan import make_plan
+from robrain.algorithms.allocation.validate import validate
+
+
+class InTurn:
+    """Hands out one job to each robot in turn; a robot that cannot do its job is passed over."""
+
+    def __init__(self, objective):
+        self.objective = objective
+
+    def plan(self, problem, *, deadline_s=None, iterations=None, seed=0, warm_start=None):
+        robots = len(problem.workers)
+        orders = [[job.id for job in problem.jobs if worker.name in job.pinned_to] for worker in problem.workers]
+        plan = make_plan(problem, orders, self.objective)
+        free = [job for job in problem.jobs if not job.pinned_to]
+        for turn, job in enumerate(free):
+            for robot in range(turn, turn + robots):
+                tried = [[*order, job.id] if k == robot % robots else order for k, order in enumerate(orders)]
+                found = make_plan(problem, tried, self.objective)
+                if found is not None and not validate(problem, found):
+                    orders, plan = tried, found
+                    break
+        return plan
+
+
+class Careless(InTurn):
+    """Gives each robot the same job."""
+
+    def plan(self, problem, **_):
+        return make_plan(problem, [[problem.jobs[0].id] for _ in problem.workers], self.objective)
+
+
+class CarelessLater(InTurn):
+    """Makes sound plans for those who are ready, and gives those who charge each job twice."""
+
+    def plan(self, problem, **fields):
+        if all(worker.ready_s == 0 for worker in problem.workers) or any(job.ready_only for job in problem.jobs):
+            return super().plan(problem, **fields)
+        return make_plan(problem, [[job.id for job in problem.jobs] * 2 for _ in problem.workers], self.objective)
+
+
+class CarelessSearch(InTurn):
+    """Makes a sound plan, which its search spoils."""
+
+    def search(self):
+        return Careless(self.objective)
+'''
+
+
+@pytest.fixture
+def in_turn(install, monkeypatch):  # noqa: F811
+    names = {"in_turn": "in_turn:InTurn", "careless": "in_turn:Careless"}
+    names |= {"later": "in_turn:CarelessLater", "search": "in_turn:CarelessSearch"}
+    install("in-turn", names, {"in_turn.py": IN_TURN}, ALLOCATORS.group)
+    stock = {name: ALLOCATORS._points[name][0].value for name in ALLOCATORS._stock}
+    fresh = Registry(ALLOCATORS.what, ALLOCATORS.group, stock)  # as in a new process
+    for module in ("robrain.coordinator.planning.policy", "robrain.algorithms.allocation.checked_allocator"):
+        monkeypatch.setattr(f"{module}.ALLOCATORS", fresh)
+
+
+def routes(method, *jobs):
+    plan, _ = solve(problem(*jobs), Objective.ENERGY, method, seed=0, rounds=1, iterations=5, gain_min=0.0, orders={})
+    return {route.worker: sorted(route.jobs) for route in plan.routes}
+
+
+@pytest.mark.parametrize("method", ["optimal", "auction", "greedy"])
+def test_each_stock_allocator_is_there_by_its_name(method):
+    assert ALLOCATORS.get(method)(Objective.MAKESPAN).objective is Objective.MAKESPAN
+    assert PlanningPolicy(method=method).method == method
+
+
+def test_an_unknown_method_is_refused_with_those_that_there_are():
+    with pytest.raises(ValueError, match=r"optimal, or FILE.py:NAME; got optimul; did you mean optimal.*nearest"):
+        PlanningPolicy(method="optimul")
+
+
+def test_an_allocator_of_another_distribution_makes_the_plans(in_turn):
+    jobs = [job(name, 1) for name in "abcd"]
+    assert PlanningPolicy(method="in_turn").method == "in_turn"
+    assert routes("in_turn", *jobs) == {"r0": ["a", "c"], "r1": ["b", "d"]}
+    assert routes("auction", *jobs) == {"r0": ["a", "b", "c", "d"], "r1": []}
+
+
+def test_a_plan_of_somebody_else_that_cannot_be_carried_out_is_replaced_by_the_stock_plan(in_turn):
+    solver = PlanSolver(
+        problem(job("a", 1)), Objective.ENERGY, "careless", seed=0, iterations=5, gain_min=0.0, orders={}
+    )
+    assert solver.plan.orders == (("a",), ())
+    (failure,) = solver.failures
+    assert re.search(r"in_turn.py:\d+: ValueError: the plan cannot be carried out: ", failure.why)
+
+
+def with_a_charging_camera(method):
+    """A job for a camera, which only the robot has that charges, and one for anybody."""
+    asked = problem(msgspec.structs.replace(job("photo", 1), needs=frozenset({"camera"})), job("any", 1))
+    ready, charging = asked.workers
+    charging = msgspec.structs.replace(charging, ready_s=60.0, offers=frozenset({"camera"}))
+    asked = msgspec.structs.replace(asked, workers=(ready, charging))
+    return PlanSolver(asked, Objective.ENERGY, method, seed=0, iterations=5, gain_min=0.0, orders={})
+
+
+def test_robots_that_charge_get_what_another_distribution_plans_for_them(in_turn):
+    assert with_a_charging_camera("in_turn").plan.orders == (("any",), ("photo",))
+
+
+def test_a_bad_plan_for_robots_that_charge_is_replaced_by_the_stock_plan(in_turn):
+    solver = with_a_charging_camera("later")
+    assert solver.plan.orders == (("any",), ("photo",))
+    assert [one.name for one in solver.failures] == ["later"]
+
+
+def test_a_bad_plan_of_a_search_is_dropped(in_turn):
+    assert routes("search", job("a", 1), job("b", 2)) == {"r0": ["a"], "r1": ["b"]}
+
+
+def test_a_job_that_is_left_out_without_a_reason_gets_one(in_turn):
+    asked = problem(msgspec.structs.replace(job("photo", 1), needs=frozenset({"camera"})))
+    solver = PlanSolver(asked, Objective.ENERGY, "in_turn", seed=0, iterations=5, gain_min=0.0, orders={})
+    assert [one.reason for one in solver.plan.unassigned] == [NobodyHas(("camera",))]

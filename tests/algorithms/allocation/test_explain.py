@@ -1,0 +1,157 @@
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from robrain.algorithms.allocation.auction import AuctionAllocator
+from robrain.algorithms.allocation.explain import Decision, explain
+from robrain.algorithms.allocation.plan import make_plan
+from robrain.algorithms.allocation.problem import Objective, Problem, Worker
+from robrain.algorithms.allocation.validate import validate
+from robrain.protocol.wire.reasons.plans import Cheapest, IsAtIt, NearestOut, NobodyAllowed, NobodyHas, OnlyThese
+from robrain.protocol.wire.reasons.robots import (
+    BelowReserve,
+    Crowded,
+    Forbidden,
+    LacksEnergy,
+    LacksPlugins,
+    NotReady,
+    NoWayAndBack,
+    TooLate,
+    TooLateHome,
+)
+from tests.algorithms.allocation.instances import team_problem
+from tests.algorithms.allocation.test_allocators import problems
+from tests.algorithms.allocation.test_validate import job, line, worker
+
+
+def only_decision(problem):
+    plan = AuctionAllocator().plan(problem)
+    assert validate(problem, plan) == []
+    (decision,) = explain(problem, plan)
+    return decision
+
+
+def test_robot_that_takes_least_and_what_the_others_would_take_are_told():
+    decision = only_decision(line([job("a", 2)], [worker("r1"), worker("r2", start=1), worker("r3", start=3)]))
+    assert decision.robots == ("r2",)
+    assert [option.energy_j for option in decision.options] == [4.0, 3.0, 3.0]
+    assert [option.time_s for option in decision.options] == [4.0, 3.0, 3.0]
+    assert decision.reason == Cheapest(("r2",), next_j=3.0)
+
+
+def test_each_reason_to_be_out_is_told():
+    # 10 J full, 1.5 J of it reserve: what is left is counted with the reserve, as on the robot's own gauge.
+    low = Worker(
+        name="low", start=0, ends=(0,), usable_j=2.8, capacity_j=10.0, reserve_j=1.5, offers=frozenset({"camera"})
+    )
+    bare = worker("bare")
+    late = worker("late", ready_s=118.0, offers=frozenset({"camera"}))
+    poor = worker("poor", usable_j=3.0, offers=frozenset({"camera"}))
+    good = worker("good", offers=frozenset({"camera"}))
+    decision = only_decision(
+        line([job("a", 2, needs=frozenset({"camera"}), latest_s=100.0)], [low, bare, late, poor, good])
+    )
+    assert decision.robots == ("good",)
+    assert [option.why_not for option in decision.options] == [
+        BelowReserve(left=0.03, reserve=0.15),
+        LacksPlugins(("camera",)),
+        TooLate(start_s=120.0, latest_s=100.0),
+        LacksEnergy(missing_j=1.0),
+        None,
+    ]
+    assert decision.reason == OnlyThese(("good",))
+
+
+def test_job_that_nobody_does_says_why_for_each_robot():
+    decision = only_decision(line([job("a", 5)], [worker("r1", usable_j=4.0), worker("r2", usable_j=8.0)]))
+    assert decision.robots == ()
+    assert decision.reason == NearestOut("r2", LacksEnergy(missing_j=2.0))
+    assert [option.why_not for option in decision.options] == [LacksEnergy(missing_j=6.0), LacksEnergy(missing_j=2.0)]
+
+
+def test_job_that_only_robots_may_do_that_lack_something_says_what_keeps_each_from_it():
+    jobs = [job("a", 2, needs=frozenset({"camera"}), forbidden_workers=frozenset({"r1"}), ready_only=True)]
+    camera = frozenset({"camera"})
+    decision = only_decision(line(jobs, [worker("r1", offers=camera), worker("r2", ready_s=9.0, offers=camera)]))
+    assert decision.reason == NobodyAllowed()
+    assert [option.why_not for option in decision.options] == [Forbidden(), NotReady()]
+    decision = only_decision(line(jobs, [worker("r1"), worker("r3")]))
+    assert decision.reason == NobodyHas(("camera",))
+
+
+def test_job_without_a_way_says_so():
+    ways = np.full((1, 3, 3), 1.0)
+    ways[0, :, 2] = ways[0, 2, :] = np.inf
+    decision = only_decision(Problem(jobs=(job("a", 2),), workers=(worker("r1"),), energy_j=ways, time_s=ways))
+    assert decision.robots == ()
+    assert [option.why_not for option in decision.options] == [NoWayAndBack()]
+
+
+def test_job_that_ends_just_when_the_plan_must_is_done():
+    for horizon_s, robots in ((4.0, ("r1",)), (3.9, ())):
+        decision = only_decision(line([job("a", 2)], [worker("r1")], horizon_s=horizon_s))
+        assert decision.robots == robots
+
+
+@pytest.mark.parametrize(
+    ("horizon_s", "latest_s", "why"),
+    [
+        # a is done at 5 and the robot back at 10; b alone would be done at 1 or later, and the robot back at 2.
+        (12.0, math.inf, None),
+        (10.0, math.inf, Crowded()),
+        (10.0, 3.0, Crowded()),
+        (10.0, 2.9, TooLate(start_s=1.0, latest_s=2.9)),
+    ],
+)
+def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(horizon_s, latest_s, why):
+    problem = line(
+        [job("a", 5, latest_s=5.0), job("b", 1, service_s=2.0, latest_s=latest_s)], [worker("r1")], horizon_s=horizon_s
+    )
+    plan = make_plan(problem, [["a"]], Objective.ENERGY)
+    (decision,) = explain(problem, plan, ["b"])
+    assert decision.options[0].why_not == why
+
+
+@pytest.mark.parametrize(
+    ("service_s", "why"),
+    [
+        (2.0, Crowded()),
+        (2.1, TooLateHome(start_s=4.0, horizon_s=10.0)),
+    ],
+)
+def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not_too_late(service_s, why):
+    problem = line([job("a", 1, service_s=1.0), job("b", 4, service_s=service_s)], [worker("r1")], horizon_s=10.0)
+    plan = make_plan(problem, [["a"]], Objective.ENERGY)
+    (decision,) = explain(problem, plan, ["b"])
+    assert decision.options[0].why_not == why
+
+
+def test_job_that_a_robot_is_at_stays_with_it():
+    decision = only_decision(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)]))
+    assert (decision.robots, decision.reason) == (("r2",), IsAtIt("r2"))
+
+
+def test_explaining_changes_nothing_for_the_next_job():
+    problem = team_problem(4, 20, 3, tightness=0.8)
+    plan = AuctionAllocator().plan(problem)
+    together = explain(problem, plan)
+    alone = [explain(problem, plan, [one.id])[0] for one in problem.jobs]
+    assert together == alone
+    assert msgspec.json.decode(msgspec.json.encode(together), type=list[Decision]) == together
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(problem=problems())
+def test_who_does_a_job_never_is_out_and_who_is_out_has_a_reason(problem):
+    plan = AuctionAllocator().plan(problem)
+    for decision in explain(problem, plan):
+        for option in decision.options:
+            assert (option.energy_j is None) == (option.why_not is not None)
+            assert problem.jobs[problem.job_index[decision.job]].robots > 1 or not (
+                option.worker in decision.robots and option.why_not
+            ), (decision, plan)
+        if not decision.robots:
+            assert decision.reason is not None

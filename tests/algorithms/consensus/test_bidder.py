@@ -1,0 +1,145 @@
+"""The bundle algorithm: whatever happens to messages, all agree, and on what the greedy algorithm allocates."""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robrain.algorithms.consensus.bidder import Bidder
+from robrain.protocol.model.ballot import TASKS_MAX, Ballot, Bid
+from tests.algorithms.consensus.teams import (
+    Coverage,
+    Post,
+    agree,
+    bidders_of,
+    drawn_team,
+    exchange,
+    greedy,
+    optimum,
+    paths_of,
+    settle,
+    without_conflicts,
+    worth,
+)
+
+SEEDS = st.integers(0, 10_000)
+
+
+@given(SEEDS, st.integers(1, 8), st.integers(1, 10))
+@settings(max_examples=80, deadline=None)
+def test_every_connected_team_agrees_within_tasks_times_diameter(seed: int, robots: int, tasks: int) -> None:
+    team = drawn_team(seed, robots=robots, tasks=tasks)
+    bidders = bidders_of(team)
+    exchanges = settle(team, bidders)
+    assert exchanges <= tasks * max(1, team.diameter) + 1
+    assert agree(bidders)
+    assert paths_of(bidders) == greedy(team)
+
+
+@pytest.mark.slow
+@given(SEEDS)
+@settings(max_examples=20, deadline=None)
+def test_the_result_is_the_same_if_every_fifth_message_is_lost(seed: int) -> None:
+    team, rng = drawn_team(seed, robots=5, tasks=8), random.Random(seed)
+    bidders = bidders_of(team)
+    settle(team, bidders, lambda: rng.random() < 0.2, quiet=25)
+    assert agree(bidders)
+    assert paths_of(bidders) == greedy(team)
+
+
+@pytest.mark.slow
+@given(SEEDS, SEEDS)
+@settings(max_examples=20, deadline=None)
+def test_the_result_is_the_same_whatever_the_order_of_late_and_repeated_messages(seed: int, order: int) -> None:
+    team, rng = drawn_team(seed, robots=4, tasks=6), random.Random(order)
+    bidders, post = bidders_of(team), Post(rng)
+    names = list(bidders)
+    for _ in range(400):
+        rng.shuffle(names)
+        for name in names:
+            bidders[name].build()
+            post.send(team, bidders[name].ballot())
+            post.deliver(bidders)
+    settle(team, bidders)
+    assert agree(bidders)
+    assert paths_of(bidders) == greedy(team)
+
+
+@pytest.mark.slow
+@given(SEEDS, st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_no_task_has_two_robots_and_all_are_worth_half_of_the_optimum(seed: int, distinct: bool) -> None:
+    team = drawn_team(seed, robots=3, tasks=5, distinct=distinct)
+    bidders = bidders_of(team)
+    settle(team, bidders)
+    assert without_conflicts(bidders)
+    assert worth(team, paths_of(bidders)) >= 0.5 * optimum(team) - 1e-9
+
+
+def test_of_equal_bids_the_lesser_name_wins() -> None:
+    scorer = Coverage({"t": frozenset((0,))}, [1.0])
+    for names in (("a", "b"), ("b", "a")):
+        bidders = {name: Bidder(name, scorer) for name in names}
+        for bidder in bidders.values():
+            bidder.open(["t"])
+            bidder.build()
+        ballots = [bidder.ballot() for bidder in bidders.values()]
+        for bidder in bidders.values():
+            for ballot in ballots:
+                bidder.hear(ballot)
+        assert {bidder.winning["t"].robot for bidder in bidders.values()} == {"a"}
+
+
+@given(SEEDS)
+@settings(max_examples=30, deadline=None)
+def test_tasks_of_a_robot_that_vanishes_go_to_those_who_stay(seed: int) -> None:
+    team = drawn_team(seed, robots=4, tasks=6)
+    names = sorted(team.scorers)
+    everybody_hears = {(one, other) for one in names for other in names if one != other}
+    team = team._replace(edges=everybody_hears)
+    bidders = bidders_of(team)
+    settle(team, bidders)
+    gone = names[seed % 4]
+    left = team._replace(
+        scorers={name: scorer for name, scorer in team.scorers.items() if name != gone},
+        edges={edge for edge in everybody_hears if gone not in edge},
+    )
+    remaining = {name: bidders[name] for name in left.scorers}
+    for number, bidder in enumerate(remaining.values()):
+        if number:  # one of them notices it later
+            bidder.forget(gone)
+    exchange(left, remaining)
+    next(iter(remaining.values())).forget(gone)
+    settle(left, remaining)
+    assert agree(remaining)
+    assert paths_of(remaining) == greedy(left)
+    assert without_conflicts(remaining)
+
+
+def test_an_old_or_repeated_ballot_changes_nothing() -> None:
+    bidder = Bidder("a", Coverage({"t": frozenset((0,))}, [1.0]))
+    bidder.open(["t"])
+    first = Ballot(robot="b", number=1, bids=(Bid(task="t", robot="b", score=5.0),))
+    second = Ballot(robot="b", number=2)
+    assert bidder.hear(first)
+    assert bidder.hear(second)
+    assert not bidder.hear(first)
+    assert not bidder.hear(second)
+    assert bidder.winning == {}
+
+
+def test_a_robot_bids_for_a_bounded_number_of_tasks() -> None:
+    tasks = [f"t{number:04}" for number in range(TASKS_MAX + 50)]
+    bidder = Bidder("a", Coverage(dict.fromkeys(tasks, frozenset((0,))), [1.0]))
+    bidder.open(tasks)
+    assert bidder.tasks == tasks[:TASKS_MAX]
+
+
+@pytest.mark.parametrize("score", [-1.0, float("nan"), float("inf")])
+def test_a_bid_that_is_no_number_is_refused_on_the_wire(score: float) -> None:
+    import msgspec
+
+    ballot = Ballot(robot="b", number=1, bids=(Bid(task="t", robot="b", score=score),))
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.json.decode(msgspec.json.encode(ballot), type=Ballot)

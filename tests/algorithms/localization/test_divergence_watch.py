@@ -1,0 +1,81 @@
+import pytest
+
+from robrain.algorithms.localization.divergence_watch import DivergenceWatch, WatchSpec
+
+GATE = 10.0
+
+
+def watch(**spec):
+    return DivergenceWatch(WatchSpec(**{"window": 4, "nis_max": 2.5, "refused_max": 0.5, **spec}), GATE)
+
+
+def test_before_the_first_measurement_nothing_is_off():
+    assert watch().mean_nis == 0.0
+
+
+def test_nothing_is_said_before_the_window_is_full():
+    one = watch()
+    assert [bool(one.heard(9.0)) for _ in range(5)] == [False, False, False, True, True]
+
+
+@pytest.mark.parametrize(("nis", "is_too_large"), [(2.5, False), (2.6, True)])
+def test_the_mean_over_the_window_may_be_as_large_as_said(nis, is_too_large):
+    one = watch()
+    whys = [one.heard(nis) for _ in range(4)]
+    assert bool(whys[-1]) == is_too_large
+    assert one.mean_nis == pytest.approx(nis)
+    assert one.refused == 0
+
+
+def test_only_the_last_measurements_count():
+    one = watch()
+    for nis in (9.0, 9.0, 1.0, 1.0, 1.0):
+        one.heard(nis)
+    assert one.heard(1.0) == ""
+    assert one.mean_nis == 1.0
+
+
+@pytest.mark.parametrize(("refused", "is_too_many"), [(2, False), (3, True)])
+def test_the_gate_may_refuse_as_many_as_said(refused, is_too_many):
+    one = watch(nis_max=100.0)
+    whys = [one.heard(99.0 if number < refused else 0.0) for number in range(4)]
+    assert bool(whys[-1]) == is_too_many
+    assert one.refused == refused
+    assert one.mean_nis == pytest.approx(refused * GATE / 4), "one that was refused counts as the gate"
+    assert not is_too_many or f"{refused} of the last 4" in whys[-1]
+
+
+def test_a_measurement_at_the_gate_is_taken_but_counts_as_at_its_limit():
+    one = watch(nis_max=100.0, refused_max=0.1)
+    whys = [one.heard(GATE) for _ in range(4)]
+    assert one.refused == 0
+    assert "4 of the last 4" in whys[-1]
+
+
+def test_scans_in_a_row_that_do_not_fit_are_counted():
+    one = watch(misfits_max=3, fit_min=0.4)
+    assert [bool(one.saw(fit)) for fit in (0.3, 0.3, 0.4, 0.3, 0.3)] == [False] * 5
+    assert one.saw(0.399).startswith("3 scans in a row")
+    assert one.saw(0.3).startswith("4 scans in a row")
+    assert one.saw(0.4) == ""
+
+
+def test_to_begin_anew_is_to_forget_all_but_how_many_were_refused():
+    one = watch(misfits_max=2)
+    for _ in range(3):
+        one.heard(99.0)
+    one.saw(0.0)
+    one.begin_anew()
+    assert one.mean_nis == 0.0
+    assert one.refused == 3
+    assert [one.heard(9.0) for _ in range(3)] == [""] * 3
+    assert one.saw(0.0) == ""
+
+
+@pytest.mark.parametrize(("window", "is_refused"), [(1, True), (0, True), (2, False)])
+def test_a_window_of_less_than_two_is_refused(window, is_refused):
+    if not is_refused:
+        assert WatchSpec(window=window).window == window
+        return
+    with pytest.raises(ValueError, match="window >= 2"):
+        WatchSpec(window=window)

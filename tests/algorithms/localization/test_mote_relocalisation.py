@@ -1,0 +1,153 @@
+"""Where a robot is by its motes, against the posterior computed plainly."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robrain.algorithms.localization.mote_relocalisation import Signals, better_elsewhere, find_robot
+from robrain.algorithms.localization.rssi_ranging import PathLoss
+from robrain.protocol.model.geometry import Pose2D
+
+LOSS = PathLoss(shadowing_db=3.0, fading_db=2.0)
+CLEAR = PathLoss(shadowing_db=1.0, fading_db=1.0)
+MOTES = np.array([(x, y) for x in (2.0, 9.0, 17.0) for y in (3.0, 10.0, 18.0)])
+WAY = np.array([(0.12 * k - 6.0, 2.0 * math.sin(k / 8)) for k in range(60)])
+
+
+def heard(true, seed=8, motes=MOTES, way=WAY, loss=LOSS):
+    """Signals of a robot that is there now and has come this way, seen from there."""
+    rng = np.random.default_rng(seed)
+    numbers = rng.integers(0, len(motes), len(way))
+    shadows_db = loss.shadowing_db * rng.standard_normal(len(motes))
+    rssi_dbm = [
+        loss.mean_dbm(math.dist(place, motes[mote])) + shadows_db[mote] + loss.fading_db * rng.standard_normal()
+        for place, mote in zip(
+            arena_places(np.array([(true.x_m, true.y_m, true.yaw_rad)]), way)[0], numbers, strict=True
+        )
+    ]
+    return Signals(way, numbers, motes, np.array(rssi_dbm))
+
+
+def arena_places(poses, places):
+    """(P, N, 2): places seen from each of the poses (P, 3), in the arena."""
+    cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    x, y = places.T
+    return np.stack((poses[:, :1] + cos * x - sin * y, poses[:, 1:2] + sin * x + cos * y), axis=2)
+
+
+def log_likelihoods(poses, signals, loss):
+    """A Gaussian in dB for each mote: its shadowing is the same for all of its signals."""
+    poses = np.array([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in poses])
+    away = arena_places(poses, signals.places) - signals.mote_places[signals.motes]
+    distances_m = np.maximum(np.hypot(away[..., 0], away[..., 1]), 0.1)
+    offs = signals.rssi_dbm - (loss.rssi_at_1_m_dbm - 10.0 * loss.exponent * np.log10(distances_m))
+    total = np.zeros(len(poses))
+    for mote in set(signals.motes.tolist()):
+        own = offs[:, signals.motes == mote]
+        covariance = loss.fading_db**2 * np.eye(own.shape[1]) + loss.shadowing_db**2
+        total -= 0.5 * np.einsum("pi,ij,pj->p", own, np.linalg.inv(covariance), own)
+    return total
+
+
+@pytest.mark.parametrize(
+    ("true", "seed", "loss"),
+    [
+        (Pose2D(12.0, 7.0, 1.3), 7, LOSS),
+        (Pose2D(5.0, 12.0, -2.0), 2, LOSS),
+        (Pose2D(-3.4, 6.0, 0.4), 3, CLEAR),  # beyond the motes
+        (Pose2D(22.5, 20.0, 3.1), 4, CLEAR),
+    ],
+)
+def test_the_answer_is_mean_and_covariance_of_the_posterior(true, seed, loss):
+    signals = heard(true, seed, loss=loss)
+    found = find_robot(signals, loss)
+    assert found is not None
+    pose, covariance = found
+    sigmas = np.sqrt(np.diag(covariance))
+    steps = np.linspace(-4.0, 4.0, 13)
+    offsets = np.array([(x, y, yaw) for x in steps for y in steps for yaw in steps]) * sigmas
+    places = offsets + np.array((pose.x_m, pose.y_m, pose.yaw_rad))
+    logs = log_likelihoods([Pose2D(*place) for place in places.tolist()], signals, loss)
+    shares = np.exp(logs - logs.max())
+    shares /= shares.sum()
+    mean = shares @ offsets
+    spread = (offsets - mean).T @ (shares[:, None] * (offsets - mean))
+    assert np.abs(mean / sigmas).max() < 0.15
+    # It says how coarse its own grid is, too.
+    for i in range(3):
+        assert 0.85 * spread[i, i] < covariance[i, i] < 1.4 * spread[i, i]
+        for j in range(i):
+            assert covariance[i, j] == pytest.approx(spread[i, j], abs=0.15 * sigmas[i] * sigmas[j])
+
+
+def test_in_a_large_field_the_robot_is_found_too():
+    motes = np.array([(20.0 * i, 25.0 * j + 3.0 * i) for i in range(4) for j in range(3)])
+    true = Pose2D(33.0, 21.0, -0.7)
+    way = np.array([(0.5 * k - 15.0, 5.0 * math.sin(k / 8)) for k in range(60)])
+    found = find_robot(heard(true, 3, motes, way), LOSS)
+    assert found is not None
+    pose, covariance = found
+    off = np.array((pose.x_m - true.x_m, pose.y_m - true.y_m, math.remainder(pose.yaw_rad - true.yaw_rad, math.tau)))
+    assert off @ np.linalg.solve(covariance, off) < 16.0
+    assert math.hypot(off[0], off[1]) < 3.0
+
+
+def test_a_robot_that_goes_straight_past_motes_in_a_line_may_be_on_either_side():
+    motes = np.array([(4.0 * i, 0.0) for i in range(5)])
+    way = np.array([(0.2 * k - 12.0, 0.0) for k in range(60)])
+    assert find_robot(heard(Pose2D(14.0, 3.0, 0.0), 1, motes, way), LOSS) is None
+
+
+def grids(signals, here):
+    """The places that are compared: far and wide, and near; as the module says."""
+    low, high = signals.mote_places.min(axis=0) - 6.0, signals.mote_places.max(axis=0) + 6.0
+    cell_m = max(1.5, (high - low).max() / 20)
+    xs, ys = (np.arange(low[axis] + cell_m / 2, high[axis], cell_m) for axis in range(2))
+    turns = [math.remainder(-math.pi + math.tau * k / 12, math.tau) for k in range(12)]
+    wide = [Pose2D(x, y, here.yaw_rad + turn) for x in xs for y in ys for turn in turns]
+    near = [
+        Pose2D(here.x_m + x, here.y_m + y, here.yaw_rad + yaw)
+        for x in (-1.0, 0.0, 1.0)
+        for y in (-1.0, 0.0, 1.0)
+        for yaw in (-0.275, 0.0, 0.275)
+    ]
+    far = [
+        pose
+        for pose in wide
+        if pose.distance_m(here) > 2.0 or abs(math.remainder(pose.yaw_rad - here.yaw_rad, math.tau)) > 0.55
+    ]
+    return far, near + [pose for pose in wide if pose not in far]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("off_m", "off_rad", "is_elsewhere", "spread"),
+    [
+        (0.0, 0.0, False, 1.0),
+        (1.0, 0.2, False, 1.0),
+        (5.0, 0.0, True, 1.0),
+        (-4.0, 1.0, True, 1.0),
+        (0.0, 2.0, True, 1.0),
+        (0.0, 0.0, False, 4.0),
+        (5.0, 0.0, True, 4.0),
+    ],
+)
+def test_how_much_another_place_is_better_is_a_ratio_of_likelihoods(off_m, off_rad, is_elsewhere, spread):
+    motes, way = spread * MOTES, spread * WAY
+    true = Pose2D(12.0 * spread, 7.0 * spread, 1.3)
+    signals = heard(true, 1, motes, way)
+    here = Pose2D(true.x_m + off_m * spread, true.y_m + 0.5 * off_m, true.yaw_rad + off_rad)
+    far, near = grids(signals, here)
+    expected = log_likelihoods(far, signals, LOSS).max() - log_likelihoods(near, signals, LOSS).max()
+    odds = better_elsewhere(here, signals, LOSS)
+    assert odds == pytest.approx(expected, abs=1e-6)
+    assert (odds > 0.0) == is_elsewhere
+
+
+def test_a_mote_that_is_hit_is_as_far_as_the_nearest_that_the_model_knows():
+    signals = Signals(np.zeros((3, 2)), np.zeros(3, np.int64), np.array([(0.0, 0.0)]), np.full(3, -40.0))
+    odds = better_elsewhere(Pose2D(0.0, 0.0, 0.0), signals, LOSS)
+    far, near = grids(signals, Pose2D(0.0, 0.0, 0.0))
+    expected = log_likelihoods(far, signals, LOSS).max() - log_likelihoods(near, signals, LOSS).max()
+    assert odds == pytest.approx(expected, abs=1e-6)

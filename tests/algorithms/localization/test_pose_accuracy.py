@@ -1,0 +1,167 @@
+"""Accuracy of a robot's poses, and whether it reports when they are wrong."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.algorithms.localization.pose_accuracy import (
+    GAP_MAX_S,
+    NEES_BOUND,
+    NEES_MAX,
+    PoseAccuracyMeter,
+    nees,
+    position_sigma_m,
+)
+from robrain.protocol.model.accuracy import RECENT_SCANS, recent_agreement
+from robrain.protocol.model.geometry import Pose2D
+
+HERE = Pose2D(0.0, 0.0, 0.0)
+SURE = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
+"""0.1 m and 0.1 rad."""
+
+
+def covariance(sigma_m, sigma_rad=0.1):
+    return (sigma_m**2, 0.0, 0.0, 0.0, sigma_m**2, 0.0, 0.0, 0.0, sigma_rad**2)
+
+
+def fed(*samples, step_s=0.2):
+    """What a meter says after samples of (error in m, covariance, lost), `step_s` apart."""
+    meter = PoseAccuracyMeter()
+    for number, (error_m, told, lost) in enumerate(samples):
+        meter.note(number * step_s, Pose2D(error_m, 0.0, 0.0), told, lost, HERE)
+    return meter.accuracy
+
+
+def test_nothing_is_said_before_the_first_sample():
+    told = PoseAccuracyMeter().accuracy
+    assert (told.samples, told.rmse_m, told.max_error_m, told.yaw_rmse_rad, told.error_m) == (0, None, None, None, None)
+    assert (told.nees, told.nees_with_yaw, told.nees_in_band) == (None, None, None)
+    assert told.silent_divergence_s == 0.0
+
+
+def test_errors_are_those_of_the_samples():
+    told = fed((0.3, SURE, ""), (-0.4, SURE, ""))
+    assert told.samples == 2
+    assert told.rmse_m == pytest.approx(math.sqrt(0.125))
+    assert told.max_error_m == pytest.approx(0.4)
+    assert told.error_m == pytest.approx(0.4)
+    assert told.nees == pytest.approx(12.5)
+    assert told.nees_in_band == 0.0
+
+
+def test_yaw_is_compared_the_short_way_round():
+    meter = PoseAccuracyMeter()
+    meter.note(0.0, Pose2D(0.0, 0.0, math.pi - 0.05), SURE, "", Pose2D(0.0, 0.0, 0.05 - math.pi))
+    assert meter.accuracy.yaw_rmse_rad == pytest.approx(0.1)
+    assert meter.accuracy.nees == pytest.approx(0.0)
+    assert meter.accuracy.nees_with_yaw == pytest.approx(1.0)
+
+
+def test_lost_robot_counts_for_the_time_that_it_is_lost_and_for_no_error():
+    told = fed((0.0, SURE, ""), (9.0, SURE, "nobody knows"), (9.0, SURE, "nobody knows"), (0.1, SURE, ""))
+    assert told.samples == 2
+    assert told.max_error_m == pytest.approx(0.1)
+    assert told.lost_s == pytest.approx(0.4)
+    assert told.silent_divergence_s == 0.0
+    assert not told.is_lost
+    assert fed((9.0, SURE, "nobody knows")).is_lost
+
+
+@pytest.mark.parametrize(
+    ("error_m", "told", "is_silent"),
+    [
+        (0.51, SURE, True),
+        (0.49, SURE, False),  # not far enough off
+        (0.5, SURE, False),  # exactly at the bound
+        (0.9, covariance(0.31), False),  # it says so: three standard deviations reach
+        (0.9, covariance(0.29), True),
+        (0.9, (0.0001, 0.0, 0.0, 0.0, 0.0961, 0.0, 0.0, 0.0, 0.01), False),  # its worst direction counts
+        (0.9, (), True),  # a robot that tells no covariance says nothing
+    ],
+)
+def test_robot_is_silently_off_if_it_is_far_off_and_does_not_say_so(error_m, told, is_silent):
+    accuracy = fed((error_m, told, ""), (error_m, told, ""))
+    assert accuracy.silent_divergence_s == pytest.approx(0.2 if is_silent else 0.0)
+    assert accuracy.silent_for_s == accuracy.silent_divergence_s
+
+
+def test_longest_silent_stretch_is_told_beside_the_sum_and_the_one_that_lasts():
+    off, well = (2.0, SURE, ""), (0.0, SURE, "")
+    told = fed(well, off, off, off, well, off, off)
+    assert told.silent_divergence_s == pytest.approx(1.0)
+    assert told.longest_silent_divergence_s == pytest.approx(0.6)
+    assert told.silent_for_s == pytest.approx(0.4)
+    assert fed(off, off, well).silent_for_s == 0.0
+
+
+def test_time_in_which_a_robot_says_nothing_counts_for_nothing_and_ends_a_stretch():
+    meter = PoseAccuracyMeter()
+    for time_s in (0.0, 1.0, 1.0 + GAP_MAX_S, 2.1 + 2 * GAP_MAX_S):
+        meter.note(time_s, Pose2D(2.0, 0.0, 0.0), SURE, "", HERE)
+    assert meter.accuracy.silent_divergence_s == pytest.approx(1.0 + GAP_MAX_S)
+    assert meter.accuracy.silent_for_s == 0.0
+    assert meter.accuracy.samples == 4
+
+
+def test_sample_that_is_not_later_than_the_one_before_is_left_out():
+    meter = PoseAccuracyMeter()
+    for time_s, error_m in ((1.0, 0.1), (1.0, 5.0), (0.5, 5.0)):
+        meter.note(time_s, Pose2D(error_m, 0.0, 0.0), SURE, "", HERE)
+    assert meter.accuracy.samples == 1
+    assert meter.accuracy.max_error_m == pytest.approx(0.1)
+    meter.note(1.2, Pose2D(2.0, 0.0, 0.0), SURE, "", HERE)
+    assert meter.accuracy.silent_divergence_s == pytest.approx(0.2)
+
+
+def test_share_within_the_bound_counts_samples_that_tell_a_covariance():
+    just_within, just_beyond = (0.1 * math.sqrt(NEES_BOUND + by) for by in (-1e-3, 1e-3))
+    told = fed((just_within, SURE, ""), (just_beyond, SURE, ""), (0.0, SURE, ""), (0.0, (), ""))
+    assert told.samples == 4
+    assert told.nees_in_band == pytest.approx(2 / 3)
+
+
+def test_covariance_that_is_none_gives_no_nees():
+    for told in ((), (0.0,) * 9, (0.01, 0.02, 0.0, 0.02, 0.01, 0.0, 0.0, 0.0, 0.01), (*SURE[:8], 0.0)):
+        assert nees(told, 0.1, 0.1, 0.1) is None
+    assert fed((0.1, (0.0,) * 9, "")).nees is None
+
+
+def test_covariance_that_is_almost_singular_leaves_the_mean_finite():
+    told = fed((1.0, covariance(1e-6), ""), (0.0, SURE, ""))
+    assert told.nees == NEES_MAX / 2
+
+
+@pytest.mark.slow
+@given(st.integers(0, 2**32 - 1))
+def test_nees_is_the_squared_mahalanobis_distance(seed):
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(3, 3)) + 2.0 * np.eye(3)
+    matrix, error = factor @ factor.T, rng.normal(size=3)
+    found = nees(tuple(matrix.ravel().tolist()), *error.tolist())
+    assert found is not None
+    assert found[0] == pytest.approx(error[:2] @ np.linalg.solve(matrix[:2, :2], error[:2]), rel=1e-6)
+    assert found[1] == pytest.approx(error @ np.linalg.solve(matrix, error), rel=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_told_deviation_is_that_of_the_worst_direction(seed):
+    factor = np.random.default_rng(seed).normal(size=(3, 3))
+    matrix = factor @ factor.T
+    expected_m = math.sqrt(np.linalg.eigvalsh(matrix[:2, :2])[-1])
+    assert position_sigma_m(tuple(matrix.ravel().tolist())) == pytest.approx(expected_m, rel=1e-9)
+
+
+def test_no_deviation_is_told_without_a_covariance():
+    assert math.isnan(position_sigma_m(()))
+
+
+def test_agreement_with_the_map_follows_the_last_scans():
+    assert recent_agreement(None, 0.25) == 0.25
+    share = 1.0
+    for _ in range(2 * RECENT_SCANS):
+        before, share = share, recent_agreement(share, 0.5)
+        assert 0.5 < share < before
+    assert share < 0.57

@@ -1,0 +1,255 @@
+"""The filter's arithmetic against textbook formulas: derivatives by differences, Kalman's equations, Gauss–Hermite."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from robrain.algorithms.localization import pose_filter_kernels as kernels
+
+Floats = NDArray[np.float64]
+SIZE, CAPACITY = 8, 9
+"""Two motes, and room for a third that must not be touched."""
+WALKS = np.array((0.0004, 0.0003, 0.0002, 3e-6, 2e-6, 1e-6))
+SHADOW_DB2, DECORRELATION_M = 16.0, 5.0
+AT_1_M_DBM, DB_PER_FOLD, NOISE_DB2 = -60.0, 13.0, 9.0
+MOTE = (3.0, -2.0)
+NO_GATE = math.inf
+
+
+@st.composite
+def states(draw: st.DrawFn) -> tuple[Floats, Floats]:
+    """Mean and covariance of any correlated states."""
+    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    mean = np.zeros(CAPACITY)
+    mean[:SIZE] = rng.normal(0.0, (1.0, 1.0, 2.0, 0.05, 0.05, 0.05, 3.0, 3.0))
+    root = rng.normal(0.0, 1.0, (SIZE, SIZE)) * np.array((0.3, 0.3, 0.1, 0.02, 0.02, 0.02, 2.0, 2.0))[:, None]
+    covariance = np.zeros((CAPACITY, CAPACITY))
+    covariance[:SIZE, :SIZE] = root @ root.T + np.diag(np.full(SIZE, 1e-4))
+    return mean, covariance
+
+
+def moved(mean: Floats, forward_m: float, left_m: float, turn_rad: float) -> Floats:
+    """How a displacement moves the states: half of the turn first, then the way, then the other half."""
+    x, y, yaw, scale, curve, turn = mean[:6]
+    turned_rad = (1.0 + turn) * turn_rad + curve * forward_m
+    middle = yaw + turned_rad / 2.0
+    way = (1.0 + scale) * np.array(
+        (
+            forward_m * math.cos(middle) - left_m * math.sin(middle),
+            forward_m * math.sin(middle) + left_m * math.cos(middle),
+        )
+    )
+    keep = math.exp(-math.hypot(forward_m, left_m) / DECORRELATION_M)
+    return np.array((x + way[0], y + way[1], yaw + turned_rad, scale, curve, turn, *(keep * mean[6:SIZE])))
+
+
+@settings(deadline=None, max_examples=60)
+@given(states(), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.8, 0.8))
+def test_a_prediction_is_that_of_the_motion_linearised(
+    state: tuple[Floats, Floats], forward_m: float, left_m: float, turn_rad: float
+) -> None:
+    mean, covariance = state
+    step = 1e-6
+    jacobian = np.column_stack(
+        [
+            (
+                moved(mean[:SIZE] + step * unit, forward_m, left_m, turn_rad)
+                - moved(mean[:SIZE] - step * unit, forward_m, left_m, turn_rad)
+            )
+            / (2.0 * step)
+            for unit in np.eye(SIZE)
+        ]
+    )
+    way_m = math.hypot(forward_m, left_m)
+    keep = math.exp(-way_m / DECORRELATION_M)
+    noise = np.diag(
+        (
+            *(WALKS[0] * way_m,) * 2,
+            WALKS[1] * way_m + WALKS[2] * abs(turn_rad),
+            *(WALKS[3:] * way_m),
+            *((1.0 - keep**2) * SHADOW_DB2,) * 2,
+        )
+    )
+    expected = jacobian @ covariance[:SIZE, :SIZE] @ jacobian.T + noise
+    expected_mean = moved(mean[:SIZE], forward_m, left_m, turn_rad)
+    kernels.predict(mean, covariance, SIZE, forward_m, left_m, turn_rad, WALKS, SHADOW_DB2, DECORRELATION_M)
+    assert mean[:SIZE] == pytest.approx(expected_mean, abs=1e-12)
+    # Rounding in the differences of the Jacobian is 1e-9 of the value.
+    assert covariance[:SIZE, :SIZE] == pytest.approx(expected, rel=1e-8, abs=1e-7)
+    assert np.array_equal(covariance, covariance.T)
+    assert not covariance[SIZE:].any()
+
+
+def test_a_turn_on_the_spot_leaves_the_shadowings_as_they_are() -> None:
+    mean, covariance = np.arange(CAPACITY, dtype=float), np.eye(CAPACITY)
+    kernels.predict(mean, covariance, SIZE, 0.0, 0.0, 0.5, WALKS, SHADOW_DB2, DECORRELATION_M)
+    assert mean[6:SIZE].tolist() == [6.0, 7.0]
+    assert np.array_equal(covariance[6:, 6:], np.eye(3))
+
+
+def kalman(mean: Floats, covariance: Floats, row: Floats, innovation: float, variance: float) -> tuple[Floats, Floats]:
+    """Mean and covariance after a measurement, by the textbook."""
+    expected = row @ covariance @ row + variance
+    gain = covariance @ row / expected
+    return mean + gain * innovation, covariance - np.outer(gain, row @ covariance)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    states(),
+    st.integers(2, SIZE - 1),
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+    st.floats(-1.0, 1.0),
+    st.floats(1e-4, 1.0),
+)
+def test_an_update_is_kalmans(
+    state: tuple[Floats, Floats],
+    third: int,
+    weights: tuple[float, float, float],
+    innovation: float,
+    variance: float,
+) -> None:
+    mean, covariance = state
+    row = np.zeros(SIZE)
+    row[[0, 1, third]] = weights
+    expected = kalman(mean[:SIZE], covariance[:SIZE, :SIZE], row, innovation, variance)
+    told = row @ covariance[:SIZE, :SIZE] @ row + variance
+    assert kernels.update(mean, covariance, SIZE, third, *weights, innovation, variance) == pytest.approx(told)
+    assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-9)
+    assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-9)
+    assert np.array_equal(covariance, covariance.T)
+    assert mean[SIZE:].tolist() == [0.0]
+
+
+def strength_dbm(place: Floats) -> float:
+    return AT_1_M_DBM - DB_PER_FOLD * math.log(max(math.hypot(place[0] - MOTE[0], place[1] - MOTE[1]), 0.1))
+
+
+def regression(mean: Floats, covariance: Floats) -> tuple[Floats, float, float]:
+    """Slopes, mean and left variance of the strength over a Gaussian of x and y, by 3 × 3 Gauss–Hermite points."""
+    root = np.linalg.cholesky(covariance)
+    nodes = ((-math.sqrt(3.0), 1 / 6), (0.0, 2 / 3), (math.sqrt(3.0), 1 / 6))
+    points, weights = [], []
+    for (a, weight_a), (b, weight_b) in itertools.product(nodes, nodes):
+        points.append(root @ (a, b))
+        weights.append(weight_a * weight_b)
+    offsets, shares = np.array(points), np.array(weights)
+    values = np.array([strength_dbm(mean + offset) for offset in offsets])
+    middle = float(shares @ values)
+    across = offsets.T @ (shares * (values - middle))
+    slopes = np.linalg.solve(covariance, across)
+    return slopes, middle, float(shares @ (values - middle) ** 2 - slopes @ covariance @ slopes)
+
+
+SIGNAL = (MOTE[0], MOTE[1])
+RADIO = (AT_1_M_DBM, DB_PER_FOLD, NOISE_DB2)
+
+
+@settings(deadline=None, max_examples=80)
+@given(states(), st.floats(-95.0, -55.0), st.integers(6, SIZE - 1))
+def test_a_signal_is_taken_in_by_statistical_linear_regression(
+    state: tuple[Floats, Floats], rssi_dbm: float, slot: int
+) -> None:
+    mean, covariance = state
+    slopes, middle, left = regression(mean[:2], covariance[:2, :2])
+    row = np.zeros(SIZE)
+    row[:2], row[slot] = slopes, 1.0
+    innovation = rssi_dbm - middle - mean[slot]
+    variance = row @ covariance[:SIZE, :SIZE] @ row + left + NOISE_DB2
+    expected = kalman(mean[:SIZE], covariance[:SIZE, :SIZE], row, innovation, left + NOISE_DB2)
+    told = kernels.hear(mean, covariance, SIZE, slot, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, kernels.ROOT_3, 0)
+    assert told == pytest.approx((innovation**2 / variance, innovation, variance), rel=1e-6)
+    assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-6)
+    assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-6)
+
+
+@settings(deadline=None, max_examples=40)
+@given(states(), st.floats(-95.0, -55.0))
+def test_a_signal_is_linearised_anew_about_where_it_puts_the_robot(
+    state: tuple[Floats, Floats], rssi_dbm: float
+) -> None:
+    mean, covariance = state
+    prior = mean[:SIZE].copy(), covariance[:SIZE, :SIZE].copy()
+    at, spread = prior[0][:2], prior[1][:2, :2]
+    first = None
+    for _ in range(3):
+        slopes, middle, left = regression(at, spread)
+        row = np.zeros(SIZE)
+        row[:2], row[6] = slopes, 1.0
+        innovation = rssi_dbm - (middle + slopes @ (prior[0][:2] - at) + prior[0][6])
+        first = first or (innovation, row @ prior[1] @ row + left + NOISE_DB2)
+        expected = kalman(*prior, row, innovation, left + NOISE_DB2)
+        at, spread = expected[0][:2], expected[1][:2, :2]
+    assert first is not None
+    told = kernels.hear(mean, covariance, SIZE, 6, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, kernels.ROOT_3, 2)
+    assert told == pytest.approx((first[0] ** 2 / first[1], *first), rel=1e-6)
+    assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-5)
+    assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-5)
+
+
+@settings(deadline=None, max_examples=40)
+@given(states(), st.floats(-95.0, -55.0))
+def test_without_a_spread_the_tangent_is_taken(state: tuple[Floats, Floats], rssi_dbm: float) -> None:
+    mean, covariance = state
+    step = 1e-6
+    row = np.zeros(SIZE)
+    for axis in range(2):
+        unit = step * np.eye(2)[axis]
+        row[axis] = (strength_dbm(mean[:2] + unit) - strength_dbm(mean[:2] - unit)) / (2.0 * step)
+    row[7] = 1.0
+    innovation = rssi_dbm - strength_dbm(mean[:2]) - mean[7]
+    expected = kalman(mean[:SIZE], covariance[:SIZE, :SIZE], row, innovation, NOISE_DB2)
+    kernels.hear(mean, covariance, SIZE, 7, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, 0.0, 0)
+    assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-5)
+    assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-5)
+
+
+def test_beside_a_mote_the_far_field_ends_for_the_slope_too() -> None:
+    """At 0.05 m the strength is that of 0.1 m, and the tangent is bounded by it."""
+    mean, covariance = np.zeros(CAPACITY), np.diag(np.full(CAPACITY, 1e-3))
+    mean[:2] = MOTE[0] + 0.03, MOTE[1] + 0.04
+    slope = np.array((0.03, 0.04)) * -DB_PER_FOLD / 0.1**2
+    variance = 1e-3 * (slope @ slope) + 1e-3 + NOISE_DB2
+    innovation = -20.0 - (AT_1_M_DBM - DB_PER_FOLD * math.log(0.1))
+    told = kernels.hear(mean, covariance, SIZE, 6, *SIGNAL, -20.0, *RADIO, NO_GATE, 0.0, 0)
+    assert told == pytest.approx((innovation**2 / variance, innovation, variance))
+
+
+def test_a_signal_at_the_gate_is_taken_and_one_beyond_it_changes_nothing() -> None:
+    for gate, is_taken in ((100.0, True), (1.0, False)):
+        mean, covariance = np.zeros(CAPACITY), np.diag(np.full(CAPACITY, 1e-2))
+        before = mean.copy(), covariance.copy()
+        nis, _, _ = kernels.hear(mean, covariance, SIZE, 6, *SIGNAL, -55.0, *RADIO, gate, kernels.ROOT_3, 0)
+        assert 1.0 < nis < 100.0
+        assert np.array_equal(mean, before[0]) != is_taken
+        assert np.array_equal(covariance, before[1]) != is_taken
+
+
+def loss(first: int, second: int, poses: Floats, covariances: Floats, weights: Floats) -> float:
+    """Runnalls' bound for merging two parts."""
+    both = weights[first] + weights[second]
+    share_1, share_2 = weights[first] / both, weights[second] / both
+    off = poses[first] - poses[second]
+    merged = share_1 * covariances[first] + share_2 * covariances[second] + share_1 * share_2 * np.outer(off, off)
+    logs = [float(np.linalg.slogdet(each)[1]) for each in (merged, covariances[first], covariances[second])]
+    return float(0.5 * (both * logs[0] - weights[first] * logs[1] - weights[second] * logs[2]))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 10_000), st.integers(2, 6))
+def test_the_closest_pair_is_the_one_that_loses_least(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    poses = rng.normal(0.0, 1.0, (count, 3))
+    roots = rng.normal(0.0, 0.7, (count, 3, 3))
+    covariances = roots @ roots.transpose(0, 2, 1) + 0.05 * np.eye(3)
+    weights = rng.dirichlet(np.ones(count))
+    losses = {pair: loss(*pair, poses, covariances, weights) for pair in itertools.combinations(range(count), 2)}
+    expected = min(losses, key=losses.__getitem__)
+    first, second, least = kernels.closest_pair(poses, covariances, weights)
+    assert (first, second) == expected
+    assert least == pytest.approx(losses[expected])

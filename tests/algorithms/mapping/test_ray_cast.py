@@ -1,0 +1,149 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from robrain.algorithms.mapping.ray_cast import cast_rays
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
+
+GEOMETRY = GridGeometry(0.1, -1.0, -2.0, 40, 30)
+NOTHING = np.zeros(GEOMETRY.shape, np.bool_)
+NO_CIRCLES = np.empty((0, 3))
+AHEAD = np.array([0.0])
+SENSOR = Pose2D(0.05, -0.55, 0.0)
+
+
+def marched_m(
+    occupied: np.ndarray, sensor: Pose2D, angle_rad: float, range_max_m: float, circles: np.ndarray, step_m: float
+) -> float:
+    """The first of many small steps that lies in an obstacle."""
+    along_m = np.arange(0.0, range_max_m, step_m)
+    x_m = sensor.x_m + along_m * math.cos(sensor.yaw_rad + angle_rad)
+    y_m = sensor.y_m + along_m * math.sin(sensor.yaw_rad + angle_rad)
+    rows = np.floor((y_m - GEOMETRY.origin_y_m) / GEOMETRY.resolution_m).astype(int) + 1
+    columns = np.floor((x_m - GEOMETRY.origin_x_m) / GEOMETRY.resolution_m).astype(int) + 1
+    closed = np.pad(occupied, 1, constant_values=True)
+    blocked = closed[np.clip(rows, 0, closed.shape[0] - 1), np.clip(columns, 0, closed.shape[1] - 1)]
+    for center_x_m, center_y_m, radius_m in circles:
+        blocked |= np.hypot(x_m - center_x_m, y_m - center_y_m) <= radius_m
+    hits = np.flatnonzero(blocked)
+    return float(along_m[hits[0]]) if hits.size else range_max_m
+
+
+def obstacle_apart_m(occupied: np.ndarray, x_m: float, y_m: float, circles: np.ndarray) -> float:
+    """Distance from a place to the nearest obstacle's surface or inside, the closed edge of the arena included."""
+    rows, columns = np.nonzero(np.pad(occupied, 1, constant_values=True))
+    low_x_m = GEOMETRY.origin_x_m + (columns - 1) * GEOMETRY.resolution_m
+    low_y_m = GEOMETRY.origin_y_m + (rows - 1) * GEOMETRY.resolution_m
+    gap_x_m = np.maximum(0.0, np.maximum(low_x_m - x_m, x_m - low_x_m - GEOMETRY.resolution_m))
+    gap_y_m = np.maximum(0.0, np.maximum(low_y_m - y_m, y_m - low_y_m - GEOMETRY.resolution_m))
+    rims_m = np.hypot(circles[:, 0] - x_m, circles[:, 1] - y_m) - circles[:, 2]
+    return float(min(np.hypot(gap_x_m, gap_y_m).min(), rims_m.min(initial=np.inf)))
+
+
+@settings(deadline=None, max_examples=60)
+@example(seed=47436, x_m=0.0, y_m=0.0, yaw_rad=0.0)  # on a corner of four cells, one of them occupied
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    x_m=st.floats(-0.95, 2.95),
+    y_m=st.floats(-1.95, 0.95),
+    yaw_rad=st.floats(-4.0, 4.0),
+)
+def test_ranges_agree_with_marching_in_small_steps(seed: int, x_m: float, y_m: float, yaw_rad: float) -> None:
+    rng = np.random.default_rng(seed)
+    occupied = rng.random(GEOMETRY.shape) < 0.05
+    occupied[GEOMETRY.cell_of(x_m, y_m)] = False
+    circles = np.column_stack((rng.uniform(-1, 3, 3), rng.uniform(-2, 1, 3), rng.uniform(0.05, 0.2, 3)))
+    circles = circles[np.hypot(circles[:, 0] - x_m, circles[:, 1] - y_m) > circles[:, 2]]
+    sensor = Pose2D(x_m, y_m, yaw_rad)
+    angles_rad = rng.uniform(-math.pi, math.pi, 8)
+    ranges_m = cast_rays(occupied, GEOMETRY, sensor, angles_rad, 2.0, circles)
+    for angle_rad, range_m in zip(angles_rad, ranges_m, strict=True):
+        # Marching may step over a corner that the ray clips, so: nothing before the range, and something at it.
+        assert marched_m(occupied, sensor, angle_rad, 2.0, circles, 0.0005) >= range_m - 1e-9
+        if range_m < 2.0:
+            end_x_m = x_m + range_m * math.cos(yaw_rad + angle_rad)
+            end_y_m = y_m + range_m * math.sin(yaw_rad + angle_rad)
+            assert obstacle_apart_m(occupied, end_x_m, end_y_m, circles) < 1e-9
+
+
+def test_wall_is_measured_to_the_border_of_its_cell() -> None:
+    occupied = NOTHING.copy()
+    occupied[:, 20] = True
+    angles_rad = np.array([0.0, math.pi / 4])
+    ranges_m = cast_rays(occupied, GEOMETRY, SENSOR, angles_rad, 5.0, NO_CIRCLES)
+    assert ranges_m == pytest.approx([0.95, 0.95 * math.sqrt(2)])
+
+
+def test_nothing_within_range_reads_exactly_the_maximum_range() -> None:
+    assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 0.7, NO_CIRCLES)[0] == 0.7
+
+
+def test_arena_is_closed_at_its_edge() -> None:
+    angles_rad = np.array([0.0, math.pi / 2, math.pi, -math.pi / 2])
+    ranges_m = cast_rays(NOTHING, GEOMETRY, SENSOR, angles_rad, 9.0, NO_CIRCLES)
+    assert ranges_m == pytest.approx([2.95, 1.55, 1.05, 1.45])
+
+
+def test_angles_are_in_the_sensors_frame() -> None:
+    turned = Pose2D(SENSOR.x_m, SENSOR.y_m, math.pi / 2)
+    assert cast_rays(NOTHING, GEOMETRY, turned, AHEAD, 9.0, NO_CIRCLES)[0] == pytest.approx(1.55)
+
+
+def test_circle_is_measured_to_its_rim_and_hides_what_is_behind_it() -> None:
+    circles = np.array([[2.05, -0.55, 0.1], [1.05, -0.55, 0.2], [-0.75, -0.55, 0.2], [0.5, 0.5, 0.2]])
+    assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 9.0, circles)[0] == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(("rim_m", "seen_m"), [(1.4999, 1.4999), (1.5001, 1.5), (1.6, 1.5)])
+def test_of_many_circles_only_those_within_range_are_seen(rim_m: float, seen_m: float) -> None:
+    far = [[SENSOR.x_m + 10.0 + k, SENSOR.y_m, 0.3] for k in range(5)]
+    circles = np.array([*far, [SENSOR.x_m + rim_m + 0.3, SENSOR.y_m, 0.3], *far])
+    assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 1.5, circles)[0] == pytest.approx(seen_m, abs=1e-9)
+
+
+def test_sensor_does_not_see_the_body_it_sits_in() -> None:
+    circles = np.array([[SENSOR.x_m, SENSOR.y_m, 0.2]])
+    assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 9.0, circles)[0] == pytest.approx(2.95)
+
+
+@pytest.mark.parametrize("sensor", [Pose2D(-5.0, 0.0, 0.0), Pose2D(2.95, 0.95, 0.0)])
+def test_sensor_outside_or_in_a_wall_measures_zero(sensor: Pose2D) -> None:
+    occupied = NOTHING.copy()
+    occupied[29, 39] = True
+    assert cast_rays(occupied, GEOMETRY, sensor, AHEAD, 9.0, NO_CIRCLES)[0] == 0.0
+
+
+def test_bytes_serve_as_obstacles_like_booleans() -> None:
+    occupied = NOTHING.copy()
+    occupied[:, 20] = True
+    angles_rad = np.linspace(-1.0, 1.0, 9)
+    from_booleans = cast_rays(occupied, GEOMETRY, SENSOR, angles_rad, 9.0, NO_CIRCLES)
+    from_bytes = cast_rays(occupied.astype(np.uint8) * 255, GEOMETRY, SENSOR, angles_rad, 9.0, NO_CIRCLES)
+    assert (from_booleans == from_bytes).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"occupied": np.zeros((3, 3), np.bool_)}, "obstacles"),
+        ({"angles_rad": np.zeros((1, 1))}, "angles"),
+        ({"circles": np.zeros(3)}, "circles"),
+        ({"sensor": Pose2D(0.0, math.inf, 0.0)}, "pose"),
+        ({"range_max_m": 0.0}, "range_max_m"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(change: dict[str, object], named: str) -> None:
+    arguments = {
+        "occupied": NOTHING,
+        "geometry": GEOMETRY,
+        "sensor": SENSOR,
+        "angles_rad": AHEAD,
+        "range_max_m": 1.0,
+        "circles": NO_CIRCLES,
+    }
+    with pytest.raises(ValueError, match=named):
+        cast_rays(**(arguments | change))

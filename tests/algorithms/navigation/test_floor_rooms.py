@@ -1,0 +1,70 @@
+"""The known floor divided at its narrow places."""
+
+import numpy as np
+import pytest
+
+from robrain.algorithms.navigation.floor_rooms import NO_ROOM, floor_rooms
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
+
+CELL_M = 0.1
+
+
+def walled(rows=40, columns=80):
+    classes = np.full((rows, columns), FREE, np.int8)
+    classes[[0, -1]] = classes[:, [0, -1]] = OCCUPIED
+    return classes
+
+
+def two_rooms(door_cells):
+    """Two rooms of 3.8 by 3.9 m with a door in the middle of the wall between them."""
+    classes = walled()
+    classes[:, 40] = OCCUPIED
+    first = 20 - door_cells // 2
+    classes[first : first + door_cells, 40] = FREE
+    return classes
+
+
+def test_a_door_parts_two_rooms():
+    rooms = floor_rooms(two_rooms(8), CELL_M)
+    assert len({rooms[20, 10], rooms[20, 70]}) == 2
+    assert len(np.unique(rooms[2:-2, 2:36])) == 1
+    assert len(np.unique(rooms[2:-2, 45:-2])) == 1
+
+
+def test_a_gap_nearly_as_wide_as_the_rooms_parts_nothing():
+    rooms = floor_rooms(two_rooms(34), CELL_M)
+    assert rooms[20, 10] == rooms[20, 70]
+
+
+def test_cells_that_are_not_free_are_in_no_room():
+    classes = two_rooms(8)
+    classes[5:9, 5:9] = UNKNOWN
+    rooms = floor_rooms(classes, CELL_M)
+    assert np.array_equal(rooms == NO_ROOM, classes != FREE)
+
+
+def test_rooms_behind_a_wall_without_a_door_are_two_and_numbers_are_without_gaps():
+    rooms = floor_rooms(two_rooms(0), CELL_M)
+    assert sorted(np.unique(rooms)) == [NO_ROOM, 0, 1]
+
+
+def test_a_corridor_is_parted_from_the_rooms_along_it():
+    classes = walled(60, 90)
+    classes[20] = OCCUPIED
+    classes[21:, [30, 60]] = OCCUPIED
+    for middle in (15, 45, 75):
+        classes[20, middle - 4 : middle + 4] = FREE
+    rooms = floor_rooms(classes, CELL_M)
+    assert len({rooms[10, 45], rooms[45, 15], rooms[45, 45], rooms[45, 75]}) == 4
+
+
+def test_a_map_without_floor_has_no_room():
+    assert (floor_rooms(np.full((5, 6), UNKNOWN, np.int8), CELL_M) == NO_ROOM).all()
+
+
+@pytest.mark.parametrize(
+    ("classes", "resolution_m"), [(np.zeros(3, np.int8), 0.1), (walled(), 0.0), (walled(), float("nan"))]
+)
+def test_other_shapes_and_resolutions_are_refused(classes, resolution_m):
+    with pytest.raises(ValueError, match="expected classes"):
+        floor_rooms(classes, resolution_m)

@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import ndimage
+
+from robrain.algorithms.navigation.frontier import (
+    Frontier,
+    find_frontiers,
+    frontier_mask,
+    touching,
+    unknown_beyond,
+)
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
+
+
+def room(height: int = 20, width: int = 60) -> np.ndarray:
+    """A free floor on the left, the unknown on the right of column 9."""
+    classes = np.full((height, width), UNKNOWN)
+    classes[:, :10] = FREE
+    return classes
+
+
+def test_border_of_known_floor_is_a_frontier_named_by_its_middle() -> None:
+    assert find_frontiers(room()) == [Frontier(row=9, column=9, cells=20)]
+
+
+def test_wall_ends_a_frontier() -> None:
+    classes = room()
+    classes[:, 10] = OCCUPIED
+    classes[15:20, 10] = UNKNOWN
+    assert find_frontiers(classes) == [Frontier(row=17, column=9, cells=5)]
+
+
+def test_arena_edge_is_no_frontier() -> None:
+    assert find_frontiers(np.full((9, 9), FREE)) == []
+
+
+def test_small_groups_are_dropped() -> None:
+    assert find_frontiers(room(height=3), min_cells=4) == []
+    assert len(find_frontiers(room(height=3), min_cells=3)) == 1
+
+
+def test_only_reachable_cells_count() -> None:
+    reachable = np.zeros((20, 60), np.bool_)
+    reachable[:6] = True
+    assert find_frontiers(room(), reachable) == [Frontier(row=2, column=9, cells=6)]
+
+
+def test_cells_that_touch_at_a_corner_are_one_group() -> None:
+    classes = np.full((12, 12), UNKNOWN)
+    for k in range(6):
+        classes[k + 2, : k + 3] = FREE
+    assert len(find_frontiers(classes, min_cells=1)) == 1
+
+
+def test_long_frontier_is_shared_out_in_even_pieces() -> None:
+    frontiers = find_frontiers(room(height=90), split_cells=30)
+    assert sorted(frontier.cells for frontier in frontiers) == [30, 30, 30]
+    assert sorted(frontier.row for frontier in frontiers) == pytest.approx([15, 45, 75], abs=1)
+
+
+def test_ring_is_split_so_that_no_piece_spans_it() -> None:
+    rows, columns = np.mgrid[:80, :80]
+    classes = np.where(np.hypot(rows - 40, columns - 40) < 30, FREE, UNKNOWN)
+    frontiers = find_frontiers(classes, split_cells=20)
+    assert sum(frontier.cells for frontier in frontiers) == np.count_nonzero(frontier_mask(classes))
+    assert len(frontiers) >= 8
+    assert all(frontier.cells < 60 for frontier in frontiers)
+
+
+@settings(deadline=None)
+@given(arrays(np.int8, (14, 17), elements=st.sampled_from([-1, 0, 100])), st.integers(1, 12))
+def test_every_frontier_cell_is_in_one_piece_and_every_piece_is_named_by_one_of_its_cells(
+    classes: np.ndarray, split_cells: int
+) -> None:
+    frontiers = find_frontiers(classes, min_cells=1, split_cells=split_cells)
+    mask = frontier_mask(classes)
+    assert sum(frontier.cells for frontier in frontiers) == np.count_nonzero(mask)
+    assert all(mask[frontier.row, frontier.column] for frontier in frontiers)
+    assert frontiers == sorted(frontiers, key=lambda frontier: (-frontier.cells, frontier.row, frontier.column))
+    assert len({(frontier.row, frontier.column) for frontier in frontiers}) == len(frontiers)
+
+
+def test_arguments_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ValueError, match="reachable"):
+        find_frontiers(room(), np.ones((2, 2), np.bool_))
+    with pytest.raises(ValueError, match="split_cells"):
+        find_frontiers(room(), split_cells=0)
+
+
+def test_unknown_floor_beyond_a_frontier_counts_as_far_as_its_reach() -> None:
+    assert unknown_beyond(room(), 10, 9, 4) == 4 * 9
+    assert unknown_beyond(room(), 0, 9, 4) == 4 * 5, "beyond the map is nothing"
+    assert unknown_beyond(room(), 10, 9, 100) == 50 * 20
+
+
+def test_unknown_floor_behind_a_wall_is_not_beyond_a_frontier() -> None:
+    classes = room()
+    classes[:, 12] = OCCUPIED
+    assert unknown_beyond(classes, 10, 9, 4) == 2 * 9
+    classes[14, 12] = UNKNOWN
+    assert unknown_beyond(classes, 10, 9, 4) == 2 * 9 + 9 + 1, "a door leads there"
+
+
+def test_in_a_wall_there_is_no_frontier() -> None:
+    assert unknown_beyond(np.full((9, 9), OCCUPIED), 4, 4, 3) == 0
+
+
+@given(arrays(np.bool_, st.tuples(st.integers(0, 12), st.integers(0, 12))), st.booleans())
+def test_groups_of_cells_that_touch_are_numbered_as_scipy_numbers_them(cells: np.ndarray, corners: bool) -> None:
+    labels, groups = touching(cells, corners=corners)
+    expected, count = ndimage.label(cells, structure=np.ones((3, 3)) if corners else None)
+    assert groups == count
+    assert np.array_equal(labels, expected)

@@ -1,0 +1,191 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.algorithms.navigation.obstacles import (
+    Passage,
+    contact_distance_m,
+    hold_off,
+    passage,
+    sector_distances_m,
+)
+
+COORDINATES = st.floats(-5, 5)
+POINTS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=20).map(
+    lambda points: np.array(points).T.copy()
+)
+
+
+def test_nothing_around_is_nothing_to_touch():
+    assert contact_distance_m(np.empty((2, 0)), 0.0, 0.0, 0.0, 0.2) == math.inf
+    assert sector_distances_m(np.empty((2, 0)), 0.0, 0.0, 0.0, 8) == [math.inf] * 8
+
+
+@pytest.mark.parametrize(
+    ("point", "distance_m"),
+    [
+        ((1.0, 0.0), 0.8),  # straight ahead
+        ((1.0, 0.12), 1.0 - 0.16),  # a little aside: 0.2² = 0.12² + 0.16²
+        ((1.0, 0.2), math.inf),  # just passed
+        ((-1.0, 0.0), math.inf),  # behind
+        ((0.1, 0.0), -0.1),  # already in the disc
+    ],
+)
+def test_a_disc_stops_where_it_touches_a_point(point, distance_m):
+    points_m = np.array([[point[0]], [point[1]]])
+    assert contact_distance_m(points_m, 0.0, 0.0, 0.0, 0.2) == pytest.approx(distance_m)
+
+
+@given(POINTS, COORDINATES, COORDINATES, st.floats(-4, 4))
+def test_a_disc_that_goes_so_far_touches_and_holds_no_point_in_its_way(points_m, x_m, y_m, heading_rad):
+    way_m = contact_distance_m(points_m, x_m, y_m, heading_rad, 0.2)
+    if math.isinf(way_m):
+        return
+    there = np.array([[x_m + way_m * math.cos(heading_rad)], [y_m + way_m * math.sin(heading_rad)]])
+    assert np.hypot(*(points_m - there)).min() < 0.2 + 1e-6
+
+
+@given(POINTS, COORDINATES, COORDINATES, st.floats(-4, 4), st.integers(1, 36))
+def test_the_nearest_sector_holds_the_nearest_point(points_m, x_m, y_m, yaw_rad, sectors):
+    nearest_m = sector_distances_m(points_m, x_m, y_m, yaw_rad, sectors)
+    assert len(nearest_m) == sectors
+    assert min(nearest_m) == pytest.approx(np.hypot(points_m[0] - x_m, points_m[1] - y_m).min())
+
+
+def test_sectors_count_counter_clockwise_from_where_the_robot_looks():
+    points_m = np.array([[0.0, 0.0, -1.0], [2.0, -3.0, 0.0]])
+    nearest_m = sector_distances_m(points_m, 0.0, 0.0, math.pi / 2, 4)
+    assert nearest_m == [2.0, 1.0, 3.0, math.inf]
+
+
+def walls(left_m: float, right_m: float, *, from_m: float = -1.0, to_m: float = 1.0) -> np.ndarray:
+    """Points every centimetre along two walls beside the x axis."""
+    along_m = np.arange(from_m, to_m, 0.01)
+    return np.concatenate(
+        [np.stack((along_m, np.full_like(along_m, left_m))), np.stack((along_m, np.full_like(along_m, -right_m)))],
+        axis=1,
+    )
+
+
+def test_between_two_walls_the_room_on_either_side_is_told():
+    found = passage(walls(0.25, 0.22), 0.0, 0.0, 0.0, 0.2)
+    assert found.free_m == math.inf
+    assert (found.left_m, found.right_m) == pytest.approx((0.25, 0.22))
+
+
+def test_a_wall_that_the_hull_does_not_pass_ends_the_way():
+    found = passage(walls(0.25, 0.19, from_m=0.3), 0.0, 0.0, 0.0, 0.2)
+    assert found.free_m == pytest.approx(0.3 + 0.02 - math.sqrt(0.2**2 - 0.19**2), abs=0.01)
+    assert found.right_m == pytest.approx(0.19)
+
+
+def test_the_noise_of_one_range_does_not_shut_a_way_and_a_post_does():
+    stray = np.concatenate([walls(0.25, 0.25), [[0.1], [0.18]]], axis=1)
+    assert passage(stray, 0.0, 0.0, 0.0, 0.2).free_m == math.inf
+    post = np.concatenate([walls(0.25, 0.25), [[0.5], [0.1]]], axis=1)
+    assert passage(post, 0.0, 0.0, 0.0, 0.2).free_m == pytest.approx(0.5 - math.sqrt(0.17**2 - 0.1**2))
+
+
+def test_what_stands_beyond_something_straight_ahead_is_no_wall_beside_the_way():
+    """Another robot of the same size stands 0.05 m in front of it."""
+    angles = np.radians(np.arange(90.0, 270.0, 2.0))
+    mate = np.stack((0.45 + 0.2 * np.cos(angles), 0.2 * np.sin(angles)))
+    found = passage(np.concatenate([walls(0.25, 0.25), mate], axis=1), 0.0, 0.0, 0.0, 0.2)
+    assert found.free_m == pytest.approx(0.05, abs=0.03)
+    assert (found.left_m, found.right_m) == pytest.approx((0.25, 0.25))
+
+
+def test_what_is_behind_or_far_ahead_is_not_squeezed_between():
+    for begin_m, end_m in ((-1.0, -0.2), (0.5, 1.0)):
+        found = passage(walls(0.22, 0.22, from_m=begin_m, to_m=end_m), 0.0, 0.0, 0.0, 0.2)
+        assert (found.left_m, found.right_m) == (math.inf, math.inf)
+
+
+@given(st.floats(0.2, 0.3), st.floats(0.2, 0.3), COORDINATES, COORDINATES, st.floats(-4, 4))
+def test_a_passage_is_the_same_wherever_it_lies(left_m, right_m, x_m, y_m, heading_rad):
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    points_m = np.array([[cos, -sin], [sin, cos]]) @ walls(left_m, right_m) + [[x_m], [y_m]]
+    found = passage(np.ascontiguousarray(points_m), x_m, y_m, heading_rad, 0.199)
+    assert (found.left_m, found.right_m) == pytest.approx((left_m, right_m))
+    assert found.free_m == math.inf
+
+
+def test_towards_something_near_a_disc_goes_no_faster_than_what_is_left_allows():
+    ahead = np.array([[0.3], [0.0]])
+    assert hold_off(ahead, 0.0, 0.0, 0.5, 0.0, 0.2, 0.01, 1.5) == pytest.approx((1.5 * 0.09, 0.0))
+    assert hold_off(ahead, 0.0, 0.0, -0.5, 0.2, 0.2, 0.01, 1.5) == (-0.5, 0.2)
+
+
+def test_along_a_wall_a_disc_goes_as_it_likes_and_from_one_too_near_it_is_pushed_away():
+    beside = np.array([[0.0], [0.205]])
+    assert hold_off(beside, 0.0, 0.0, 0.3, 0.0, 0.2, 0.01, 1.5) == pytest.approx((0.3, -1.5 * 0.005))
+
+
+@given(POINTS, st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
+def test_what_is_far_from_the_hull_changes_nothing(points_m, x_m_s, y_m_s):
+    away = points_m[:, np.hypot(*points_m) > 0.41]
+    assert hold_off(np.ascontiguousarray(away), 0.0, 0.0, x_m_s, y_m_s, 0.2, 0.01, 1.5) == (x_m_s, y_m_s)
+
+
+def plain_passage(points_m: np.ndarray, x_m: float, y_m: float, heading_rad: float, radius_m: float) -> Passage:
+    """The docstrings' rules: a hull's contact takes three points, or one that overlaps by more than 3 cm."""
+    towards = np.exp(-1j * heading_rad) * ((points_m[0] - x_m) + 1j * (points_m[1] - y_m))
+    seen = [(float(point.real), float(point.imag)) for point in towards]
+
+    def contacts_m(disc_m: float) -> list[float]:
+        within = [(ahead_m, aside_m) for ahead_m, aside_m in seen if ahead_m > 0.0 and abs(aside_m) < disc_m]
+        return sorted(ahead_m - math.sqrt(disc_m**2 - aside_m**2) for ahead_m, aside_m in within)
+
+    def third(distances_m: list[float]) -> float:
+        return sorted(distances_m)[2] if len(distances_m) > 2 else math.inf
+
+    free_m = min(third(contacts_m(radius_m)), min(contacts_m(radius_m - 0.03), default=math.inf))
+    until_m = min(0.4, radius_m + max(0.0, free_m) - 0.05)
+    beside_m = [aside_m for ahead_m, aside_m in seen if -0.15 < ahead_m < until_m and abs(aside_m) > 0.5 * radius_m]
+    left_m = third([aside_m for aside_m in beside_m if aside_m > 0.0])
+    return Passage(free_m, left_m, third([-aside_m for aside_m in beside_m if aside_m < 0.0]))
+
+
+def test_passage_is_what_its_rules_say_for_any_points() -> None:
+    draw = np.random.default_rng(8)
+    found = []
+    for _ in range(300):
+        x_m, y_m, heading_rad = draw.uniform(-4.0, 4.0, 3)
+        count = int(draw.integers(1, 40))
+        ahead_m, aside_m = draw.uniform(-0.3, 0.6, count), draw.normal(0.0, 0.3, count)
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        points_m = np.stack((x_m + cos * ahead_m - sin * aside_m, y_m + sin * ahead_m + cos * aside_m))
+        found.append(passage(points_m, x_m, y_m, heading_rad, 0.2))
+        assert found[-1] == pytest.approx(plain_passage(points_m, x_m, y_m, heading_rad, 0.2), abs=1e-9)
+    assert all(50 < sum(map(math.isfinite, column)) < 290 for column in zip(*found, strict=True))
+
+
+def test_wall_beside_the_robot_counts_to_a_little_behind_its_centre() -> None:
+    """Three points on the left, the rearmost of which decides."""
+    for behind_m, left_m in ((0.14, 0.25), (0.16, math.inf)):
+        points_m = np.array([[-behind_m, -0.05, 0.05], [0.25, 0.25, 0.25]])
+        assert passage(points_m, 0.0, 0.0, 0.0, 0.2).left_m == pytest.approx(left_m)
+
+
+def lists(points_m: np.ndarray) -> tuple[list[float], list[float]]:
+    """The points as a robot without arrays has them."""
+    x_m, y_m = points_m.tolist()
+    return x_m, y_m
+
+
+@given(POINTS, COORDINATES, COORDINATES, st.floats(-4, 4), st.floats(0.05, 1.0))
+def test_a_robot_without_arrays_finds_the_same_room(points_m, x_m, y_m, heading_rad, reach_m):
+    plain = lists(points_m)
+    for function in (contact_distance_m, passage):
+        assert function(plain, x_m, y_m, heading_rad, reach_m) == function(points_m, x_m, y_m, heading_rad, reach_m)
+    sectors = sector_distances_m(points_m, x_m, y_m, heading_rad, 12)
+    assert sector_distances_m(plain, x_m, y_m, heading_rad, 12) == pytest.approx(sectors, rel=1e-12)
+
+
+@given(POINTS, COORDINATES, COORDINATES, st.floats(-1, 1), st.floats(-1, 1))
+def test_a_robot_without_arrays_holds_off_as_one_with_arrays_does(points_m, x_m, y_m, x_m_s, y_m_s):
+    rest = (x_m, y_m, x_m_s, y_m_s, 0.2, 0.02, 2.0)
+    assert hold_off(lists(points_m), *rest) == pytest.approx(hold_off(points_m, *rest), rel=1e-9, abs=1e-9)

@@ -1,0 +1,271 @@
+import heapq
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robrain.algorithms.navigation.path_planning import (
+    CUT_CELLS,
+    _search,
+    descend,
+    distance_field,
+    nearest_traversable,
+    plan_path,
+    round_corners,
+    shorten_path,
+)
+
+OPEN = np.ones((12, 16), np.bool_)
+EVEN = np.ones(OPEN.shape, np.float32)
+WALLED = OPEN.copy()
+WALLED[:10, 8] = False
+
+
+def random_world(seed: int, *, even: bool = False) -> tuple[np.ndarray, np.ndarray, tuple[int, int], tuple[int, int]]:
+    rng = np.random.default_rng(seed)
+    traversable = rng.random(OPEN.shape) < rng.uniform(0.5, 1.0)
+    cost = EVEN if even else rng.uniform(1.0, 5.0, OPEN.shape).astype(np.float32)
+    ends = [(int(rng.integers(12)), int(rng.integers(16))) for _ in range(2)]
+    for end in ends:
+        traversable[end] = True
+    return traversable, cost, ends[0], ends[1]
+
+
+def length_cells(path: np.ndarray, traversable: np.ndarray, cost: np.ndarray) -> float:
+    """Cost of a path, step by step, after checking that each step is allowed."""
+    total = 0.0
+    for (row, column), (next_row, next_column) in pairwise(path):
+        assert max(abs(next_row - row), abs(next_column - column)) == 1
+        assert traversable[row, column]
+        assert traversable[next_row, next_column]
+        assert traversable[row, next_column]
+        assert traversable[next_row, column]
+        length = math.hypot(next_row - row, next_column - column)
+        total += length * 0.5 * (float(cost[row, column]) + float(cost[next_row, next_column]))
+    return total
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.integers(0, 2**32 - 1))
+def test_path_costs_what_the_distance_field_says(seed: int) -> None:
+    traversable, cost, start, goal = random_world(seed)
+    field = distance_field(traversable, cost, np.array([goal]))
+    path = plan_path(traversable, cost, start, goal)
+    if path is None:
+        assert math.isinf(field[start])
+        return
+    assert tuple(path[0]) == start
+    assert tuple(path[-1]) == goal
+    assert length_cells(path, traversable, cost) == pytest.approx(float(field[start]), rel=1e-5)
+
+
+def cheapest(traversable: np.ndarray, cost: np.ndarray, source: tuple[int, int]) -> np.ndarray:
+    """Dijkstra's algorithm with Python's heap."""
+    distance = np.full(traversable.shape, math.inf)
+    heap = [(0.0, source)]
+    while heap:
+        so_far, (row, column) = heapq.heappop(heap)
+        if so_far >= distance[row, column]:
+            continue
+        distance[row, column] = so_far
+        for to_row, to_column in ((row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
+            if 0 <= to_row < traversable.shape[0] and 0 <= to_column < traversable.shape[1]:
+                corners = traversable[to_row, to_column] & traversable[row, to_column] & traversable[to_row, column]
+                length = math.hypot(to_row - row, to_column - column)
+                step = length * 0.5 * (float(cost[row, column]) + float(cost[to_row, to_column]))
+                if corners:
+                    heapq.heappush(heap, (so_far + step, (to_row, to_column)))
+    return distance
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=33)
+@given(st.integers(0, 2**32 - 1))
+def test_distance_field_is_that_of_a_plain_dijkstra(seed: int) -> None:
+    traversable, cost, source, _ = random_world(seed)
+    field = distance_field(traversable, cost, np.array([source], np.int64))
+    assert field == pytest.approx(cheapest(traversable, cost, source))
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=33)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 1.0]), st.sampled_from([10.0, 1e3, 1e7]))
+def test_distance_field_is_right_however_much_costs_differ(seed: int, least: float, times: float) -> None:
+    traversable, cost, source, _ = random_world(seed)
+    cost = np.where(cost > np.median(cost), cost * times, least).astype(np.float32)
+    field = distance_field(traversable, cost, np.array([source], np.int64))
+    assert field == pytest.approx(cheapest(traversable, cost, source))
+
+
+def test_search_for_one_goal_looks_at_a_part_of_the_floor_only() -> None:
+    mask, cost = np.ones((80, 80), np.bool_), np.ones((80, 80), np.float32)
+    parent = _search(mask, cost, 40, 40, 40, 60)
+    assert 20 <= (parent >= 0).sum() < 0.05 * parent.size
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_descent_of_an_even_field_is_a_cheapest_path(seed: int) -> None:
+    traversable, cost, start, goal = random_world(seed, even=True)
+    field = distance_field(traversable, cost, np.array([goal]))
+    path = descend(field, traversable, start)
+    if path is None:
+        assert math.isinf(field[start])
+        return
+    assert tuple(path[-1]) == goal
+    assert length_cells(path, traversable, cost) == pytest.approx(float(field[start]), rel=1e-5)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_descent_of_an_uneven_field_reaches_the_source_falling_all_the_way(seed: int) -> None:
+    traversable, cost, start, goal = random_world(seed)
+    field = distance_field(traversable, cost, np.array([goal]))
+    path = descend(field, traversable, start)
+    if path is None:
+        assert math.isinf(field[start])
+        return
+    assert tuple(path[-1]) == goal
+    assert (np.diff(field[path[:, 0], path[:, 1]]) < 0).all()
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_shortened_path_sees_from_corner_to_corner(seed: int) -> None:
+    traversable, cost, start, goal = random_world(seed)
+    path = plan_path(traversable, cost, start, goal)
+    if path is None:
+        return
+    short = shorten_path(path, traversable)
+    assert tuple(short[0]) == start
+    assert tuple(short[-1]) == goal
+    assert {tuple(cell) for cell in short} <= {tuple(cell) for cell in path}
+    for (row, column), (to_row, to_column) in pairwise(short):
+        rows = np.linspace(row, to_row, 400)
+        columns = np.linspace(column, to_column, 400)
+        assert traversable[np.rint(rows).astype(int), np.rint(columns).astype(int)].all()
+
+
+def test_same_world_gives_the_same_path() -> None:
+    paths = {plan_path(OPEN.copy(), EVEN.copy(), (0, 3), (11, 7)).tobytes() for _ in range(5)}
+    assert len(paths) == 1
+
+
+def test_path_goes_around_a_wall_without_cutting_its_corner() -> None:
+    path = plan_path(WALLED, EVEN, (0, 0), (0, 15))
+    assert path is not None
+    assert path.dtype == np.int32
+    assert [10, 7] in path.tolist()
+    assert [10, 9] in path.tolist()
+
+
+def test_path_prefers_a_cheap_detour() -> None:
+    cost = EVEN.copy()
+    cost[:11, 8] = 50.0
+    path = plan_path(OPEN, cost, (5, 0), (5, 15))
+    assert path is not None
+    assert [11, 8] in path.tolist()
+
+
+def test_path_to_where_one_stands_is_that_cell() -> None:
+    path = plan_path(OPEN, EVEN, (3, 3), (3, 3))
+    assert path is not None
+    assert path.tolist() == [[3, 3]]
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [((0, 8), (0, 0)), ((0, 0), (0, 8)), ((-1, 0), (0, 0)), ((0, 0), (0, 16))],
+)
+def test_end_in_a_wall_or_outside_has_no_path(start: tuple[int, int], goal: tuple[int, int]) -> None:
+    assert plan_path(WALLED, EVEN, start, goal) is None
+
+
+def test_place_that_is_cut_off_has_no_path_and_an_infinite_distance() -> None:
+    cut = OPEN.copy()
+    cut[:, 8] = False
+    assert plan_path(cut, EVEN, (0, 0), (0, 15)) is None
+    field = distance_field(cut, EVEN, np.array([[0, 15]]))
+    assert np.isinf(field[:, :9]).all()
+    assert np.isfinite(field[:, 9:]).all()
+    assert descend(field, cut, (0, 0)) is None
+
+
+def test_field_tells_the_distance_to_the_nearest_source() -> None:
+    field = distance_field(OPEN, EVEN, np.array([[0, 0], [0, 15], [0, 0]]))
+    assert field.dtype == np.float32
+    assert field[0].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 7, 6, 5, 4, 3, 2, 1, 0]
+    assert field[3, 3] == pytest.approx(3 * math.sqrt(2))
+
+
+def test_sources_in_walls_and_outside_are_passed_over() -> None:
+    field = distance_field(WALLED, EVEN, np.array([[0, 8], [-1, 0], [40, 2]]))
+    assert np.isinf(field).all()
+    assert np.isinf(distance_field(WALLED, EVEN, np.empty((0, 2), np.int64))).all()
+
+
+def test_straight_path_is_shortened_to_its_ends() -> None:
+    path = plan_path(OPEN, EVEN, (0, 0), (5, 15))
+    assert path is not None
+    assert shorten_path(path, OPEN).tolist() == [[0, 0], [5, 15]]
+
+
+def test_path_is_kept_where_a_stricter_mask_forbids_its_cells() -> None:
+    path = plan_path(OPEN, EVEN, (5, 0), (5, 15))
+    assert path is not None
+    roomy = OPEN.copy()
+    roomy[:, 6:9] = False
+    assert shorten_path(path, roomy)[:, 1].tolist() == [0, 5, 6, 7, 8, 9, 15]
+
+
+def test_path_that_leaves_the_grid_is_refused() -> None:
+    with pytest.raises(ValueError, match="leaves the grid of 12 x 16"):
+        shorten_path(np.array([[0, 0], [0, 16]], np.int32), OPEN)
+
+
+def test_grids_that_differ_in_shape_are_refused() -> None:
+    with pytest.raises(ValueError, match="one shape"):
+        plan_path(OPEN, EVEN[:3], (0, 0), (0, 1))
+    with pytest.raises(ValueError, match="one shape"):
+        descend(EVEN[:3], OPEN, (0, 0))
+    with pytest.raises(ValueError, match=r"\(K, 2\)"):
+        distance_field(OPEN, EVEN, np.zeros(2, np.int64))
+
+
+def test_nearest_traversable_cell_is_found_within_its_radius() -> None:
+    only = np.zeros((9, 9), np.bool_)
+    only[1, 4] = only[4, 7] = only[8, 8] = True
+    assert nearest_traversable(only, (4, 4), 3) == (1, 4)
+    assert nearest_traversable(only, (4, 4), 2) is None
+    assert nearest_traversable(only, (5, 5), 4) == (4, 7)
+    assert nearest_traversable(only, (8, 8), 0) == (8, 8)
+    assert nearest_traversable(only, (11, 8), 3) == (8, 8)
+
+
+def test_corner_is_cut_twice_each_time_at_a_quarter_of_its_shorter_side() -> None:
+    open_floor = np.ones((20, 20), np.bool_)
+    rounded = round_corners(np.array([[0, 0], [0, 12], [16, 12]], np.int32), open_floor)
+    # First from (0, 9) to (3, 12); then each of these by a quarter of the 3·√2 between them.
+    back = 0.75 * math.sqrt(2.0)
+    expected = [(0, 0), (0, 9 - back), (0.75, 9.75), (2.25, 11.25), (3 + back, 12), (16, 12)]
+    assert rounded == pytest.approx(np.array(expected))
+
+
+def test_no_more_is_cut_off_a_corner_than_two_radii_of_a_robot() -> None:
+    open_floor = np.ones((80, 80), np.bool_)
+    rounded = round_corners(np.array([[0, 0], [0, 60], [60, 60]], np.int32), open_floor)
+    back = math.sqrt(2.0)
+    expected = [(0, 0), (0, 60 - CUT_CELLS - back), (1, 57), (3, 59), (CUT_CELLS + back, 60), (60, 60)]
+    assert rounded == pytest.approx(np.array(expected))
+
+
+def test_corner_is_kept_if_its_sides_are_short_or_the_cut_would_leave_the_floor() -> None:
+    short = np.array([[0, 0], [0, 2], [2, 2]], np.int32)
+    assert round_corners(short, np.ones((20, 20), np.bool_)).tolist() == short.tolist()
+    corridor = np.zeros((20, 20), np.bool_)
+    corridor[0], corridor[:, 12] = True, True
+    bent = np.array([[0, 0], [0, 12], [16, 12]], np.int32)
+    assert round_corners(bent, corridor).tolist() == bent.tolist()

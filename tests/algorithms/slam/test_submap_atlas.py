@@ -1,0 +1,393 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from robrain.algorithms.slam import submap_atlas
+from robrain.algorithms.slam.submap import (
+    BLOCK_CELLS,
+    IDENTITY,
+    PARTS,
+    SIDE_MAX_CELLS,
+    SURFACE,
+    TILE_CELLS,
+    Submap,
+    moved_box,
+)
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+
+GEOMETRY = GridGeometry(0.5, -3.0, 2.0, 24, 20)
+ROBOTS = ("r1", "r2", "r3")
+CLASS = st.sampled_from([FREE, OCCUPIED, UNKNOWN])
+PLACE = st.one_of(
+    st.just(IDENTITY),
+    st.builds(lambda right, up: Pose2D(0.5 * right, 0.5 * up, 0.0), st.integers(-8, 8), st.integers(-8, 8)),
+    st.builds(Pose2D, st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.floats(-3.1, 3.1)),
+)
+ONE = np.array([[OCCUPIED]])
+
+
+@st.composite
+def boxes(draw):
+    """Row, column and cells."""
+    shape = draw(st.integers(1, 12)), draw(st.integers(1, 12))
+    return draw(st.integers(-20, 30)), draw(st.integers(-20, 30)), draw(arrays(np.int8, shape, elements=CLASS))
+
+
+@st.composite
+def histories(draw):
+    """What each robot says one after the other, of its submaps 0 and 1: cells, places, withdrawals."""
+    said = {}
+    for robot in ROBOTS:
+        kinds = draw(st.lists(st.sampled_from(["take", "take", "move", "withdraw"]), max_size=5))
+        said[robot] = [(kind, (robot, draw(st.integers(0, 1))), draw(boxes()), draw(PLACE)) for kind in kinds]
+    return said
+
+
+def tell(atlas, number, statement):
+    """`number` grows with what a robot says; several robots may have seen things at the same time."""
+    kind, key, (row, column, cells), place = statement
+    if kind == "take":
+        atlas.take(key, row, column, cells, 100 + 10 * number)
+    elif kind == "move":
+        atlas.move(key, place)
+    else:
+        atlas.withdraw(key)
+
+
+def told(history, order):
+    atlas, next_of = SubmapAtlas(GEOMETRY), dict.fromkeys(ROBOTS, 0)
+    for robot in order:
+        tell(atlas, next_of[robot], history[robot][next_of[robot]])
+        next_of[robot] += 1
+    return atlas
+
+
+def composed(atlas):
+    """The rule, cell by cell: what was seen last counts, of what was seen at the same time a wall."""
+    classes = np.full(GEOMETRY.shape, UNKNOWN)
+    for i in range(GEOMETRY.height):
+        for j in range(GEOMETRY.width):
+            said = []
+            for submap in atlas.submaps.values():
+                middle = GEOMETRY.center_of(i, j)
+                place = submap.T_arena_local.inverse().compose(Pose2D(middle.x_m, middle.y_m, 0.0))
+                row, column = GEOMETRY.cell_of(place.x_m, place.y_m)
+                row, column = row - submap.row, column - submap.column
+                height, width = submap.evidence.shape
+                if 0 <= row < height and 0 <= column < width and submap.evidence[row, column]:
+                    said.append(
+                        (submap.stamp_ms[row // TILE_CELLS, column // TILE_CELLS], submap.evidence[row, column])
+                    )
+            if said:
+                classes[i, j] = OCCUPIED if max(said)[1] > 0 else FREE
+    return classes
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=20)
+@given(histories(), st.randoms(use_true_random=False))
+def test_in_whatever_order_robots_are_heard_the_map_is_the_same(history, random):
+    order = [robot for robot in ROBOTS for _ in history[robot]]
+    one = told(history, order)
+    random.shuffle(order)
+    other = told(history, order)
+    assert np.array_equal(one.grid.classes(), other.grid.classes())
+    assert np.array_equal(one.grid.stamp_ms, other.grid.stamp_ms)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=20)
+@given(histories(), st.randoms(use_true_random=False))
+def test_the_map_is_what_the_rule_says_of_all_submaps_where_they_lie(history, random):
+    order = [robot for robot in ROBOTS for _ in history[robot]]
+    random.shuffle(order)
+    atlas = told(history, order)
+    assert np.array_equal(atlas.grid.classes(), composed(atlas))
+    assert atlas.grid.known_count == np.count_nonzero(atlas.grid.classes() != UNKNOWN)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=20)
+@given(histories(), PLACE)
+def test_a_submap_that_is_moved_there_and_back_leaves_the_map_as_it_was(history, there):
+    atlas = told(history, [robot for robot in ROBOTS for _ in history[robot]])
+    before, version = atlas.grid.classes(), atlas.grid.version
+    for key, submap in list(atlas.submaps.items()):
+        here = submap.T_arena_local
+        atlas.move(key, there)
+        if not np.array_equal(atlas.grid.classes(), before):
+            assert atlas.grid.version > version
+        atlas.move(key, here)
+        assert np.array_equal(atlas.grid.classes(), before)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=20)
+@given(histories(), st.dictionaries(st.tuples(st.sampled_from(ROBOTS), st.integers(0, 2)), PLACE, max_size=6))
+def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, places):
+    order = [robot for robot in ROBOTS for _ in history[robot]]
+    together, singly = told(history, order), told(history, order)
+    together.move_all(places)
+    for key, place in places.items():
+        singly.move(key, place)
+    assert np.array_equal(together.grid.classes(), singly.grid.classes())
+    assert np.array_equal(together.grid.stamp_ms, singly.grid.stamp_ms)
+    assert together.grid.known_count == singly.grid.known_count
+    assert {key: submap.T_arena_local for key, submap in together.submaps.items()} == {
+        key: submap.T_arena_local for key, submap in singly.submaps.items()
+    }
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=20)
+@given(histories())
+def test_a_map_without_a_submap_is_the_map_of_the_others(history):
+    order = [robot for robot in ROBOTS for _ in history[robot]]
+    with_all, others = told(history, order), told({**history, "r2": []}, [name for name in order if name != "r2"])
+    for number in (0, 1):
+        with_all.withdraw(("r2", number))
+    assert np.array_equal(with_all.grid.classes(), others.grid.classes())
+
+
+def test_a_submap_is_drawn_where_it_is_moved_and_nowhere_else():
+    atlas = SubmapAtlas(GEOMETRY)
+    assert atlas.take(("r1", 0), 3, 4, np.array([[OCCUPIED, FREE]]), 5) == 2
+    atlas.move(("r1", 0), Pose2D(2.0, 1.0, 0.0))
+    expected = np.full(GEOMETRY.shape, UNKNOWN)
+    expected[5, 8], expected[5, 9] = OCCUPIED, FREE
+    assert np.array_equal(atlas.grid.classes(), expected)
+    # A quarter turn about the origin of the arena: (x, y) comes to lie at (−y, x).
+    atlas.move(("r1", 0), Pose2D(8.0, 5.0, math.pi / 2))
+    middle = GEOMETRY.center_of(3, 4)
+    turned = GEOMETRY.cell_of(8.0 - middle.y_m, 5.0 + middle.x_m)
+    assert atlas.grid.classes()[turned] == OCCUPIED
+    assert atlas.grid.known_count == 2
+
+
+def test_what_another_robot_said_comes_to_light_again_where_a_submap_is_moved_away():
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.take(("r1", 0), 3, 4, np.array([[FREE]]), 5)
+    atlas.take(("r2", 0), 3, 4, ONE, 6)
+    assert atlas.grid.classes()[3, 4] == OCCUPIED
+    atlas.move(("r2", 0), Pose2D(1.0, 0.0, 0.0))
+    assert atlas.grid.classes()[3, 4] == FREE
+    assert atlas.grid.classes()[3, 6] == OCCUPIED
+
+
+def test_a_submap_that_is_moved_before_anything_is_known_of_it_begins_there():
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.move(("r1", 0), Pose2D(1.0, 0.0, 0.0))
+    assert atlas.submaps == {}
+    atlas.take(("r1", 0), 3, 4, ONE, 5)
+    assert atlas.grid.classes()[3, 6] == OCCUPIED
+    atlas.withdraw(("r1", 0))
+    atlas.take(("r1", 0), 3, 4, ONE, 5)
+    assert atlas.grid.classes()[3, 4] == OCCUPIED
+
+
+def test_a_forgotten_atlas_knows_neither_cells_nor_places():
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.move(("r1", 1), Pose2D(1.0, 0.0, 0.0))
+    atlas.take(("r1", 0), 3, 4, ONE, 5)
+    atlas.forget()
+    assert atlas.submaps == {}
+    assert atlas.grid.known_count == 0
+    atlas.take(("r1", 1), 3, 4, ONE, 5)
+    assert atlas.grid.classes()[3, 4] == OCCUPIED
+
+
+def test_no_more_submaps_are_held_than_fit(monkeypatch):
+    monkeypatch.setattr(submap_atlas, "SUBMAPS_MAX", 2)
+    atlas = SubmapAtlas(GEOMETRY)
+    for number in (0, 1):
+        atlas.take(("r1", number), number, 0, ONE, 5)
+    for number in (2, 3, 4):
+        atlas.move(("r2", number), Pose2D(1.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="at most 2 submaps"):
+        atlas.take(("r1", 2), 2, 0, ONE, 5)
+    assert atlas.grid.known_count == 2
+    assert atlas.take(("r1", 1), 2, 0, ONE, 5) == 1
+    atlas.withdraw(("r1", 0))
+    atlas.withdraw(("r1", 1))
+    atlas.take(("r2", 2), 2, 0, ONE, 5)
+    assert atlas.grid.classes()[2, 0] == OCCUPIED, "its place was told before those of two others"
+    atlas.take(("r2", 4), 4, 0, ONE, 5)
+    assert atlas.grid.classes()[4, 2] == OCCUPIED, "the latest places are kept"
+
+
+def test_no_more_cells_are_held_than_fit_and_those_of_withdrawn_submaps_are_given_back(monkeypatch):
+    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 2 * BLOCK_CELLS**2)
+    atlas = SubmapAtlas(GEOMETRY)
+    full = np.full((BLOCK_CELLS, BLOCK_CELLS), FREE)
+    atlas.take(("r1", 0), 0, 0, full, 5)
+    atlas.take(("r1", 1), 0, 0, full, 6)
+    with pytest.raises(ValueError, match=f"at most {2 * BLOCK_CELLS**2} bytes"):
+        atlas.take(("r1", 2), 0, 0, full, 7)
+    assert set(atlas.submaps) == {("r1", 0), ("r1", 1)}
+    atlas.withdraw(("r1", 0))
+    atlas.take(("r1", 2), 0, 0, full, 7)
+    assert set(atlas.submaps) == {("r1", 1), ("r1", 2)}
+
+
+def test_surfaces_count_with_the_cells(monkeypatch):
+    surfaces = np.zeros(50, SURFACE)
+    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 2 * BLOCK_CELLS**2 + surfaces.nbytes)
+    atlas = SubmapAtlas(GEOMETRY)
+    for number in (0, 1):
+        atlas.take(("r1", number), 0, 0, ONE, 5)
+    atlas.take_surfaces(("r1", 0), surfaces)
+    atlas.take_surfaces(("r1", 0), surfaces)  # again, in place of the first ones
+    with pytest.raises(ValueError, match="at most 2598 bytes in all"):
+        atlas.take_surfaces(("r1", 1), surfaces[:1])
+    assert atlas.submaps["r1", 1].surfaces is None
+    atlas.withdraw(("r1", 0))
+    atlas.take_surfaces(("r1", 1), surfaces)
+
+
+def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
+    """A single cell far away would make its box larger than all that an atlas holds."""
+    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 4 * BLOCK_CELLS**2)
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.take(("r1", 0), 0, 0, ONE, 5)
+    with pytest.raises(ValueError, match="at most 4096 bytes in all"):
+        atlas.take(("r1", 0), 3000, 3000, ONE, 6)
+    assert atlas.submaps["r1", 0].evidence.size == BLOCK_CELLS**2
+    atlas.take(("r1", 0), BLOCK_CELLS, BLOCK_CELLS, ONE, 6)
+    assert atlas.submaps["r1", 0].evidence.size == 4 * BLOCK_CELLS**2
+
+
+@pytest.mark.slow
+@settings(max_examples=30, deadline=None)
+@given(boxes(), boxes())
+def test_a_submap_holds_what_it_was_told_last(first, second):
+    submap, everywhere = Submap(), np.full((80, 80), UNKNOWN)
+    for stamp_ms, (row, column, cells) in enumerate((first, second), 1):
+        submap.take(row, column, cells, stamp_ms)
+        box = everywhere[20 + row : 20 + row + cells.shape[0], 20 + column : 20 + column + cells.shape[1]]
+        box[cells != UNKNOWN] = cells[cells != UNKNOWN]
+    known = np.full((160, 160), UNKNOWN)
+    height, width = submap.evidence.shape
+    known[44 + submap.row : 44 + submap.row + height, 44 + submap.column : 44 + submap.column + width] = (
+        submap.classes()
+    )
+    assert np.array_equal(known[24:104, 24:104], everywhere)
+    assert submap.occupied == np.count_nonzero(everywhere == OCCUPIED)
+    assert submap.version == 2
+    assert (submap.row % BLOCK_CELLS, submap.column % BLOCK_CELLS) == (0, 0)
+
+
+def test_the_times_of_a_submap_are_those_of_its_tiles():
+    submap = Submap()
+    submap.take(0, 0, np.full((1, 9), FREE), 7)
+    submap.take(0, 0, ONE, 5)
+    assert submap.stamp_ms[0].tolist() == [7, 7, 0, 0]
+    submap.take(0, 0, np.full((16, 8), FREE), np.array([[6], [8]], np.int32))
+    assert submap.stamp_ms[:, 0].tolist() == [7, 8, 0, 0]
+    submap.take(-1, 0, ONE, 9)  # the box grows downwards
+    assert submap.stamp_ms[:, 0].tolist() == [0, 0, 0, 9, 7, 8, 0, 0]
+
+
+@pytest.mark.parametrize("column", [SIDE_MAX_CELLS, -SIDE_MAX_CELLS, SIDE_MAX_CELLS - 10])
+def test_a_submap_that_would_get_too_large_stays_as_it_is(column):
+    submap = Submap()
+    submap.take(0, 0, ONE, 5)
+    with pytest.raises(ValueError, match=f"at most {SIDE_MAX_CELLS} cells a side"):
+        submap.take(0, column, np.full((1, 20), FREE), 6)
+    assert submap.evidence.shape == (BLOCK_CELLS, BLOCK_CELLS)
+    assert submap.version == 1
+
+
+def test_a_submap_does_not_grow_for_a_box_that_is_refused():
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.take(("r1", 0), 0, 0, ONE, 5)
+    with pytest.raises(ValueError, match="begins where a tile does"):
+        atlas.take(("r1", 0), 1000, 1001, ONE, np.zeros((1, 1), np.int32))
+    assert atlas.submaps["r1", 0].evidence.shape == (BLOCK_CELLS, BLOCK_CELLS)
+
+
+def test_what_a_robot_saw_earlier_does_not_undo_what_it_saw_later():
+    """As when the answer with its whole map comes after a patch that it put later."""
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.take(("r1", 0), 0, 0, ONE, 9)
+    atlas.take(("r1", 0), 0, 0, np.array([[FREE]]), np.full((1, 1), 5, np.int32))
+    assert atlas.submaps["r1", 0].classes()[0, 0] == OCCUPIED
+
+
+def test_what_is_drawn_is_what_the_submap_says():
+    atlas = SubmapAtlas(GEOMETRY)
+    atlas.take(("r1", 0), 0, 0, ONE, 5)
+    atlas.take(("r1", 0), 0, 0, np.array([[FREE]]), 5)
+    assert np.array_equal(atlas.grid.classes(), composed(atlas))
+
+
+@given(boxes(), PLACE)
+def test_a_moved_box_holds_the_cells_of_the_box(box, place):
+    row, column, cells = box
+    origin = (GEOMETRY.origin_x_m, GEOMETRY.origin_y_m)
+    height, width = cells.shape
+    first_row, first_column, end_row, end_column = moved_box(
+        place, (row, column, row + height, column + width), GEOMETRY.resolution_m, origin
+    )
+    for i in (0, height - 1):
+        for j in (0, width - 1):
+            middle = GEOMETRY.center_of(row + i, column + j)
+            moved = place.compose(Pose2D(middle.x_m, middle.y_m, 0.0))
+            at_row, at_column = GEOMETRY.cell_of(moved.x_m, moved.y_m)
+            assert first_row <= at_row < end_row
+            assert first_column <= at_column < end_column
+    assert (end_row - first_row) <= height + width + 2
+
+
+def test_the_grid_of_a_finished_submap_has_its_walls_where_they_are_in_their_cells():
+    submap = Submap(Pose2D(1.0, 2.0, 0.5))
+    submap.take(40, -3, np.array([[OCCUPIED, FREE]]), 5)
+    submap.surfaces = np.array(
+        [(40, -3, 16, -32, 64), (40, -2, 0, 0, 0), (4000, 0, 0, 0, 0)], SURFACE
+    )  # the last two are no walls of it
+    grid = submap.grid(GEOMETRY)
+    row, column = grid.geometry.cell_of(GEOMETRY.center_of(40, -3).x_m, GEOMETRY.center_of(40, -3).y_m)
+    assert grid.log_odds[row, column] > 0
+    assert grid.log_odds[row, column + 1] < 0
+    assert grid.surface_hits[row, column] > 0
+    assert grid.surface_at[row, column].tolist() == [column + 0.5 + 16 / PARTS, row + 0.5 - 32 / PARTS]
+    assert grid.surface_view[row, column].tolist() == pytest.approx([0.0, 1.0], abs=1e-6)
+
+
+def test_a_submap_that_is_finished_has_its_surfaces_and_one_of_which_nothing_is_known_has_none():
+    atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
+    surfaces = np.zeros(3, SURFACE)
+    atlas.take_surfaces(("r1", 1), surfaces)
+    assert atlas.submaps == {}
+    atlas.take(("r1", 1), 0, 0, np.full((2, 2), OCCUPIED, np.int8), 5)
+    submap = atlas.submaps["r1", 1]
+    assert submap.surfaces is None
+    version = submap.version
+    atlas.take_surfaces(("r1", 1), surfaces)
+    assert submap.surfaces is surfaces
+    assert submap.version == version + 1
+
+
+def test_patches_that_change_nothing_on_the_map_leave_its_version():
+    atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
+    cells = np.full((4, 4), OCCUPIED, np.int8)
+    assert atlas.take(("r1", 1), 8, 8, cells, 5) == 16
+    version = atlas.grid.version
+    assert atlas.take(("r1", 1), 8, 8, cells, 5) == 0
+    assert atlas.take(("r1", 1), 8, 8, cells, 3) == 0
+    assert atlas.grid.version == version
+    assert atlas.take(("r1", 1), 8, 8, np.full((4, 4), FREE, np.int8), 6) == 16
+    assert atlas.grid.version > version
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_what_two_robots_saw_at_the_same_time_the_wall_counts(order):
+    atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
+    for robot, value in (("r1", FREE), ("r2", OCCUPIED))[::order]:
+        atlas.take((robot, 1), 8, 8, np.full((4, 4), value, np.int8), 5)
+    assert np.all(atlas.grid.classes()[8:12, 8:12] == OCCUPIED)
