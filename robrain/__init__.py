@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     from robrain.client.hand import Hand
     from robrain.client.team import Team
     from robrain.coordinator.planning.policy import PlanningPolicy
-    from robrain.coordinator.recording.reader.recording import Recording, load
-    from robrain.coordinator.recording.report.two_runs import TwoRuns, compare_runs
     from robrain.deploy.fork.fork_api import fork
     from robrain.deploy.fork.fork_result import ForkResult
     from robrain.deploy.sweep.sweep import SweepResult, sweep
+    from robrain.lab.report.two_runs import TwoRuns, compare_runs
     from robrain.plugins.behavior.errand import Errand, Failed
     from robrain.plugins.device.scan.interface import ScanInterface
     from robrain.plugins.unit.driver.interface import DriverInterface
@@ -45,6 +44,7 @@ if TYPE_CHECKING:
     from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
     from robrain.protocol.wire.messages.tasks.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
     from robrain.protocol.wire.messages.team.team_messages import TeamState
+    from robrain.recording.reader.recording import Recording, load
     from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
@@ -158,8 +158,8 @@ _NAMES = {
     "robrain.client.hand": ("Hand",),
     "robrain.client.team": ("Team",),
     "robrain.coordinator.planning.policy": ("PlanningPolicy",),
-    "robrain.coordinator.recording.reader.recording": ("Recording", "load"),
-    "robrain.coordinator.recording.report.two_runs": ("TwoRuns", "compare_runs"),
+    "robrain.recording.reader.recording": ("Recording", "load"),
+    "robrain.lab.report.two_runs": ("TwoRuns", "compare_runs"),
     "robrain.deploy.fork.fork_api": ("fork",),
     "robrain.deploy.fork.fork_result": ("ForkResult",),
     "robrain.deploy.sweep.sweep": ("SweepResult", "sweep"),

@@ -8,7 +8,7 @@ import pytest
 
 from tests.product import FOLDERS, ROOT
 
-LOOKS_ON = ("coordinator/dashboard", "deploy")
+LOOKS_ON = ("dashboard", "deploy")
 """The dashboard only draws messages and sends a person's clicks; no run imports `deploy`."""
 
 BLAS = {
@@ -26,7 +26,7 @@ SCIPY = {"ndimage", "linear_sum_assignment"}
 """Functions of SciPy that have only one version."""
 EXCEPTIONS: dict[str, str] = {
     **dict.fromkeys(
-        (f"coordinator/recording/report/mean_interval.py: {name}" for name in ("scipy.stats", "@")),
+        (f"lab/report/mean_interval.py: {name}" for name in ("scipy.stats", "@")),
         "describes runs that have ended; no run reads it",
     ),
     **dict.fromkeys(
@@ -54,7 +54,7 @@ CLOCKS = {
     "coordinator/live.py": "the live drive",
     "coordinator/planning/live_planner.py": "the live drive's planner",
     "coordinator/planning/worker_main.py": "the live drive's planner",
-    "coordinator/recording/writer/recorder_status.py": "tells of a slow disk, in live",
+    "recording/writer/recorder_status.py": "tells of a slow disk, in live",
     "plugins/unit/program/line_process.py": "refused in lockstep",
     "plugins/unit/program/program.py": "refused in lockstep",
     "plugins/unit/tcp_socket/tcp_socket.py": "refused in lockstep",

@@ -7,7 +7,7 @@ import pytest
 
 from tests.product import FOLDERS, ROOT
 
-SHOWS = ("coordinator/dashboard", "coordinator/recording")
+SHOWS = ("dashboard", "recording")
 """Only show what others decided."""
 
 SENTENCES = {"why", "why_not"}

@@ -10,8 +10,6 @@ from PIL import Image, ImageDraw
 
 from robrain.client.errors import BadTask
 from robrain.client.team import Team
-from robrain.coordinator.drawing.map_view import MapView
-from robrain.coordinator.drawing.palette import FREE, FRONTIER, HALTED, NOSE, OCCUPIED, TASK_WAITING, UNKNOWN, look_of
 from robrain.deploy.assistant.answer import Answer, Verdict, answer
 from robrain.deploy.assistant.arguments import Arguments, ListTasks, NewTask, OfRobot, OfTask
 from robrain.deploy.assistant.errors import Refused
@@ -27,6 +25,8 @@ from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun, TaskFilter, TaskRecord
 from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
+from robrain.recording.drawing.map_view import MapView
+from robrain.recording.drawing.palette import FREE, FRONTIER, HALTED, NOSE, OCCUPIED, TASK_WAITING, UNKNOWN, look_of
 
 SIDE_PX = 900
 """Longer side of the picture."""

@@ -8,8 +8,6 @@ import msgspec
 from rich.table import Table
 
 from robrain.client.members import team_found
-from robrain.coordinator.drawing.natural_order import natural_key
-from robrain.coordinator.drawing.time_span import span_text
 from robrain.deploy.commands.terminal import print_line, results
 from robrain.deploy.processes.live_process import client_session, live_endpoint
 from robrain.protocol.model.geometry import Point2D
@@ -24,6 +22,8 @@ from robrain.protocol.wire.messages.robots.witness_messages import Lead
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.wire.reasons.robots import Gone
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE
+from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.drawing.time_span import span_text
 
 STATE_S = 1.0
 """How long to wait for the states of the members."""

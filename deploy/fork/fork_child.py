@@ -6,16 +6,16 @@ from typing import Any
 
 import msgspec
 
-from robrain.coordinator.dashboard.replay.what_if import ForkState
-from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader.reading import recording_info
-from robrain.coordinator.recording.report.two_runs import TwoRuns
+from robrain.dashboard.replay.what_if import ForkState
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.fork.fork_result import ForkResult, fork_name
 from robrain.deploy.fork.repeatable import repeatable
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.dashboard_process import StartingPage
+from robrain.lab.report.two_runs import TwoRuns
 from robrain.protocol.wire.clock import to_seconds
+from robrain.recording.errors import RecordingError
+from robrain.recording.reader.reading import recording_info
 
 
 class ForkProgress(msgspec.Struct, frozen=True):

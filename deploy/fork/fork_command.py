@@ -54,13 +54,13 @@ def fork(
 
     Exit status 1 if the part before, or an unchanged run, is not equal to the recording.
     """
-    from robrain.coordinator.recording.report.two_runs import compare_runs
     from robrain.deploy.fork.change_words import changes_of, moment_s
     from robrain.deploy.fork.fork_display import fork_display, show_fork
     from robrain.deploy.fork.fork_result import fork_name
     from robrain.deploy.fork.forking import fork_run
     from robrain.deploy.fork.recorded_run import recorded_run
     from robrain.deploy.run.kernels import prepare_kernels
+    from robrain.lab.report.two_runs import compare_runs
 
     at_s = moment_s(at)
     path = output if output is not None else fork_name(recording, at_s)

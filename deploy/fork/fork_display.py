@@ -5,11 +5,11 @@ from contextlib import contextmanager
 
 from rich.progress import BarColumn, Progress
 
-from robrain.coordinator.recording.report.two_runs import TwoRuns
 from robrain.deploy.commands.terminal import clock_of, console, own_command, print_line, say, text_column
 from robrain.deploy.fork.fork_result import ForkResult
 from robrain.deploy.recordings.recording_display import where_different
 from robrain.deploy.recordings.two_runs_display import show_two_runs
+from robrain.lab.report.two_runs import TwoRuns
 from robrain.sim.scenarios.driving import Progress as RunProgress
 
 WHY_ENDED = {

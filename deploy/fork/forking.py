@@ -6,12 +6,6 @@ from typing import Any
 
 from robrain.algorithms.warm_up import warm_up
 from robrain.client.team import Team
-from robrain.coordinator.recording.foxglove.visual_topics import is_visual
-from robrain.coordinator.recording.reader.comparing import Difference, compare_messages
-from robrain.coordinator.recording.reader.reading import RecordedMessage, read_messages
-from robrain.coordinator.recording.writer.recorder import RecordingSummary
-from robrain.coordinator.recording.writer.recording_file import check_writable
-from robrain.coordinator.recording.writer.run_digest import RunDigest
 from robrain.deploy.errors import UsageError
 from robrain.deploy.fork.changes import (
     AddFault,
@@ -30,6 +24,12 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topic import Topic
+from robrain.recording.foxglove.visual_topics import is_visual
+from robrain.recording.reader.comparing import Difference, compare_messages
+from robrain.recording.reader.reading import RecordedMessage, read_messages
+from robrain.recording.writer.recorder import RecordingSummary
+from robrain.recording.writer.recording_file import check_writable
+from robrain.recording.writer.run_digest import RunDigest
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.scenarios.driving import Progress, why_ended

@@ -13,22 +13,6 @@ import msgspec
 import zenoh
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader.reading import (
-    RecordedMessage,
-    RecordingInfo,
-    read_messages,
-    recording_info,
-    topic_named_by,
-)
-from robrain.coordinator.recording.writer.provenance import (
-    MAP_ATTACHMENT,
-    MAP_YAML_ATTACHMENT,
-    SETUP_ATTACHMENT,
-    Provenance,
-    RunSetup,
-    software_versions,
-)
 from robrain.deploy.fork.changes import Change, SetPolicy, from_json
 from robrain.deploy.fork.repeatable import repeatable
 from robrain.protocol.wire.answers.lockstep_query import NO_LIMIT_S
@@ -37,6 +21,22 @@ from robrain.protocol.wire.messages.team.arena_messages import OutsideInput, Scr
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.topic import JSON, Query, Topic
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, HALT, TOPICS
+from robrain.recording.errors import RecordingError
+from robrain.recording.reader.reading import (
+    RecordedMessage,
+    RecordingInfo,
+    read_messages,
+    recording_info,
+    topic_named_by,
+)
+from robrain.recording.writer.provenance import (
+    MAP_ATTACHMENT,
+    MAP_YAML_ATTACHMENT,
+    SETUP_ATTACHMENT,
+    Provenance,
+    RunSetup,
+    software_versions,
+)
 from robrain.sim.errors import ScenarioError
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader.reading import read_provenance
-from robrain.coordinator.recording.writer.provenance import SETUP_ATTACHMENT, Provenance, RunSetup
 from robrain.protocol.wire.endpoint import Drive
+from robrain.recording.errors import RecordingError
+from robrain.recording.reader.reading import read_provenance
+from robrain.recording.writer.provenance import SETUP_ATTACHMENT, Provenance, RunSetup
 
 
 def repeatable(path: Path) -> tuple[Provenance, RunSetup]:

@@ -290,7 +290,7 @@ def _check_free(map_file: Path | None) -> None:
 
 
 def _write_map(path: Path, played: PlayedLog) -> None:
-    from robrain.coordinator.recording.export.map_server_files import write_grid
+    from robrain.recording.export.map_server_files import write_grid
 
     for written in write_grid(played.map, path):
         print_line(f"wrote {written}")

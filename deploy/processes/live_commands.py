@@ -22,7 +22,7 @@ DEFAULT_DASHBOARD_PORT = 8080
 
 def dashboard_command(connect: str | None, team: str, port: int | None, replay: Path | None = None) -> None:
     """Show a team, or a recording, until Ctrl-C."""
-    from robrain.coordinator.dashboard import run_dashboard
+    from robrain.dashboard import run_dashboard
 
     if replay is not None:
         show_recording(replay, port)
@@ -39,7 +39,7 @@ def dashboard_command(connect: str | None, team: str, port: int | None, replay: 
 
 def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_s: float = 0.0) -> None:
     """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed."""
-    from robrain.coordinator.dashboard import ReplaySource, run_dashboard
+    from robrain.dashboard import ReplaySource, run_dashboard
     from robrain.deploy.fork.fork_child import ForkChild
 
     should_stop = LiveStop()
@@ -51,10 +51,10 @@ def replay_on_wire(
     recording: Path, speed: float, *, loop: bool, connect: list[str], team: str, start_s: float, paused: bool
 ) -> None:
     """Publish a recording on the wire, once or in a loop."""
-    from robrain.coordinator.recording.replay.replay import Replay
     from robrain.deploy.commands.terminal import print_line
     from robrain.deploy.recordings.replay_terminal import replay_terminal
     from robrain.deploy.recordings.replaying import run_replay
+    from robrain.recording.replay.replay import Replay
 
     check_name("team", team)
     should_stop = LiveStop()

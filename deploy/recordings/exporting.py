@@ -27,17 +27,17 @@ def export_recording(
     if form not in FORMS:
         raise UsageError(f"--to {form}: expected one of {', '.join(FORMS)}")
     if form in ("csv", "parquet"):
-        from robrain.coordinator.recording.export.exporting import export_tables
+        from robrain.recording.export.exporting import export_tables
 
         folder = output if output is not None else recording.with_name(f"{recording.stem}_{form}")
         return list(export_tables(recording, folder, form, on_progress).values())
     if form == "html":
-        from robrain.coordinator.recording.replay.html_player import write_html
+        from robrain.recording.replay.html_player import write_html
 
         path = output if output is not None else recording.with_suffix(".html")
         write_html(recording, path, on_progress)
         return [path]
-    from robrain.coordinator.recording.reader.recovering import with_visual
+    from robrain.recording.reader.recovering import with_visual
 
     path = output if output is not None else recording.with_name(f"{recording.stem}_foxglove{recording.suffix}")
     with_visual(recording, path, on_progress)
@@ -60,9 +60,9 @@ def export_map(
             exists or cannot be written; then none is left.
 
     """
-    from robrain.coordinator.recording.errors import RecordingError, check_absent, writing
-    from robrain.coordinator.recording.export.map_server_files import write_grid
-    from robrain.coordinator.recording.replay.player import Player
+    from robrain.recording.errors import RecordingError, check_absent, writing
+    from robrain.recording.export.map_server_files import write_grid
+    from robrain.recording.replay.player import Player
 
     path = output if output is not None else recording.with_name(f"{recording.stem}_map.yaml")
     for each in (path, path.with_suffix(".pgm")):

@@ -3,11 +3,11 @@
 import tempfile
 from pathlib import Path
 
-from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.invariants.findings import Missing
-from robrain.coordinator.recording.invariants.invariant_judge import NOWHERE, Surroundings
-from robrain.coordinator.recording.reader.reading import read_provenance
 from robrain.protocol.extras import missing_package
+from robrain.recording.errors import RecordingError
+from robrain.recording.invariants.findings import Missing
+from robrain.recording.invariants.invariant_judge import NOWHERE, Surroundings
+from robrain.recording.reader.reading import read_provenance
 
 
 def surroundings_of_recording(path: Path) -> Surroundings:

@@ -39,8 +39,6 @@ def record(
     provenance: Annotated[Path | None, typer.Option(hidden=True, help="Written by `robrain up`.")] = None,
 ) -> None:
     """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
-    from robrain.coordinator.recording.writer.recording_file import check_writable
-    from robrain.coordinator.recording.writer.rotation import Rotation, own_recordings
     from robrain.deploy.commands.recording_path import next_file
     from robrain.deploy.errors import UsageError
     from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
@@ -53,6 +51,8 @@ def record(
         split_of,
     )
     from robrain.protocol.wire.hub import team_endpoints, teams_there, wrong_team
+    from robrain.recording.writer.recording_file import check_writable
+    from robrain.recording.writer.rotation import Rotation, own_recordings
 
     check_name("team", team)
     split, keep = split_of(split_mb, split_s), keep_of(keep_gb, keep_days)
@@ -114,8 +114,8 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """Describe a recording: its origin, and rates and gaps of each key."""
-    from robrain.coordinator.recording.reader.contents import read_contents
     from robrain.deploy.recordings.recording_display import progress, show_contents
+    from robrain.recording.reader.contents import read_contents
 
     with progress("reading", quiet=as_json) as show:
         contents = read_contents(recording, show)
@@ -125,10 +125,10 @@ def info(
 @recording_app.command()
 def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
     """Check a recording: valid messages, no missing numbers, the run's invariants. Exit status 1 if a check fails."""
-    from robrain.coordinator.recording.reader.checking import check_recording
     from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
     from robrain.deploy.recordings.recording_display import progress
     from robrain.deploy.recordings.verdict_display import show_verdict
+    from robrain.recording.reader.checking import check_recording
 
     with progress("checking", quiet=as_json) as show:
         verdict = check_recording(recording, show, surroundings_of_recording(recording))
@@ -144,10 +144,10 @@ def diff(
     as_json: JsonOption = False,
 ) -> None:
     """Print the first message in which two runs differ, and both beside each other. Exit status 1 if they differ."""
-    from robrain.coordinator.recording.reader.comparing import first_difference
-    from robrain.coordinator.recording.report.two_runs import compare_runs
     from robrain.deploy.recordings.recording_display import progress, show_difference
     from robrain.deploy.recordings.two_runs_display import show_two_runs
+    from robrain.lab.report.two_runs import compare_runs
+    from robrain.recording.reader.comparing import first_difference
 
     with progress("comparing", quiet=as_json) as show:
         difference, same = first_difference(first, second, show)
@@ -176,8 +176,8 @@ def recover(
     as_json: JsonOption = False,
 ) -> None:
     """Write a complete file from a recording that is damaged or whose end is missing."""
-    from robrain.coordinator.recording.reader.recovering import recover as recover_recording
     from robrain.deploy.recordings.recording_display import progress, show_recovery
+    from robrain.recording.reader.recovering import recover as recover_recording
 
     path = output if output is not None else recording.with_name(f"{recording.stem}_recovered{recording.suffix}")
     with progress("recovering", quiet=as_json) as show:
@@ -198,8 +198,8 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Write a page of plots of a run, or compare several; those of several seeds by mean and interval."""
-    from robrain.coordinator.recording.report.report import write_report
     from robrain.deploy.recordings.recording_display import progress, show_report
+    from robrain.lab.report.report import write_report
 
     folder = output if output is not None else recordings[0].with_name(f"{recordings[0].stem}_report")
     with progress("reading and drawing", quiet=as_json) as show:

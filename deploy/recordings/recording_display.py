@@ -14,13 +14,13 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
-from robrain.coordinator.recording.foxglove.visual_topics import is_visual
-from robrain.coordinator.recording.reader.comparing import Difference
-from robrain.coordinator.recording.reader.contents import KeyContents, RecordingContents
-from robrain.coordinator.recording.reader.recovering import Recovery
-from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
 from robrain.deploy.commands.terminal import console, results, text_column
 from robrain.protocol.wire.border.safe_text import safe_text
+from robrain.recording.foxglove.visual_topics import is_visual
+from robrain.recording.reader.comparing import Difference
+from robrain.recording.reader.contents import KeyContents, RecordingContents
+from robrain.recording.reader.recovering import Recovery
+from robrain.recording.writer.recorder import Recorder, RecordingSummary
 
 TEXT_SHOWN = 500
 FOLDED_ABOVE = 16

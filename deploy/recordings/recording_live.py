@@ -6,14 +6,14 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.coordinator.recording.writer.provenance import Provenance
-from robrain.coordinator.recording.writer.recorder import Recorder, RecordingSummary
-from robrain.coordinator.recording.writer.recording_files import SplitAt
-from robrain.coordinator.recording.writer.rotation import KeepFiles, Rotation
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_PLUGINS
+from robrain.recording.writer.provenance import Provenance
+from robrain.recording.writer.recorder import Recorder, RecordingSummary
+from robrain.recording.writer.recording_files import SplitAt
+from robrain.recording.writer.rotation import KeepFiles, Rotation
 
 PERIOD_S = 0.05
 GATHER_S = 0.5
@@ -152,7 +152,7 @@ def serve_foxglove(
         ModuleNotFoundError: foxglove-sdk is not installed.
 
     """
-    from robrain.coordinator.recording.foxglove.server import FoxgloveServer
+    from robrain.recording.foxglove.server import FoxgloveServer
 
     server = FoxgloveServer(wire, host, port)
     try:

@@ -8,10 +8,10 @@ from prompt_toolkit.input import create_input
 from prompt_toolkit.keys import Keys
 from rich.progress import BarColumn, Progress
 
-from robrain.coordinator.dashboard.html.html_words import clock_text
-from robrain.coordinator.recording.replay.replay import Replay
+from robrain.dashboard.html.html_words import clock_text
 from robrain.deploy.commands.terminal import console, text_column
 from robrain.deploy.recordings.replaying import KEYS, ReplayKeys
+from robrain.recording.replay.replay import Replay
 
 NAMES = {" ": "space", "=": "+", "c-c": "q"}
 """Maps the terminal's names of keys to those of `ReplayKeys`."""

@@ -5,10 +5,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from robrain.coordinator.recording.replay.replay import Replay
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.recording.replay.replay import Replay
 
 PERIOD_S = 0.02
 SEEK_S = 10.0

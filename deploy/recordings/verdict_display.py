@@ -4,12 +4,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robrain.coordinator.recording.invariants.findings import Ruling, Standing
-from robrain.coordinator.recording.invariants.judging import broken
-from robrain.coordinator.recording.invariants.words import INVARIANTS, cases_words
-from robrain.coordinator.recording.reader.checking import Severity, Verdict
 from robrain.deploy.commands.terminal import results
 from robrain.deploy.recordings.recording_display import said
+from robrain.recording.invariants.findings import Ruling, Standing
+from robrain.recording.invariants.judging import broken
+from robrain.recording.invariants.words import INVARIANTS, cases_words
+from robrain.recording.reader.checking import Severity, Verdict
 
 
 def show_verdict(verdict: Verdict) -> None:

@@ -11,7 +11,6 @@ import msgspec
 import zenoh
 
 from robrain.client.team import Team
-from robrain.coordinator.recording.reader.map_at import KnownMap
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
 from robrain.deploy.ros2 import ros_messages as make
@@ -32,6 +31,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT
+from robrain.recording.reader.map_at import KnownMap
 
 MAP_NS = to_ns(1.0)
 MARKERS_NS = to_ns(0.5)

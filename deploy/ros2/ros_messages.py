@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
-from robrain.coordinator.drawing.palette import FRONTIER, HALTED, LOST, WARNING, Rgb, look_of
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.ros2 import message_classes as classes
 from robrain.protocol.ros2 import message_types as ros
@@ -15,6 +14,7 @@ from robrain.protocol.ros2.message_types import MessageType
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, WARNING, Rgb, look_of
 
 SECOND_NS = 1_000_000_000
 STAMP_MAX_S = 2**31 - 1

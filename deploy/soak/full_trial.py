@@ -5,11 +5,11 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.coordinator.recording.invariants.judging import Judging
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.recording.invariants.judging import Judging
 from robrain.sim.faults.fault_spec import HARDWARE
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.deploy.agents.robot_files import loadable_from_here, robot_file_of, started_again, write_robot_file
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.run.planning_file import write_planning
@@ -15,6 +14,7 @@ from robrain.deploy.supervision.arena_resume import write_resume
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, RECORDER, STAND_BY, Part
 from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts, dashboard_part, recorder_part
 from robrain.protocol.wire.endpoint import Drive
+from robrain.recording.writer.provenance import Provenance
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.world import World, manifest_texts
 

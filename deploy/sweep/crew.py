@@ -11,10 +11,10 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from typing import Generic, Protocol, TypeVar
 
-from robrain.coordinator.recording.writer.provenance import software_versions
 from robrain.deploy.errors import UsageError
 from robrain.deploy.sweep.run_outcome import RunRecord
 from robrain.deploy.sweep.worker import STOP, RunTask, run_task, start_worker
+from robrain.recording.writer.provenance import software_versions
 
 CONNECT_S = 10.0
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

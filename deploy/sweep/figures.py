@@ -4,7 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from robrain.coordinator.recording.report.figure_style import (
+from robrain.deploy.sweep.plan import SweepPlan
+from robrain.deploy.sweep.run_outcome import RunRecord, RunState
+from robrain.deploy.sweep.summary import MEASURES, MILESTONES, SweepSummary, values_by_seed
+from robrain.lab.report.figure_style import (
     figure_style,
     label,
     legend,
@@ -12,16 +15,13 @@ from robrain.coordinator.recording.report.figure_style import (
     picture,
     time_axis,
 )
-from robrain.coordinator.recording.report.interval_drawing import (
+from robrain.lab.report.interval_drawing import (
     draw_groups,
     draw_mean_curves,
     label_rows,
     panels,
     zero_line,
 )
-from robrain.deploy.sweep.plan import SweepPlan
-from robrain.deploy.sweep.run_outcome import RunRecord, RunState
-from robrain.deploy.sweep.summary import MEASURES, MILESTONES, SweepSummary, values_by_seed
 
 FORMS = ("svg", "pdf")
 FOLDER = "figures"

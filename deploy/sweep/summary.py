@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from robrain.coordinator.recording.report.mean_interval import (
+from robrain.deploy.sweep.plan import SweepPlan
+from robrain.deploy.sweep.run_outcome import RunRecord, RunState
+from robrain.deploy.sweep.variables import Value
+from robrain.lab.report.mean_interval import (
     MeanInterval,
     PairedDifference,
     holm,
     mean_interval,
     paired_difference,
 )
-from robrain.deploy.sweep.plan import SweepPlan
-from robrain.deploy.sweep.run_outcome import RunRecord, RunState
-from robrain.deploy.sweep.variables import Value
 
 
 class Measure(msgspec.Struct, frozen=True, kw_only=True):

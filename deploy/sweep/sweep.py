@@ -28,7 +28,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow.csv import write_csv
 
-from robrain.coordinator.recording.writer.provenance import host_description, software_versions
 from robrain.deploy.errors import SweepError, UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.sweep.crew import Crew, DaskCrew, LocalCrew
@@ -40,6 +39,7 @@ from robrain.deploy.sweep.run_outcome import RunOutcome, RunRecord, RunState
 from robrain.deploy.sweep.summary import SweepSummary, summarise, summary_csv
 from robrain.deploy.sweep.variables import Value
 from robrain.deploy.sweep.worker import RunTask, run_task
+from robrain.recording.writer.provenance import host_description, software_versions
 from robrain.sim.lockstep.pacing import StopOnInterrupt
 from robrain.sim.scenarios.scenario import Scenario
 

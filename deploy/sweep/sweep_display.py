@@ -6,12 +6,12 @@ from contextlib import contextmanager
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robrain.coordinator.recording.report.mean_interval import FEW, MeanInterval
 from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, results, say, text_column
 from robrain.deploy.sweep.plan import SweepPlan
 from robrain.deploy.sweep.run_outcome import RunState
 from robrain.deploy.sweep.summary import MEASURES, MILESTONES, Comparison, Measure, SweepSummary
 from robrain.deploy.sweep.sweep import SweepProgress, SweepResult
+from robrain.lab.report.mean_interval import FEW, MeanInterval
 
 SHOWN = (
     *("sim_time_s", "explored_share", "tasks_done", "tasks_failed", "tasks_open", "makespan_s", "energy_per_task_j"),

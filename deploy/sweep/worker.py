@@ -7,12 +7,12 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.coordinator.recording.invariants.judging import Judging, broken
-from robrain.coordinator.recording.writer.provenance import software_versions
 from robrain.deploy.bench.mapping.mapping_plan import errors_alone
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.deploy.sweep.run_outcome import RunRecord, RunState, outcome_of
 from robrain.protocol.wire.errors import RobrainError
+from robrain.recording.invariants.judging import Judging, broken
+from robrain.recording.writer.provenance import software_versions
 from robrain.sim.scenarios.driving import Progress
 from robrain.sim.scenarios.scenario import Scenario
 

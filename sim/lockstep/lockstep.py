@@ -20,8 +20,6 @@ from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.plugin import PluginState
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.writer.provenance import Provenance, RunSetup
-from robrain.coordinator.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
 from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
@@ -37,6 +35,8 @@ from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, LinkC
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
+from robrain.recording.writer.provenance import Provenance, RunSetup
+from robrain.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
 from robrain.sim.disturbance import Disturbance
 from robrain.sim.errors import RunFailed
 from robrain.sim.faults.fault_checks import check_faults_alone

@@ -19,10 +19,10 @@ from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.algorithms.warm_up import warm_up
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.writer.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.links.radio_network import EVERYWHERE
+from robrain.recording.writer.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_checks import why_not_faults

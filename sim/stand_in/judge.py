@@ -10,10 +10,6 @@ from enum import StrEnum
 
 import msgspec
 
-from robrain.coordinator.recording.invariants import findings as recorded
-from robrain.coordinator.recording.invariants.judging import Judging
-from robrain.coordinator.recording.invariants.task_at_one import TaskAtOne
-from robrain.coordinator.recording.invariants.task_once import TaskOnce
 from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Border
@@ -23,6 +19,10 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
+from robrain.recording.invariants import findings as recorded
+from robrain.recording.invariants.judging import Judging
+from robrain.recording.invariants.task_at_one import TaskAtOne
+from robrain.recording.invariants.task_once import TaskOnce
 from robrain.sim.faults.fault_spec import COORDINATOR
 from robrain.sim.stand_in.operator import OPERATOR
 from robrain.sim.stand_in.promises import Promises

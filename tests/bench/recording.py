@@ -17,9 +17,6 @@ from rich.console import Console
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.coordinator.recording.replay.player import Player
-from robrain.coordinator.recording.writer.provenance import Provenance
-from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -30,6 +27,9 @@ from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.session import listening_at, open_session
+from robrain.recording.replay.player import Player
+from robrain.recording.writer.provenance import Provenance
+from robrain.recording.writer.recorder import Recorder
 
 RATE_HZ = 10_000
 ROBOTS = 50

@@ -21,12 +21,12 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.algorithms.warm_up import warm_up
 from robrain.coordinator.coordinator import Coordinator
-from robrain.coordinator.recording.writer.recorder import Recorder
 from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.plugins.skill.planner.planner import Planner
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.publisher import Publisher
+from robrain.recording.writer.recorder import Recorder
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.world.arena import TICK_S, Arena
 

@@ -13,9 +13,6 @@ from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from robrain.cli import app
-from robrain.coordinator.recording.invariants.findings import Invariant, Missing, Ruling, Standing
-from robrain.coordinator.recording.reader.checking import check_recording
-from robrain.coordinator.recording.writer.provenance import Provenance
 from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
 from robrain.deploy.recordings.scenario_surroundings import (
     LOOKED_UP_M,
@@ -30,9 +27,12 @@ from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.recording.invariants.findings import Invariant, Missing, Ruling, Standing
+from robrain.recording.reader.checking import check_recording
+from robrain.recording.writer.provenance import Provenance
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.arena import clearance_m
-from tests.coordinator.recording.invariants.told import Told, at_task
+from tests.recording.invariants.told import Told, at_task
 
 DEPOT = Scenario.builtin("depot")
 KEYS = {

@@ -8,20 +8,20 @@ import pytest
 
 from robrain import Block, FloorDrawing, Point2D, Scenario
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.reader.comparing import first_difference
-from robrain.coordinator.recording.reader.reading import read_messages, recording_info
-from robrain.coordinator.recording.report.two_runs import compare_runs
-from robrain.coordinator.recording.writer.provenance import RunSetup
 from robrain.deploy.errors import UsageError
 from robrain.deploy.fork.changes import AddFault, AddTask, Change, SetPolicy, Without
 from robrain.deploy.fork.fork_result import ForkResult
 from robrain.deploy.fork.forking import fork_run
 from robrain.deploy.fork.recorded_run import recorded_run
+from robrain.lab.report.two_runs import compare_runs
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.recording.errors import RecordingError
+from robrain.recording.reader.comparing import first_difference
+from robrain.recording.reader.reading import read_messages, recording_info
+from robrain.recording.writer.provenance import RunSetup
 from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.links.link_spec import LinkSpec

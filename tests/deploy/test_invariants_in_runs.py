@@ -14,7 +14,15 @@ from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.task_desk import TaskDesk
 from robrain.client.team import Team
 from robrain.coordinator import frontier_desk
-from robrain.coordinator.recording.invariants.findings import (
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.roster import Roster
+from robrain.deploy.recordings.scenario_surroundings import surroundings_of
+from robrain.plugins.behavior.recharge.recharge import RechargeBehavior
+from robrain.plugins.device.mocdevice.mocdevice import MocDevice
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
+from robrain.recording.invariants.findings import (
     DeliveredFell,
     DoneAgain,
     Finding,
@@ -28,15 +36,7 @@ from robrain.coordinator.recording.invariants.findings import (
     TaskAtTwo,
     TasksForgotten,
 )
-from robrain.coordinator.recording.invariants.judging import Judging
-from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.team.roster import Roster
-from robrain.deploy.recordings.scenario_surroundings import surroundings_of
-from robrain.plugins.behavior.recharge.recharge import RechargeBehavior
-from robrain.plugins.device.mocdevice.mocdevice import MocDevice
-from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
+from robrain.recording.invariants.judging import Judging
 from robrain.sim.firmware import motor_controller
 from robrain.sim.firmware.battery import Battery, BatterySpec
 from robrain.sim.robot.robot_body import RobotBodies

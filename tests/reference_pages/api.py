@@ -25,7 +25,7 @@ GROUPS = {
     "Scripts and teams": ("robrain.client.", "robrain.deploy."),
     "Tasks, geometry and errors": "robrain.protocol.",
     "Planning": "robrain.coordinator.planning.",
-    "Recordings": "robrain.coordinator.recording.",
+    "Recordings": "robrain.recording.",
     "Plugins": ("robrain.agent.", "robrain.plugins."),
 }
 """Headings of the page of `robrain`, and where the names below them live."""

@@ -248,7 +248,7 @@ def write_csv(samples: Sequence[Sample], path: Path) -> None:
 
 def draw_plot(samples: Sequence[Sample], path: Path) -> None:
     """Memory, CPU, descriptors and threads of each process over time, in one picture."""
-    from robrain.coordinator.recording.report.figure_style import figure_style, line_look, new_figure
+    from robrain.lab.report.figure_style import figure_style, line_look, new_figure
 
     with figure_style():
         figure = new_figure(11.0, 8.0)

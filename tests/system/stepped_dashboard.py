@@ -4,7 +4,7 @@ import socket
 import threading
 import time
 
-from robrain.coordinator.dashboard import Dashboard
+from robrain.dashboard import Dashboard
 from robrain.protocol.wire.endpoint import Endpoint
 
 PERIOD_S = 0.1

@@ -16,7 +16,6 @@ from typer.main import get_command
 
 from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.cli import app
-from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue, renew, revoke
@@ -31,6 +30,7 @@ from robrain.protocol.wire.errors import NobodyThere, WireError
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, wrong_team
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.topics import COORDINATOR_HALT, COORDINATOR_WHO, HALT, ROBOT_CALL, ROBOT_LOG, ROBOT_LOG_KEPT
+from robrain.recording.reader.reading import read_messages
 from tests.system.conftest import Commands
 from tests.system.routers import start_router
 from tests.waiting import PATIENCE_S, until

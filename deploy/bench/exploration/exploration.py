@@ -11,7 +11,6 @@ from rich.table import Table
 
 from robrain.algorithms.exploration.strategies import STRATEGIES
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.report.mean_interval import mean_interval
 from robrain.deploy.bench.exploration.exploration_runs import (
     FULL,
     IDEAL,
@@ -32,6 +31,7 @@ from robrain.deploy.bench.mapping.mapping_plan import (
 from robrain.deploy.commands.terminal import new_console, print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
+from robrain.lab.report.mean_interval import mean_interval
 from robrain.protocol.registry import UnknownEntry
 from robrain.sim.scenarios.scenario import MAX_SEED
 from robrain.sim.scenarios.scenario_file import MAX_ROBOTS

@@ -11,11 +11,11 @@ from scipy.sparse import coo_array
 
 from robrain.algorithms.motes.mote_energy import DAY_S, MoteEnergy
 from robrain.algorithms.motes.radio_graph import RadioGraph
-from robrain.coordinator.recording.report.mean_interval import mean_interval
 from robrain.deploy.bench.figure import Figure, are_kept, at_least, deterministic, show_figures, write_json
 from robrain.deploy.bench.mapping.mapping_plan import all_runs, names_of, numbers_of
 from robrain.deploy.commands.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
+from robrain.lab.report.mean_interval import mean_interval
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, Routing
 from robrain.sim.mote_days.mote_days import FieldLife, FieldRun

@@ -10,11 +10,11 @@ from PIL import Image
 from robrain.algorithms.mapping import grid_geometry
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.coordinator.drawing.map_view import MapView
-from robrain.coordinator.drawing.palette import FREE, OCCUPIED, UNKNOWN
 from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, map_png
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.recording.drawing.map_view import MapView
+from robrain.recording.drawing.palette import FREE, OCCUPIED, UNKNOWN
 
 WIDTH_M, HEIGHT_M = 12.0, 6.0
 ORIGIN = (-20.0, -10.0)

@@ -7,9 +7,6 @@ import pytest
 from typer.testing import CliRunner
 
 from robrain.cli import app
-from robrain.coordinator.recording.invariants import findings as recorded
-from robrain.coordinator.recording.invariants.judging import JUDGES
-from robrain.coordinator.recording.reader.checking import check_recording
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
 from robrain.deploy.soak.full_trial import run_full_trial, scenario_of
@@ -17,6 +14,9 @@ from robrain.deploy.soak.planted import planted
 from robrain.deploy.soak.soaking import KNOWS, draw_full_script
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
+from robrain.recording.invariants import findings as recorded
+from robrain.recording.invariants.judging import JUDGES
+from robrain.recording.reader.checking import check_recording
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
 from robrain.sim.stand_in.fault_script import (
     CancelOrder,

@@ -12,7 +12,7 @@ import zenoh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.dashboard.state.live_source import LiveSource
+from robrain.dashboard.state.live_source import LiveSource
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.errors import ErrorCode

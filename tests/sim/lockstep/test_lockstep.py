@@ -11,14 +11,14 @@ import can
 import pytest
 
 from robrain import RunResult, Scenario
-from robrain.coordinator.recording.errors import RecordingError
-from robrain.coordinator.recording.foxglove.visual_topics import is_visual
-from robrain.coordinator.recording.reader.reading import read_messages, recording_info
 from robrain.protocol.can.frames import codec
 from robrain.protocol.wire.errors import PortTaken
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.wire.topics import ARENA_OUTSIDE, ROBOT_CALL, ROBOT_STATE
+from robrain.recording.errors import RecordingError
+from robrain.recording.foxglove.visual_topics import is_visual
+from robrain.recording.reader.reading import read_messages, recording_info
 from robrain.sim.lockstep.lockstep import LockstepRun
 
 pytestmark = pytest.mark.slow

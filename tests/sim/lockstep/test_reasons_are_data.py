@@ -7,7 +7,6 @@ import msgspec
 import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.recording.reader.reading import read_messages
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -22,6 +21,7 @@ from robrain.protocol.wire.topics import (
     TASK_PROBLEM,
     TASK_SUBMIT,
 )
+from robrain.recording.reader.reading import read_messages
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.robot.robot_hardware import RobotHardware

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.coordinator.recording.reader.reading import is_truncated, recording_info
+from robrain.recording.reader.reading import is_truncated, recording_info
 from tests.system.conftest import Commands
 
 pytestmark = pytest.mark.system

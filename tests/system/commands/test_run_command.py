@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from robrain.coordinator.recording.reader.reading import read_messages
+from robrain.recording.reader.reading import read_messages
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system

@@ -9,12 +9,12 @@ from queue import Queue
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from robrain.coordinator.dashboard import run_dashboard
-from robrain.coordinator.drawing.palette import FREE
+from robrain.dashboard import run_dashboard
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_session
+from robrain.recording.drawing.palette import FREE
 from tests.system.browser import (
     click_on,
     colors_in,

@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from robrain import Scenario
-from robrain.coordinator.recording.reader.reading import recording_info
+from robrain.recording.reader.reading import recording_info
 from tests.system.browser import keep, open_page, picture_of, wait_for, window
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from numba.core.caching import _CacheLocator
 
-from robrain.coordinator.drawing.palette import FREE, look_of
 from robrain.deploy.run.kernels import _kernels_of, _modules_with_kernels, prepare_kernels
 from robrain.deploy.run.preparing import PROCESSES
+from robrain.recording.drawing.palette import FREE, look_of
 from tests.system.browser import chromium, keep, picture_of, share_of, wait_for
 from tests.system.conftest import Commands
 from tests.system.hanging import stopped

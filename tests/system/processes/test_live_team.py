@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from robrain.coordinator.recording.reader.reading import read_messages
+from robrain.recording.reader.reading import read_messages
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 

@@ -18,8 +18,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page
 
-from robrain.coordinator.drawing.palette import FREE, ROBOT_COLORS
-from robrain.coordinator.recording.reader.reading import recording_info
+from robrain.recording.drawing.palette import FREE, ROBOT_COLORS
+from robrain.recording.reader.reading import recording_info
 from tests.system.browser import chromium, keep, share_of, wait_for
 from tests.system.npm_packages import installed
 from tests.waiting import until

@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from robrain.coordinator.recording.reader.reading import read_messages
-from robrain.coordinator.recording.reader.recovering import recover, with_visual
-from robrain.coordinator.recording.writer.recorder import Recorder
-from robrain.coordinator.recording.writer.recording_files import SplitAt
+from robrain.recording.reader.reading import read_messages
+from robrain.recording.reader.recovering import recover, with_visual
+from robrain.recording.writer.recorder import Recorder
+from robrain.recording.writer.recording_files import SplitAt
 from robrain.sim.scenarios.scenario import Scenario
 from tests.system.npm_packages import absent, installed
 from tests.waiting import PATIENCE_S

@@ -1,0 +1,184 @@
+"""Marks on the map: chargers, tasks, frontiers, motes with their readings, and lidar scans."""
+
+import numpy as np
+import viser
+
+from robrain.dashboard.layers.layer import MeshLayer, OwnLayer
+from robrain.dashboard.scene.merged_meshes import by_color, copies
+from robrain.dashboard.scene.meshes import Mesh, bolt, cube, diamond, flag, pin, tent
+from robrain.dashboard.scene.scene_nodes import Labels, Rows, colors, rows, to_linear
+from robrain.dashboard.state.focus import motes_in_focus
+from robrain.dashboard.state.robot_view import MoteView, RobotView
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.recording.drawing import palette
+
+FRONTIER_SIZE_M = 0.1
+MOTE_LABEL_Z_M = 0.35
+SCAN_Z_M = 0.15
+PLATE_M = (0.55, 0.55, 0.03)
+FLAG, PIN = flag(), pin(0.16, 0.65)
+TASKS = 400
+TASK_LABELS = 25
+
+
+class ChargerLayer(MeshLayer):
+    """Chargers: plates on the floor with a bolt above."""
+
+    name, label, period_s = "chargers", "Chargers", 2.0
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
+        places = rows([(place.x_m, place.y_m, 0.0) for place in view.chargers])
+        return {
+            palette.CHARGER_PLATE: copies(cube(), places, rows([PLATE_M] * len(places))),
+            palette.CHARGER: copies(bolt(), places),
+        }
+
+
+class TaskLayer(MeshLayer):
+    """Open tasks that somebody asked for: a flag waits for a robot, a pin in a robot's colour has one."""
+
+    name, label, period_s = "tasks", "Tasks", 0.5
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._labels = Labels(scene, self.node("label"), 0.8, below=True)  # above are the names of robots and motes
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        super()._draw(view, now_s)
+        events = _marked_tasks(view)
+        self._labels.show(
+            {
+                event.task.id: (task_label(event), (event.task.place.x_m, event.task.place.y_m, 0.0))
+                for event in (events if len(events) <= TASK_LABELS else [])
+            }
+        )
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
+        pieces = []
+        for event in _marked_tasks(view):
+            place = rows([(event.task.place.x_m, event.task.place.y_m, 0.0)])
+            robot = view.robots.get(event.robot)
+            color = (
+                palette.look_of(robot.index).color if robot is not None and is_taken(event) else palette.TASK_WAITING
+            )
+            pieces.append((color, copies(PIN if is_taken(event) else FLAG, place)))
+        return by_color(pieces)
+
+
+def _marked_tasks(view: TeamView) -> list[TaskEvent]:
+    return [event for event in view.tasks.values() if event.task.kind != "explore"][-TASKS:]
+
+
+def is_taken(event: TaskEvent) -> bool:
+    """Whether a robot works on it."""
+    return event.state in (TaskState.RUNNING, TaskState.LOST_CONTACT)
+
+
+def task_label(event: TaskEvent) -> str:
+    """A task in a few words."""
+    who = f" {event.robot}" if event.robot and is_taken(event) else ""
+    state = "lost contact" if event.state is TaskState.LOST_CONTACT else event.state.value
+    return f"{event.task.kind} {state}{who}"
+
+
+class FrontierLayer(MeshLayer):
+    """Frontiers that the coordinator sees, the longer the larger."""
+
+    name, label, period_s = "frontiers", "Frontiers", 1.0
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
+        frontiers = view.team.frontiers if view.team is not None else []
+        sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, max(frontier.length_m, 0.0) ** 0.5)) for frontier in frontiers]
+        places = rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers])
+        return {palette.FRONTIER: copies(diamond(1.0, 1.6), places, rows([(size_m,) * 3 for size_m in sizes_m]))}
+
+
+MOTE_MESHES: tuple[tuple[Mesh, float], ...] = (
+    (diamond(0.14, 0.3), 1.0),
+    (tent(0.18, 0.26), 1.0),
+    (cube(), 0.2),
+    (diamond(0.09, 0.2), 1.0),
+)
+"""Shape and scale by `palette.mote_class`: a diamond is well, a pyramid is low, a cube is nearly empty."""
+
+
+class MoteLayer(MeshLayer):
+    """Motes; colour and shape show the state of their supply."""
+
+    name, label, period_s = "motes", "Motes", 1.0
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
+        places: dict[int, list[tuple[float, float, float]]] = {}
+        for mote in view.motes.values():
+            if mote.place is not None:
+                kind = palette.mote_class(mote.latest.voltage_v if mote.latest is not None else None)
+                places.setdefault(kind, []).append((mote.place.x_m, mote.place.y_m, 0.0))
+        return {
+            palette.MOTE_COLORS[kind]: copies(
+                MOTE_MESHES[kind][0], rows(at), rows([(MOTE_MESHES[kind][1],) * 3] * len(at))
+            )
+            for kind, at in places.items()
+        }
+
+
+class MoteLabelLayer(OwnLayer):
+    """Latest readings of the motes in focus."""
+
+    name, label, period_s = "mote_labels", "Readings of motes", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._labels = Labels(scene, self.node("reading"), 0.8)
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        self._labels.show(
+            {
+                mote.name: (reading_text(mote), (mote.place.x_m, mote.place.y_m, MOTE_LABEL_Z_M))
+                for mote in motes_in_focus(view, self.focus)
+                if mote.place is not None
+            }
+        )
+
+
+class ScanLayer(OwnLayer):
+    """What the lidar of the selected robot sees, in the robot's colour."""
+
+    name, label, period_s = "scans", "Lidar", 0.2
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._handle: viser.PointCloudHandle | None = None
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        robot = view.robots.get(self.focus.robot)
+        points: Rows = scan_points(robot) if robot is not None else rows([])
+        if robot is None or not len(points):
+            if self._handle is not None:
+                self._handle.remove()
+                self._handle = None
+            return
+        color = to_linear(colors([palette.look_of(robot.index).color]))[0]
+        self._handle = self.scene.add_point_cloud(
+            self.node("points"), points, color, point_size=0.05, point_shape="circle", precision="float32"
+        )
+
+
+def scan_points(robot: RobotView) -> Rows:
+    """Ends of the beams that hit something, float32 (N, 3), metres, arena frame."""
+    pose = robot.pose_at(robot.scan.stamp_ns) if robot.scan is not None else None
+    if robot.scan is None or pose is None:
+        return np.empty((0, 3), np.float32)
+    ranges_m = np.array(robot.scan.ranges_mm, np.float64) / 1000
+    angles_rad = pose.yaw_rad + robot.scan.angle_min_rad + robot.scan.angle_increment_rad * np.arange(len(ranges_m))
+    hit = ranges_m > 0
+    x_m = pose.x_m + ranges_m[hit] * np.cos(angles_rad[hit])
+    y_m = pose.y_m + ranges_m[hit] * np.sin(angles_rad[hit])
+    return np.column_stack([x_m, y_m, np.full(x_m.shape, SCAN_Z_M)]).astype(np.float32)
+
+
+def reading_text(mote: MoteView) -> str:
+    """A mote's last reading in a few characters."""
+    latest = mote.latest
+    return mote.name if latest is None else f"{mote.name} {latest.value:.1f}"

@@ -1,0 +1,114 @@
+"""Radio links as lines: which robots and motes hear each other, how well, and which robots are relays.
+
+A stronger link is wider, and a weaker one has shorter dashes, so that they are distinguishable without colours.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import viser
+
+from robrain.dashboard.layers.layer import MeshLayer, OwnLayer
+from robrain.dashboard.scene.merged_meshes import MergedMeshes, by_color, strips, widen_for
+from robrain.dashboard.scene.meshes import Mesh
+from robrain.dashboard.scene.scene_nodes import dashed
+from robrain.dashboard.state.radio_links import Link, links_in_focus, mote_routes, relay_lines, team_links
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.model.geometry import Point2D
+from robrain.recording.drawing.palette import BAD, GOOD, RELAY, ROUTE, WARNING, Rgb
+
+LINK_Z_M = 0.2
+TEAM_Z_M = 0.24
+STRONG_DBM, WEAK_DBM = -80.0, -87.0
+RELAY_M = 0.14
+ROUTE_M = 0.09
+ROUTE_TIP_M = 0.02
+"""A route is wide at the mote that sends and narrow at the one that takes."""
+ROUTES = 600
+TEAM_WIDER = 1.8
+"""Factor of the width of motes' links: over the team's links its own messages can be relayed."""
+LINKS = 600
+DASHES = 30
+ALL_DASHES = 1200
+OPACITY = 0.6
+"""Links are always shown, so they are paler than what moves."""
+
+
+class LinkLook(NamedTuple):
+    """How links of a strength are drawn."""
+
+    color: Rgb
+    width_m: float
+    dash_m: float
+    """0 is unbroken."""
+
+
+LOOKS = (LinkLook(GOOD, 0.05, 0.0), LinkLook(WARNING, 0.035, 0.3), LinkLook(BAD, 0.025, 0.12))
+"""Strong, weak, very weak."""
+
+
+class RadioLayer(MeshLayer):
+    """The links that connect the team, lines from relays to the robots they serve, and routes between motes."""
+
+    name, label, period_s, shown_at_first = "radio", "Radio links", 1.0, True
+
+    opacity = OPACITY
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._relays = MergedMeshes(scene, self.node("relays"))
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+        return link_meshes(team_links(view, now_s), TEAM_Z_M, widen_for(view.map.size_m), TEAM_WIDER)
+
+    def _draw(self, view: TeamView, now_s: float) -> None:
+        super()._draw(view, now_s)
+        widen = widen_for(view.map.size_m)
+        lines = [strips(dashed([start, end], 0.0, LINK_Z_M, 1), RELAY_M * widen) for start, end in relay_lines(view)]
+        routes = [taper(start, end, LINK_Z_M, widen) for start, end in mote_routes(view)[:ROUTES]]
+        self._relays.show(by_color([*((RELAY, line) for line in lines), *((ROUTE, route) for route in routes)]))
+
+
+class FocusRadioLayer(OwnLayer, MeshLayer):
+    """Links of the selected robot, and the best link of each mote in focus; switched with the team's radio links."""
+
+    name, label, period_s = "focus_radio", "Radio links of motes", 1.0
+
+    opacity = OPACITY
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+        links = links_in_focus(view, self.focus, now_s)
+        return link_meshes(links, LINK_Z_M, widen_for(view.map.size_m))
+
+
+def link_look(rssi_dbm: float) -> LinkLook:
+    """How a link of this strength is drawn."""
+    return LOOKS[0] if rssi_dbm >= STRONG_DBM else LOOKS[1] if rssi_dbm >= WEAK_DBM else LOOKS[2]
+
+
+def link_meshes(links: list[Link], z_m: float, widen: float, wider: float = 1.0) -> dict[Rgb, Mesh]:
+    """Links as strips, by colour; of too many the first ones."""
+    shown = links[:LINKS]
+    # Of many links each gets fewer and longer dashes: a browser has to draw every one of them in every frame.
+    most = max(2, min(DASHES, ALL_DASHES // max(1, len(shown))))
+    pieces = []
+    for link in shown:
+        look = link_look(link.rssi_dbm)
+        dash_m = look.dash_m * widen
+        if dash_m:  # longer if there would be too many
+            dash_m = max(dash_m, link.start.distance_m(link.end) / (2 * most - 1))
+        lines = dashed([link.start, link.end], dash_m, z_m, most)
+        pieces.append((look.color, strips(lines, look.width_m * widen * wider)))
+    return by_color(pieces)
+
+
+def taper(start: Point2D, end: Point2D, z_m: float, widen: float) -> Mesh:
+    """A flat strip that narrows towards its end: where something goes."""
+    length_m = max(start.distance_m(end), 1e-9)
+    across_x, across_y = (start.y_m - end.y_m) / length_m, (end.x_m - start.x_m) / length_m
+    corners = []
+    for place, width_m in ((start, ROUTE_M), (end, ROUTE_TIP_M)):
+        half_m = 0.5 * width_m * widen
+        for side in (-half_m, half_m):
+            corners.append((place.x_m + side * across_x, place.y_m + side * across_y, z_m))
+    return Mesh(np.array(corners, np.float32), np.array([[0, 2, 3], [0, 3, 1]], np.uint32))

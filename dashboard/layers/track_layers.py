@@ -1,0 +1,75 @@
+"""Trails, planned paths and goals of the robots."""
+
+import math
+
+import numpy as np
+
+from robrain.dashboard.layers.layer import MeshLayer
+from robrain.dashboard.scene.merged_meshes import by_color, copies, strips, widen_for
+from robrain.dashboard.scene.meshes import Mesh, pin
+from robrain.dashboard.scene.scene_nodes import Rows, dashed, rows
+from robrain.dashboard.state.robot_view import Contact
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.model.geometry import Point2D
+from robrain.recording.drawing.palette import Rgb, look_of
+
+TRAIL_Z_M = 0.015
+PATH_Z_M = 0.03
+ALL_TRAILS_SEGMENTS = 2000
+"""Shared by the team, so that trails of a hundred robots stay a message of 50 kB a second."""
+TRAIL_M = 0.1
+OLDEST_SHARE = 0.3
+"""Share of a trail's width at its oldest point."""
+PATH_M = 0.1
+DASH_M = 0.18
+DASHES = 400
+PIN = pin(0.13, 0.55)
+
+
+class TrailLayer(MeshLayer):
+    """The track of each robot, the thinner the older."""
+
+    name, label, period_s = "trails", "Trails", 1.0
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+        each = ALL_TRAILS_SEGMENTS // max(1, len(view.robots))
+        width_m = TRAIL_M * widen_for(view.map.size_m)
+        return by_color(
+            (look_of(robot.index).color, tapering_line(list(robot.trail), each, width_m))
+            for robot in view.robots_in_order()
+            if len(robot.trail) > 1
+        )
+
+
+class PathLayer(MeshLayer):
+    """The planned path of each robot, dashed, and a pin at its goal."""
+
+    name, label, period_s = "paths", "Paths, goals", 0.3
+
+    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+        width_m = PATH_M * widen_for(view.map.size_m)
+        pieces = []
+        for robot in view.robots_in_order():
+            if robot.contact(now_s) is Contact.LOST:
+                continue
+            color = look_of(robot.index).color
+            pieces.append((color, strips(dashes(robot.path), width_m)))
+            goal = view.goal_of(robot)
+            if goal is not None:
+                pieces.append((color, copies(PIN, rows([(goal.x_m, goal.y_m, 0.0)]))))
+        return by_color(pieces)
+
+
+def tapering_line(trail: list[Point2D], segments: int, width_m: float) -> Mesh:
+    """A trail as at most `segments` strips, narrow where it is old and `width_m` wide at its end."""
+    stride = max(1, math.ceil((len(trail) - 1) / max(1, segments)))
+    # Kept from the end, so that the line always reaches the robot.
+    kept = trail[::-1][::stride][::-1]
+    corners = np.array([(point.x_m, point.y_m, TRAIL_Z_M) for point in kept], np.float32)
+    widths_m = np.linspace(OLDEST_SHARE, 1.0, max(1, len(kept) - 1), dtype=np.float32) * np.float32(width_m)
+    return strips(np.stack([corners[:-1], corners[1:]], axis=1), widths_m[: len(kept) - 1])
+
+
+def dashes(path: list[Point2D]) -> Rows:
+    """A path as dashes of equal length, float32 (N, 2, 3), metres; the longest paths are cut off."""
+    return dashed(path, DASH_M, PATH_Z_M, DASHES)

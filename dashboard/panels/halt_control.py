@@ -1,0 +1,131 @@
+"""The emergency halt: one click or the key H halts the team; resuming needs a confirmation.
+
+`page.js` draws the button, because viser's panels lie below viser's windows. It triggers the same command as the key.
+Commands run on viser's threads, not in the dashboard's step, so that a halt is sent at once whatever the dashboard is
+drawing or querying.
+"""
+
+import threading
+from typing import Any
+
+import viser
+import zenoh
+
+from robrain.dashboard.html.html_words import CLOSE_MARK, text
+from robrain.dashboard.panels.gui_values import set_visible
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import CallError
+from robrain.protocol.wire.messages.team.team_messages import Halt
+from robrain.protocol.wire.topics import HALT
+from robrain.recording.drawing.natural_order import natural_key
+
+WIDTH_PX = 290
+MARGIN_PX = 15
+BUTTON_PX = 64
+"""Height of the button that `page.js` draws below the panel."""
+BY = "operator:dashboard"
+LABEL_RESUME = "Resume after halt …"
+LABEL_CONFIRM = "Resume all robots"
+LABEL_KEEP = "Keep them halted"
+NAMES_SHOWN = 12
+PERIOD_S = 0.5
+
+
+class HaltControl:
+    """Sends the halt and the resume, and shows which robots have obeyed."""
+
+    def __init__(self, server: viser.ViserServer, endpoint: Endpoint) -> None:
+        self._publisher = endpoint.publisher(HALT)
+        self._sending = threading.Lock()
+        self._connected = True
+        self._drawn_s: float | None = None
+        self._beat = 0
+        panel = server.gui.add_panel(order=0)
+        with panel.add_tab("All robots"):
+            self._acknowledged = server.gui.add_html("")
+            self._resume = server.gui.add_button(LABEL_RESUME, color="gray", visible=False)
+        panel.float(x=MARGIN_PX, y=-(2 * MARGIN_PX + BUTTON_PX), width=WIDTH_PX)
+        panel.expand()
+        self._resume.on_click(lambda event: self.ask_to_resume(event.client))
+        command = server.gui.add_command("Emergency halt", description="Halt all robots", hotkey="H")
+        command.on_trigger(self._halt)
+
+    def draw(self, view: TeamView, now_s: float) -> None:
+        """Show which robots have stopped, twice a second, with a new beat each time: it tells pages that this runs."""
+        self._connected = view.connected
+        if self._drawn_s is not None and now_s - self._drawn_s < PERIOD_S:
+            return
+        self._drawn_s = now_s
+        self._beat += 1
+        self._acknowledged.content = acknowledgements_html(view, self._beat)
+        set_visible(self._resume, view.halted or any(robot.halted for robot in view.robots.values()))
+
+    def _halt(self, event: viser.CommandEvent) -> None:
+        self._send(Halt(halted=True, by=BY, reason="halted on the dashboard"), event.client)
+
+    def ask_to_resume(self, client: viser.ClientHandle | None) -> None:
+        """Ask for a confirmation in one browser, and resume all robots."""
+        if client is None:
+            return
+        modal = client.gui.add_modal("Resume after the emergency halt?")
+        with modal:
+            client.gui.add_markdown("All robots may move at once. Is everybody out of their way?")
+            confirm = client.gui.add_button(LABEL_CONFIRM, color="green")
+            client.gui.add_html(CLOSE_MARK)
+            keep = client.gui.add_button(LABEL_KEEP, color="gray")
+
+        @confirm.on_click
+        def _(_: viser.GuiEvent[Any]) -> None:
+            modal.close()
+            self._send(Halt(halted=False, by=BY, reason="resumed on the dashboard"), client)
+
+        @keep.on_click
+        def _(_: viser.GuiEvent[Any]) -> None:
+            modal.close()
+
+    def _send(self, message: Halt, client: viser.ClientHandle | None) -> None:
+        failure = "" if self._connected else "the dashboard has no connection to the team"
+        try:
+            with self._sending:
+                self._publisher.put(message)
+        except (zenoh.ZError, CallError) as error:  # CallError: its certificate may not
+            failure = str(error)
+        if failure and client is not None:
+            what = "halt" if message.halted else "resume"
+            client.add_notification(
+                f"The {what} was not sent",
+                f"Use the robots' own buttons: {failure}.",
+                color="red",
+                auto_close_seconds=None,
+            )
+
+
+def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
+    """Names of the robots that have stopped, and of those that have not confirmed it, lost ones included; sorted."""
+    robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))
+    stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
+    missing = [robot.name for robot in robots if robot.state is None or not robot.state.has_stopped]
+    return stopped, missing
+
+
+def acknowledgements_html(view: TeamView, beat: int) -> str:
+    """Who has obeyed the halt, or that nothing is halted."""
+    begin = f'<div class="rb" data-rb-beat="{beat}" data-testid="acknowledged">'
+    stopped, missing = acknowledgements(view)
+    if not view.halted and not stopped:
+        return f'{begin}<span class="rb-soft">No robot is halted. Key: H</span></div>'
+    parts = []
+    if view.halted and missing:
+        parts.append(_line("bad", "✕ not stopped", "not-stopped", missing))
+    if stopped:
+        parts.append(_line("good", "■ stopped", "stopped", stopped))
+    if view.halted and not missing:
+        parts.append(f'<div class="rb-soft">All {len(stopped)} have acknowledged.</div>')
+    return f"{begin}{''.join(parts)}</div>"
+
+
+def _line(kind: str, label: str, testid: str, names: list[str]) -> str:
+    shown = ", ".join(text(name, 40) for name in names[:NAMES_SHOWN])
+    more = f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
+    return f'<div class="rb-alert rb-{kind}"><b>{label}:</b><span data-testid="{testid}">{shown}{more}</span></div>'

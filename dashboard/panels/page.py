@@ -1,0 +1,328 @@
+"""One browser's page: its tabs, its selection, its camera. Each browser has its own.
+
+viser serves clicks on its own threads; they only queue an action, which the dashboard's next step runs.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import viser
+
+from robrain.dashboard.html.charts import add_chart
+from robrain.dashboard.html.field_html import field_html, rules_html
+from robrain.dashboard.html.html_words import text
+from robrain.dashboard.html.left_html import left_html
+from robrain.dashboard.html.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
+from robrain.dashboard.layers.floor_layers import FieldLayer
+from robrain.dashboard.layers.layer_switches import LayerSwitch, switches_of, troubles_of
+from robrain.dashboard.panels.gui_values import set_html, set_value, set_visible
+from robrain.dashboard.panels.page_context import Page, PageContext
+from robrain.dashboard.panels.robot_tab import RobotTab
+from robrain.dashboard.panels.task_tab import TaskTab
+from robrain.dashboard.scene.selection import SelectionMark, floor_hit, mote_near, robot_near
+from robrain.dashboard.server.retry import Retry
+from robrain.dashboard.state.focus import Focus
+from robrain.dashboard.state.team_view import TeamView
+from robrain.recording.drawing.palette import HEAT, css
+
+CHART_PERIOD_S = 2.0
+MANY_ROWS = 25
+LIST_PERIOD_S = 2.5
+"""Period of a longer table, which costs a browser more than the picture."""
+
+
+class TeamTab:
+    """The tab of one page; built within the tab's context."""
+
+    def __init__(self, page: Page) -> None:
+        gui = page.client.gui
+        self._page = page
+        self._summary = gui.add_html("")
+        self._robots = gui.add_html("")
+        self._folder = gui.add_folder("Explored over time", visible=False)
+        with self._folder:
+            self._chart = add_chart(gui, "Explored (%)", ["explored"], (0.0, 100.0))
+        self._left_folder = gui.add_folder("Left to explore", visible=False)
+        with self._left_folder:
+            self._left = gui.add_html("")
+        self._field_folder = gui.add_folder("Mote field", visible=False)
+        with self._field_folder:
+            self._field = gui.add_html("")
+        self._rules_folder = gui.add_folder("Rules", visible=False)
+        with self._rules_folder:
+            self._rules = gui.add_html("")
+        with gui.add_folder("Log", expand_by_default=False):
+            self._log = gui.add_html("")
+        self._charted_s: float | None = None
+        self._listed_s: float | None = None
+        self._listed: tuple[str, int] | None = None
+
+    def hurry(self) -> None:
+        """Update everything at the next `draw`, even if that is before it is due."""
+        self._charted_s = self._listed_s = None
+
+    def draw(self, now_s: float) -> None:
+        """Show the current state."""
+        view = self._page.context.view
+        set_html(self._summary, summary_html(view, now_s))
+        shown = (self._page.selected, len(view.robots))
+        due = self._listed_s is None or now_s - self._listed_s >= LIST_PERIOD_S
+        if due or shown != self._listed or len(view.robots) <= MANY_ROWS:
+            self._listed_s, self._listed = now_s, shown
+            set_html(self._robots, robots_html(view, now_s, self._page.selected))
+        for folder, shown_html, html in (
+            (self._left_folder, self._left, left_html(view)),
+            (self._field_folder, self._field, field_html(view)),
+            (self._rules_folder, self._rules, rules_html(view)),
+        ):
+            set_visible(folder, bool(html))
+            set_html(shown_html, html)
+        set_html(self._log, log_html(view))
+        if len(view.explored) > 1 and (self._charted_s is None or now_s - self._charted_s >= CHART_PERIOD_S):
+            self._charted_s = now_s
+            self._folder.visible = True
+            time_s, fraction = np.array(view.explored).T
+            self._chart.data = (time_s, 100 * fraction)
+
+
+OVERVIEW, TOP = "Overview", "Top view"
+MOTES_PERIOD_S = 3.0
+LEGEND = (
+    '<div class="rb"><h4>Motes</h4><div class="rb-legend"><span class="rb-good">◆ well</span>'
+    '<span class="rb-warn">▲ low</span><span class="rb-bad">■ nearly empty</span>'
+    '<span class="rb-soft">◇ not heard</span></div>'
+    '<h4>Radio links</h4><div class="rb-legend"><span class="rb-good">━ strong</span>'
+    '<span class="rb-warn">– – weak</span>'
+    '<span class="rb-bad">· · very weak</span><span>wider: between robots</span><span>▬ relay</span>'
+    "<span>▶ readings from mote to mote, to a gateway</span></div>"
+    '<h4>Tasks</h4><div class="rb-legend"><span>⚑ flag: waits</span><span>▼ pin: a robot is at it</span>'
+    "<span>⚡ plate: charger</span><span>yellow diamond: border of the known</span></div><h4>Keys</h4>"
+    '<div class="rb-legend"><span><b>H</b> halt all</span><span><b>O</b> overview</span><span><b>T</b> top view</span>'
+    "<span><b>F</b> follow</span><span><b>N</b>, <b>P</b> next, previous robot</span>"
+    "<span><b>L</b> light or dark</span>"
+    "<span><b>W A S D Q E</b> drive by hand, once armed</span><span><b>Ctrl+K</b> all commands</span></div></div>"
+)
+
+
+class ViewTab:
+    """The tab of one page; built within the tab's context."""
+
+    def __init__(self, page: Page) -> None:
+        gui = page.client.gui
+        self._page = page
+        self._listed_s: float | None = None
+        camera = gui.add_button_group("Camera", (OVERVIEW, TOP))
+        camera.on_click(lambda event: page.post(self.top if event.target.value == TOP else self.overview))
+        self._follow = gui.add_checkbox("Follow selected", False)
+        self._follow.on_update(lambda event: page.post(lambda: self.set_follow(event.target.value)))
+        theme = gui.add_button_group("Colours", ("Dark", "Light"))
+        theme.on_click(lambda event: page.post(lambda: page.set_dark(event.target.value == "Dark")))
+        with gui.add_folder("Layers"):
+            for switch in page.switches:
+                self._add_box(switch)
+            self._scale = gui.add_html("", visible=False)
+        with gui.add_folder("Legend and keys", expand_by_default=False):
+            gui.add_html(LEGEND)
+        self._mote_folder = gui.add_folder("Motes", expand_by_default=False, visible=False)
+        with self._mote_folder:
+            self._motes = gui.add_html("")
+
+    def draw(self, now_s: float) -> None:
+        """Show the current state."""
+        view = self._page.context.view
+        set_visible(self._mote_folder, bool(view.motes))
+        if view.motes and (self._listed_s is None or now_s - self._listed_s >= MOTES_PERIOD_S):
+            self._listed_s = now_s
+            set_html(self._motes, motes_html(view))
+        layers = [switch.layer for switch in self._page.switches if switch.shown]
+        scale = next((layer.range for layer in layers if isinstance(layer, FieldLayer)), None)
+        set_visible(self._scale, scale is not None)
+        if scale is not None:
+            set_html(self._scale, scale_html(*scale))
+
+    def overview(self) -> None:
+        """Move the camera to where the whole map is seen from the side and above."""
+        self.set_follow(False)
+        self._page.context.scene.show_overview(self._page.client)
+
+    def top(self) -> None:
+        """Move the camera above the map."""
+        self.set_follow(False)
+        self._page.context.scene.show_top(self._page.client)
+
+    def set_follow(self, follows: bool) -> None:
+        """Whether the camera follows the selected robot."""
+        self._page.follows = follows
+        set_value(self._follow, follows)
+
+    def _add_box(self, switch: LayerSwitch) -> None:
+        def choose(shown: bool) -> None:
+            switch.shown = shown
+
+        box = self._page.client.gui.add_checkbox(switch.label, switch.shown)
+        box.on_update(lambda event: self._page.post(lambda: choose(event.target.value)))
+
+
+def scale_html(quantity: str, low: float, high: float) -> str:
+    """The heat map's colours, with the values at both ends."""
+    steps = ", ".join(css(color) for color in HEAT)
+    return (
+        f'<div class="rb" data-testid="field-scale">{text(quantity, 40)}'
+        f'<div class="rb-scale" style="background: linear-gradient(to right, {steps})"></div>'
+        f'<div style="display: flex; justify-content: space-between">'
+        f"<span>{low:.1f}</span><span>{high:.1f}</span></div></div>"
+    )
+
+
+ACTIONS = 256
+PERIOD_S = 0.4
+MANY_ROBOTS = 25
+MANY_PERIOD_S = 1.0
+
+
+class ClientPage:
+    """The page of one client; the dashboard's step calls all methods but `post`."""
+
+    def __init__(self, client: viser.ClientHandle, context: PageContext) -> None:
+        self.client = client
+        self.context = context
+        self.selected = ""
+        """Name of the selected robot; empty if none."""
+        self._chosen = False
+        """Whether a person selected it."""
+        self._mote = ""
+        """Name of the selected mote; empty if none."""
+        self.follows = False
+        """Whether the camera follows the selected robot."""
+        self.dark = True
+        self.switches = switches_of(client, context.scene.layers)
+        """Which layers this browser shows."""
+        self.retry = Retry()
+        """Schedules the next update after an error."""
+        self._actions: deque[Callable[[], None]] = deque(maxlen=ACTIONS)
+        self._drawn_s: float | None = None
+        self._view: TeamView | None = None
+        gui = client.gui
+        gui.main_panel.dock_right()
+        self._strip = gui.add_html("")
+        gui.add_html('<div class="rb-channel"></div>')
+        channel = gui.add_text("rows", "")
+        channel.on_update(self._take_row_click)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Team", viser.Icon.USERS):
+            self.team = TeamTab(self)
+        with tabs.add_tab("Robot", viser.Icon.ROBOT):
+            self.robot = RobotTab(self)
+        with tabs.add_tab("Tasks", viser.Icon.LIST_CHECK):
+            self.tasks = TaskTab(self)
+        with tabs.add_tab("View", viser.Icon.EYE):
+            self.looks = ViewTab(self)
+        self._mark = SelectionMark(client)
+        context.scene.show_overview(client)
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Run an action in the dashboard's next step; may be called from any thread."""
+        self._actions.append(action)
+
+    def step(self, now_s: float) -> None:
+        """Run the queued actions, and show the current state."""
+        while self._actions:
+            self._actions.popleft()()
+        view, scene = self.context.view, self.context.scene
+        if view is not self._view:
+            self._view, self._drawn_s = view, None
+            self.team.hurry()
+            self.robot.hurry()
+        if self.selected not in view.robots and view.robots:
+            self.select(next(iter(view.robots)), by_person=False)
+        self._mark.show(view.robots.get(self.selected), follows=self.follows)
+        scene.keep_framed(self.client)
+        middle, reach_m = scene.looked_at(self.client)
+        focus = Focus(self.selected, self._chosen, self._mote, middle, reach_m)
+        for switch in self.switches:
+            switch.draw(view, focus, now_s)
+        self.robot.drive.step()
+        period_s = MANY_PERIOD_S if len(view.robots) > MANY_ROBOTS else PERIOD_S
+        if self._drawn_s is not None and now_s - self._drawn_s < period_s:
+            return
+        self._drawn_s = now_s
+        set_html(self._strip, strip_html(view, now_s, troubles_of(self.switches, now_s)))
+        self.team.draw(now_s)
+        self.robot.draw(now_s)
+        self.tasks.draw(now_s)
+        self.looks.draw(now_s)
+
+    def close(self) -> None:
+        """Release what belongs to a browser that has disconnected."""
+        self.robot.drive.let_go()
+        self.context.scene.forget(self.client.client_id)
+
+    def select(self, robot: str, *, by_person: bool = True) -> None:
+        """Select a robot, if there is one of that name."""
+        if robot in self.context.view.robots:
+            self.selected, self._chosen = robot, by_person
+            self.robot.select()
+            self._drawn_s = None
+
+    def select_next(self, step: int) -> None:
+        """Select the robot that is `step` places later in the list, or earlier if negative."""
+        names = list(self.context.view.robots)
+        if names:
+            at = names.index(self.selected) if self.selected in names else -step
+            self.select(names[(at + step) % len(names)])
+
+    def click_floor(self, origin: tuple[float, float, float], direction: tuple[float, float, float]) -> None:
+        """Handle a click along a ray: place a task if one is being added, else select the robot or mote there."""
+        hit = floor_hit(origin, direction)
+        if hit is None:
+            return
+        place, distance_m = hit
+        if self.tasks.wants_place:
+            self.tasks.add_at(place)
+        elif (robot := robot_near(self.context.view, place, distance_m)) is not None:
+            self.select(robot.name)
+        else:
+            mote = mote_near(self.context.view, place, distance_m)
+            self.select_mote(mote.name if mote is not None else "")
+
+    def select_mote(self, mote: str) -> None:
+        """Show a mote's reading and link; deselect if the name is empty or already selected."""
+        self._mote = mote if mote in self.context.view.motes and mote != self._mote else ""
+
+    def tell(self, title: str, body: str = "", *, error: str = "", color: Any = "green") -> None:
+        """Show a notification in the corner: the body, or in red the error."""
+        color = "red" if error else color
+        self.client.add_notification(title[:80], (error or body)[:300], color=color, auto_close_seconds=6.0)
+
+    def set_dark(self, dark: bool) -> None:
+        """Switch between the dark and the light theme."""
+        self.dark = dark
+        set_theme(self.client.gui, dark=dark)
+
+    def _take_row_click(self, event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
+        row = event.target.value
+        self.post(lambda: self._do_row_click(row))
+
+    def _do_row_click(self, row: str) -> None:
+        """Act on a click that `page.js` reports: a counter, a verb and its subject."""
+        verb, _, subject = row.partition(" ")[2].partition(" ")
+        acts: dict[str, Callable[[str], None]] = {
+            "select": self.select,
+            "mote": self.select_mote,
+            "plugin": self.robot.select_plugin,
+            "why": self.tasks.ask_why,
+            "cancel": self.tasks.cancel,
+        }
+        if verb in acts:
+            acts[verb](subject)
+        elif verb == "resume" and self.context.halt is not None:
+            self.context.halt.ask_to_resume(self.client)
+        elif verb == "seek" and self.context.replay is not None and subject.replace(".", "", 1).isdecimal():
+            self.context.replay.seek(float(subject))
+
+
+def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
+    """Set the page's theme, without viser's own logo and share button."""
+    gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, control_width="large")

@@ -1,0 +1,95 @@
+"""The bar of a replay: timeline with marks, play, speed, steps. All browsers share it."""
+
+import viser
+
+from robrain.dashboard.html.html_words import clock_text, text
+from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value
+from robrain.dashboard.replay.replay_index import Mark
+from robrain.dashboard.replay.replay_source import SPEEDS, ReplaySource
+
+WIDTH_PX = 560
+MARGIN_PX = 15
+WIDTH, HEIGHT = 540, 26
+PERIOD_S = 0.4
+PLAY, PAUSE = "▶ Play", "❚❚ Pause"
+STEPS: tuple[tuple[str, float], ...] = (("−10 s", -10.0), ("−1 s", -1.0), ("+1 s", 1.0), ("+10 s", 10.0))
+SHAPES = {"halt": ("■", "#d63a2a"), "fault": ("▲", "#e69f00"), "task": ("●", "#2fa37c")}
+
+
+class ReplayBar:
+    """Shows the position of the replay, and moves it."""
+
+    def __init__(self, server: viser.ViserServer, source: ReplaySource) -> None:
+        self._source = source
+        self._drawn_s: float | None = None
+        self._shown_s = 0.0
+        """Last value of the slider that was set or taken. If it differs, somebody has moved it, and `_slid` is about to
+        be called: setting it back would undo that."""
+        gui = server.gui
+        self.panel = panel = gui.add_panel(order=0)
+        """With room for more tabs."""
+        duration_s = max(source.player.duration_s, 0.1)
+        with panel.add_tab("Replay"):
+            self._marks = gui.add_html(marks_html(source.marks, duration_s, 0.0, playing=False))
+            self._slider = gui.add_slider("Time (s)", 0.0, round(duration_s, 1), 0.1, 0.0)
+            self._play = gui.add_button(PLAY, color="blue")
+            steps = gui.add_button_group("Move", tuple(label for label, _ in STEPS))
+            speeds = tuple(f"× {speed:g}" for speed in sorted({*SPEEDS, source.player.speed}))
+            self._speed = gui.add_dropdown("Speed", speeds, initial_value=f"× {source.player.speed:g}")
+        panel.float(x=MARGIN_PX, y=-MARGIN_PX, width=WIDTH_PX)
+        panel.expand()
+        on_choice(self._slider, self._slid)
+        self._play.on_click(lambda _: source.toggle())
+        steps.on_click(lambda event: source.skip(dict(STEPS)[event.target.value]))
+        on_choice(self._speed, lambda label: source.set_speed(float(label.removeprefix("× "))))
+        gui.add_command("Replay: play or pause", hotkey="space").on_trigger(lambda _: source.toggle())
+        gui.add_command("Replay: a second on", hotkey="arrowright").on_trigger(lambda _: source.skip(1.0))
+        gui.add_command("Replay: a second back", hotkey="arrowleft").on_trigger(lambda _: source.skip(-1.0))
+
+    def seek(self, time_s: float) -> None:
+        """Go to a time."""
+        self._source.seek(time_s)
+
+    def draw(self, now_s: float) -> None:
+        """Show the current position."""
+        if self._drawn_s is not None and now_s - self._drawn_s < PERIOD_S:
+            return
+        self._drawn_s = now_s
+        player = self._source.player
+        at_s = min(round(player.position_s, 1), self._slider.max)
+        if self._slider.value == self._shown_s and abs(self._shown_s - at_s) >= 0.05:
+            set_value(self._slider, at_s)
+            self._shown_s = self._slider.value
+        label = PAUSE if player.playing else PLAY
+        if self._play.label != label:
+            self._play.label, self._play.color = label, "gray" if player.playing else "blue"
+        set_html(
+            self._marks,
+            marks_html(self._source.marks, max(player.duration_s, 0.1), player.position_s, playing=player.playing),
+        )
+
+    def _slid(self, time_s: float) -> None:
+        self._shown_s = time_s
+        self._source.seek(float(time_s))
+
+
+def marks_html(marks: list[Mark], duration_s: float, position_s: float, *, playing: bool) -> str:
+    """The timeline with the current position and marks; a click on a mark goes there."""
+    parts = [f'<line x1="0" x2="{WIDTH}" y1="13" y2="13" stroke="rgba(128,140,160,0.6)" stroke-width="3"/>']
+    for mark in marks:
+        shape, color = SHAPES[mark.kind]
+        x = WIDTH * min(max(mark.time_s / duration_s, 0.0), 1.0)
+        before_s = max(0.0, mark.time_s - 1.0)
+        parts.append(
+            f'<text x="{x:.1f}" y="17" text-anchor="middle" style="fill: {color}; font-size: 12px" '
+            f'data-rb="seek {before_s:.1f}"><title>{clock_text(mark.time_s)} {text(mark.said)}</title>{shape}</text>'
+        )
+    at = WIDTH * min(position_s / duration_s, 1.0)
+    parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="{HEIGHT}" stroke="#3fa7e8" stroke-width="2"/>')
+    return (
+        f'<div class="rb"><div style="display: flex; justify-content: space-between">'
+        f'<b data-testid="replay-time">{"▶" if playing else "❚❚"} '
+        f"{clock_text(position_s)} of {clock_text(duration_s)}</b>"
+        '<span class="rb-soft">■ halt ▲ fault ● task done</span></div>'
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="100%" data-testid="marks">{"".join(parts)}</svg></div>'
+    )

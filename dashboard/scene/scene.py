@@ -1,0 +1,150 @@
+"""The picture: all layers, and the camera that frames them."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import viser
+
+from robrain.dashboard.layers.floor_layers import FieldLayer, FloorLayer, WallLayer
+from robrain.dashboard.layers.layer import Layer
+from robrain.dashboard.layers.left_layer import LeftLayer
+from robrain.dashboard.layers.marker_layers import ChargerLayer, FrontierLayer, MoteLayer, TaskLayer
+from robrain.dashboard.layers.radio_layer import RadioLayer
+from robrain.dashboard.layers.robot_layers import CertaintyLayer, NameLayer, RobotLayer, TruthLayer
+from robrain.dashboard.layers.track_layers import PathLayer, TrailLayer
+from robrain.dashboard.layers.traffic_layer import TrafficLayer
+from robrain.dashboard.scene import camera
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.model.geometry import Point2D
+
+LAYERS: tuple[type[Layer], ...] = (
+    FloorLayer,
+    WallLayer,
+    RobotLayer,
+    NameLayer,
+    TrailLayer,
+    PathLayer,
+    TrafficLayer,
+    TaskLayer,
+    ChargerLayer,
+    FrontierLayer,
+    LeftLayer,
+    MoteLayer,
+    RadioLayer,
+    FieldLayer,
+    CertaintyLayer,
+    TruthLayer,
+)
+"""Layers that are drawn once for all browsers, in the order of their checkboxes."""
+EMPTY_BOUNDS: camera.Bounds = (-6.0, -5.0, 6.0, 5.0)
+"""Shown until there is a map."""
+EXPECTED_ASPECT = 1.1
+"""Aspect ratio of the picture beside the panel on a laptop's screen, for browsers that have not reported theirs."""
+COVERED = 0.16
+"""Share of the picture's height that the halt, or the bar of a replay, covers at the bottom."""
+COVERED_UPRIGHT = 0.58
+UPRIGHT = 0.75
+"""A picture narrower than this by its height is a phone's, on which the panel lies at the bottom."""
+SAME_ASPECT = 0.03
+ZOOMED = 0.65
+"""A camera nearer than this share of the overview's distance counts as zoomed in."""
+SAME_PLACE_M = 0.01
+
+
+class Framed(NamedTuple):
+    """How the map was framed for a browser."""
+
+    bounds: camera.Bounds
+    aspect: float
+    elevation_rad: float
+    position: tuple[float, float, float]
+    distance_m: float
+    """Distance from the camera to the point that it looks at."""
+
+
+class Scene:
+    """Draws a TeamView. The first map is framed in all browsers; later each browser moves its own camera."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self.layers: tuple[Layer, ...] = tuple(layer(server.scene) for layer in LAYERS)
+        self._bounds = EMPTY_BOUNDS
+        self._view: TeamView | None = None
+        self._framed: dict[int, Framed] = {}
+        server.initial_camera.fov = camera.FOV_RAD
+        self._set_initial_camera()
+
+    def draw(self, view: TeamView, now_s: float) -> None:
+        """Draw what changed."""
+        is_another = view is not self._view
+        self._view = view
+        for layer in self.layers:
+            if is_another:
+                layer.hurry()
+            layer.draw(view, now_s)
+        geometry = view.floor_geometry
+        if geometry is None:
+            return
+        bounds = camera.bounds_of(geometry)
+        if bounds != self._bounds:
+            self._bounds = bounds
+            self._set_initial_camera()
+
+    def show_overview(self, client: viser.ClientHandle) -> None:
+        """Move one browser's camera to where the whole map is seen from the side and above."""
+        self._move(client, camera.OVERVIEW_ELEVATION_RAD)
+
+    def show_top(self, client: viser.ClientHandle) -> None:
+        """Move one browser's camera above the map, +y up."""
+        self._move(client, camera.TOP_ELEVATION_RAD)
+
+    def keep_framed(self, client: viser.ClientHandle) -> None:
+        """Frame a new map, or the same one if the window's aspect ratio changed and nobody moved the camera."""
+        framed = self._framed.get(client.client_id)
+        if framed is None:
+            return
+        if framed.bounds != self._bounds:
+            self.show_overview(client)
+        elif (
+            abs(aspect_of(client) - framed.aspect) > SAME_ASPECT * framed.aspect
+            and np.linalg.norm(client.camera.position - np.array(framed.position)) < SAME_PLACE_M
+        ):
+            self._move(client, framed.elevation_rad)
+
+    def looked_at(self, client: viser.ClientHandle) -> tuple[Point2D | None, float]:
+        """Point that a zoomed-in browser looks at, and the visible radius, metres; None if not zoomed in."""
+        framed = self._framed.get(client.client_id)
+        position, look_at = client.camera.position, client.camera.look_at
+        distance_m = float(np.linalg.norm(position - look_at))
+        if framed is None or not distance_m < ZOOMED * framed.distance_m or not np.isfinite(look_at).all():
+            return None, 0.0
+        return Point2D(float(look_at[0]), float(look_at[1])), distance_m
+
+    def forget(self, client_id: int) -> None:
+        """Drop the data of a browser that has disconnected."""
+        self._framed.pop(client_id, None)
+
+    def _move(self, client: viser.ClientHandle, elevation_rad: float) -> None:
+        aspect = aspect_of(client)
+        covered = COVERED_UPRIGHT if aspect < UPRIGHT else COVERED
+        stand = camera.stand_to_see(self._bounds, elevation_rad, aspect, covered=covered)
+        self._framed[client.client_id] = Framed(
+            self._bounds, aspect, elevation_rad, stand.position, math.dist(stand.position, stand.look_at)
+        )
+        with client.atomic():
+            client.camera.fov = camera.FOV_RAD
+            client.camera.position = stand.position
+            client.camera.look_at = stand.look_at
+            client.camera.up_direction = (0.0, 0.0, 1.0)
+
+    def _set_initial_camera(self) -> None:
+        stand = camera.stand_to_see(self._bounds, camera.OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
+        self._server.initial_camera.position = stand.position
+        self._server.initial_camera.look_at = stand.look_at
+
+
+def aspect_of(client: viser.ClientHandle) -> float:
+    """Aspect ratio of a browser's window; a default if the browser reports none, as when minimised."""
+    width, height = client.camera.image_width, client.camera.image_height
+    return width / height if width > 0 and height > 0 else EXPECTED_ASPECT

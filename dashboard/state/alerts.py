@@ -1,0 +1,126 @@
+"""What an operator should look at, worst first."""
+
+from enum import StrEnum
+from typing import NamedTuple
+
+from robrain.dashboard.state.robot_view import Condition, Contact, RecorderView, RobotView
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.wire.border.refusals import RefusalCode
+from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.wire.reasons.reason import TopicStale
+from robrain.protocol.wire.topics import COORDINATOR_STATE
+
+LOW_SOC = 0.2
+LOW_MOTE_V = 2.4
+REFUSALS_SHOWN = 4
+
+
+class Level(StrEnum):
+    """How much an alert matters."""
+
+    BAD = "bad"
+    WARN = "warn"
+
+
+class Alert(NamedTuple):
+    """One line; its strings come from the wire and are not escaped."""
+
+    level: Level
+    subject: str
+    text: str
+
+
+def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
+    """All alerts, the bad ones first, robots in the order of their appearance."""
+    found: list[Alert] = []
+    if view.robots and not view.coordinator_up and not view.is_replay:
+        found.append(Alert(Level.BAD, "Coordinator", "is lost; the robots go on by themselves"))
+    for robot in view.robots_in_order():
+        found += _of_robot(robot, now_s)
+    low = [mote.name for mote in view.motes.values() if mote.latest is not None and mote.latest.voltage_v < LOW_MOTE_V]
+    if low:
+        names = ", ".join(low[:4]) + (f" and {len(low) - 4} more" if len(low) > 4 else "")
+        found.append(Alert(Level.WARN, "Motes", f"nearly empty: {names}"))
+    if not view.is_replay:
+        for recorder in view.recorders.values():
+            found += _of_recorder(recorder, now_s)
+    if view.rejected:
+        found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
+    if view.team is not None:
+        if view.coordinator_up and not view.is_replay:
+            found += _of_tasks(view.team)
+        found += _of_stale(view, view.team, now_s)
+        found += _of_refusals("Coordinator", view.team.refused)
+    found += _of_refusals("Dashboard", view.refused)
+    return sorted(found, key=lambda alert: alert.level is not Level.BAD)
+
+
+def _of_tasks(team: TeamState) -> list[Alert]:
+    """Alerts for a coordinator that takes no tasks, or offers none."""
+    found: list[Alert] = []
+    if team.unwritable:
+        found.append(Alert(Level.BAD, "Coordinator", f"takes no tasks: {team.unwritable}"))
+    if team.lead and team.lead.is_suspended:
+        found.append(Alert(Level.BAD, "Coordinator", team.lead.words))
+    if team.stand_by and team.stand_by.held_back is not None:
+        found.append(Alert(Level.BAD, "Coordinator", team.stand_by.words))
+    return found
+
+
+def _of_stale(view: TeamView, team: TeamState, now_s: float) -> list[Alert]:
+    """Alerts for topics older than their deadline: the coordinator's own, and those it names of robots in contact."""
+    found: list[Alert] = []
+    deadline_s = COORDINATOR_STATE.deadline_s
+    if deadline_s is not None and view.coordinator_up and view.team_heard_s is not None and not view.is_replay:
+        age_s = now_s - view.team_heard_s
+        if age_s > deadline_s:
+            stale = TopicStale(COORDINATOR_STATE.name, "coordinator", age_s, deadline_s)
+            found.append(Alert(Level.WARN, "Coordinator", str(stale)))
+    for each in team.stale or ():
+        robot = view.robots.get(each.sender)
+        if robot is None or robot.contact(now_s) is Contact.UP:
+            found.append(Alert(Level.WARN, each.sender, str(each)))
+    return found
+
+
+def _of_refusals(subject: str, refused: object) -> list[Alert]:
+    """Alerts for rejected messages, if their list is known."""
+    known = refused[:REFUSALS_SHOWN] if isinstance(refused, list) else []
+    return [
+        Alert(Level.WARN, subject, one.words if one.code == RefusalCode.LOST else f"rejected {one.words}")
+        for one in known
+    ]
+
+
+def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
+    found: list[Alert] = []
+    condition, state = robot.condition(now_s), robot.state
+    if condition is Condition.LOST:
+        found.append(Alert(Level.BAD, robot.name, "has gone" if robot.has_gone else "is lost"))
+    elif condition is Condition.SILENT:
+        found.append(Alert(Level.BAD, robot.name, "says nothing, though its process is there"))
+    if state is None:
+        return found
+    if state.halted and state.not_halted:
+        found.append(Alert(Level.BAD, robot.name, f"has not stopped all of it: {', '.join(state.not_halted)}"))
+    found += [Alert(Level.BAD, robot.name, fault.words) for fault in state.faulted]
+    found += _of_refusals(robot.name, state.refused)
+    if state.lost:
+        found.append(Alert(Level.BAD, robot.name, f"is lost: {state.lost}"))
+    battery = state.battery
+    if battery is not None and battery.implausible:
+        found.append(Alert(Level.WARN, robot.name, f"its battery's figures are not believed: {battery.implausible}"))
+    if battery is not None and battery.soc < LOW_SOC and not battery.charging:
+        found.append(Alert(Level.WARN, robot.name, f"battery at {100 * battery.soc:.0f} %"))
+    return found
+
+
+def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:
+    subject = f"Recorder {recorder.name}"
+    if recorder.is_silent(now_s):
+        return [Alert(Level.BAD, subject, "says nothing any more: what happens now may not be recorded")]
+    state = recorder.state
+    if state is None:
+        return []
+    problem = "; ".join(filter(None, (state.why, recorder.lost_text)))
+    return [*([Alert(Level.BAD, subject, problem)] if problem else []), *_of_refusals(subject, state.refused)]

@@ -1,0 +1,415 @@
+"""The known state of the team: messages update it, drawings and tables read it. No browser, no I/O."""
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from robrain.dashboard.state.robot_view import MoteView, RecorderView, RobotView
+from robrain.dashboard.state.task_board import TaskBoard
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.wire import topics
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.wire.border.refusals import Refusal
+from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.patch_cells import cells_of
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
+from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
+from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.topic import Topic
+from robrain.recording.drawing.drawn_floor import DrawnFloor
+from robrain.recording.drawing.map_view import FAR_M, MapView, checked_geometry
+
+HISTORY_POINTS = 400
+HISTORY_STEP_S = 1.0
+LOG_LINES = 100
+LINKS = 200
+RECORDERS = 20
+FAR_MM = round(FAR_M * 1000)
+FULL_TURN_RAD = 2 * math.pi
+Names = Mapping[str, str]
+PLAN_S = 5.0
+"""How long a run's floor plan is drawn if no map comes, in seconds of the run."""
+RESTART_S = 1.0
+"""An arena clock that falls back by more than this begins another run."""
+
+
+class RateMeter:
+    """Growth of a total per second of the caller's clock, over a sliding window.
+
+    Args:
+        window_s: length of the window.
+    """
+
+    def __init__(self, window_s: float = 4.0) -> None:
+        if not window_s > 0:
+            raise ValueError(f"expected window_s > 0, got {window_s}")
+        self.window_s = window_s
+        self._samples: deque[tuple[float, float]] = deque()
+
+    def add(self, now_s: float, total: float) -> None:
+        """Add a sample of the total; a total that shrank restarts the meter."""
+        if self._samples and total < self._samples[-1][1]:
+            self._samples.clear()
+        self._samples.append((now_s, total))
+        while len(self._samples) > 2 and self._samples[1][0] <= now_s - self.window_s:
+            self._samples.popleft()
+
+    @property
+    def per_s(self) -> float | None:
+        """Growth per second; None while the samples span less than half a second."""
+        if not self._samples:
+            return None
+        first_s, first = self._samples[0]
+        last_s, last = self._samples[-1]
+        if last_s - first_s < 0.5:
+            return None
+        return (last - first) / (last_s - first_s)
+
+
+class FloorVersion(NamedTuple):
+    """Changes with everything that the drawn floor shows."""
+
+    run: int
+    map: int
+    is_plan: bool
+
+
+class TeamView:
+    """The state of the team according to its messages.
+
+    `now_s` is always in seconds of one monotonic clock of the caller.
+    """
+
+    def __init__(self) -> None:
+        self.robots: dict[str, RobotView] = {}
+        self.look_order: dict[str, int] = {}
+        """Numbers of the looks of robots from an earlier view; other robots are numbered as they appear."""
+        self.motes: dict[str, MoteView] = {}
+        self.board = TaskBoard()
+        self.log: deque[LogRecord] = deque(maxlen=LOG_LINES)
+        """The latest log records of all robots, oldest first."""
+        self.recorders: dict[str, RecorderView] = {}
+        self.map = MapView()
+        self.team: TeamState | None = None
+        self.left: ExplorationLeft | None = None
+        """What exploration has left, as last published; None until it has ended once."""
+        self.truth: ArenaTruth | None = None
+        self.preparation: ArenaPreparation | None = None
+        """Set while a lockstep run waits for its navigation to be compiled; None once it has begun."""
+        self._plan: DrawnFloor | None = None
+        """The floor plan, until the team's map has begun; kept for `PLAN_S` of a run at the longest."""
+        self.halt: Halt | None = None
+        self.sim_time_s: float | None = None
+        self.connected = True
+        """Whether the dashboard's own session has a link; without one the view is out of date."""
+        self.is_replay = False
+        """Whether the messages come from a recording."""
+        self.coordinator_up = False
+        self.chargers: tuple[Point2D, ...] = ()
+        """Known places where robots can charge, arena frame."""
+        self.charges: tuple[PlannedCharge, ...] = ()
+        """The charges that the coordinator plans."""
+        self.selected: frozenset[str] = frozenset()
+        """Names of the robots that are selected in a browser."""
+        self.explored: list[tuple[float, float]] = []
+        """Arena time in seconds and explored share, 0 to 1; over the whole run, ever coarser."""
+        self.team_heard_s: float | None = None
+        """When the last summary of the coordinator arrived, on the caller's clock."""
+        self.rejected = 0
+        """Number of messages that decoded but had impossible values."""
+        self.refused: list[Refusal] = []
+        """Messages that broke the contract of their topic, largest count first."""
+        self.map_refused_s: float | None = None
+        """When a map patch was last rejected, on the caller's clock."""
+        self.runs = 1
+        """Runs seen: grows when the arena's clock starts over."""
+        self._explored_step_s = HISTORY_STEP_S
+        self._sieve = ReadingSieve()
+        self._speed = RateMeter()
+        self._traffic = RateMeter()
+        takers: dict[Topic[Any], Callable[[Any, Names, float], None]] = {
+            topics.ROBOT_STATE: self._take_state,
+            topics.ROBOT_MAP: self._take_patch,
+            topics.ROBOT_PATH: self._take_path,
+            topics.ROBOT_LINKS: self._take_links,
+            topics.ROBOT_EVENT: self._take_event,
+            topics.ROBOT_LOG: self._take_log,
+            topics.MOTE_READING: self._take_reading,
+            topics.TASK_EVENT: self._take_task,
+            topics.TASK_DECISION: self._take_decision,
+            topics.COORDINATOR_STATE: self._take_team,
+            topics.COORDINATOR_CHARGES: self._take_charges,
+            topics.COORDINATOR_LEFT: self._take_left,
+            topics.RECORDER_STATE: self._take_recorder,
+            topics.HALT: self._take_halt,
+            topics.ARENA_SCAN: self._take_scan,
+            topics.ARENA_CLOCK: self._take_clock,
+            topics.ARENA_TRUTH: self._take_truth,
+            topics.ARENA_PREPARATION: self._take_preparation,
+        }
+        self.topics = tuple(takers)
+        """The topics that `apply` understands."""
+        self._takers = {topic.name: take for topic, take in takers.items()}
+
+    def apply(self, received: Received, now_s: float) -> None:
+        """Process a message; other topics are ignored, and a message with impossible values counts as `rejected`."""
+        take = self._takers.get(received.topic.name)
+        if take is None:
+            return
+        try:
+            take(received.message, received.names, now_s)
+        except ValueError:
+            self.rejected += 1
+            if received.topic is topics.ROBOT_MAP:
+                self.map_refused_s = now_s
+
+    def apply_presence(self, change: Change) -> bool:
+        """Process a robot's liveliness token; returns whether the robot has appeared."""
+        self._robot(change.names["robot"]).present = change.present
+        return change.present
+
+    def count_messages(self, total: int, now_s: float) -> None:
+        """Set the number of messages that have arrived since the start."""
+        self._traffic.add(now_s, total)
+
+    @property
+    def floor(self) -> DrawnFloor | None:
+        """The floor to draw: the team's map, or until there is one the floor plan; None if neither is known."""
+        return self.map.floor if self._plan is None else self._plan
+
+    @property
+    def floor_geometry(self) -> GridGeometry | None:
+        """The grid of that floor."""
+        if self._plan is not None:
+            return self._plan.geometry
+        return None if self.map.grid is None else self.map.grid.geometry
+
+    @property
+    def floor_version(self) -> FloorVersion:
+        """What the drawn floor shows."""
+        return FloorVersion(self.runs, self.map.version, self._plan is not None)
+
+    @property
+    def explored_fraction(self) -> float | None:
+        """Share of the reachable floor that is known, 0 to 1; None without an arena."""
+        return None if self.truth is None else self.truth.explored_fraction
+
+    @property
+    def known_area_m2(self) -> float:
+        """Area known to the coordinator, or to the dashboard if the coordinator is away."""
+        if self.team is not None and self.coordinator_up:
+            return self.team.known_area_m2
+        return self.map.known_area_m2
+
+    @property
+    def speed(self) -> float | None:
+        """Seconds of the arena per second of wall time; None without an arena."""
+        return self._speed.per_s
+
+    @property
+    def messages_per_s(self) -> float | None:
+        """Messages that arrive per second; None in the first half second."""
+        return self._traffic.per_s
+
+    @property
+    def tasks(self) -> dict[str, TaskEvent]:
+        """The last event of every task that has not ended."""
+        return self.board.open
+
+    @property
+    def halted(self) -> bool:
+        """Whether the last halt message is in force; without one, whether any robot is halted."""
+        if self.halt is not None:
+            return self.halt.halted
+        return any(robot.halted for robot in self.robots.values())
+
+    def robots_in_order(self) -> list[RobotView]:
+        """All robots in the order in which they appeared."""
+        return list(self.robots.values())
+
+    def goal_of(self, robot: RobotView) -> Point2D | None:
+        """The place of its task, else the end of its path; arena frame."""
+        status = robot.state.task if robot.state is not None else None
+        event = self.tasks.get(status.id) if status is not None and not status.state.ended else None
+        if event is not None:
+            return event.task.place
+        return robot.path[-1] if robot.path else None
+
+    def _take_state(self, state: RobotState, names: Names, now_s: float) -> None:
+        _check_place(state.pose)
+        self._robot(names["robot"]).take_state(state, now_s)
+
+    def _take_patch(self, patch: MapPatch, names: Names, now_s: float) -> None:
+        self.map.merge(patch)
+        self._plan = None
+
+    def _take_path(self, path: PlannedPath, names: Names, now_s: float) -> None:
+        for point in path.points:
+            _check_place(point)
+        self._robot(names["robot"]).path = path.points
+
+    def _take_links(self, links: RobotLinks, names: Names, now_s: float) -> None:
+        self._robot(names["robot"]).links = links.links[:LINKS]
+
+    def _take_scan(self, scan: Scan, names: Names, now_s: float) -> None:
+        if not (abs(scan.angle_min_rad) <= FULL_TURN_RAD and abs(scan.angle_increment_rad) <= FULL_TURN_RAD):
+            raise ValueError(f"expected angles of a turn, got {scan.angle_min_rad} and {scan.angle_increment_rad}")
+        if scan.ranges_mm and not (min(scan.ranges_mm) >= 0 and max(scan.ranges_mm) <= FAR_MM):
+            raise ValueError(f"expected ranges from 0 to {FAR_MM} mm")
+        self._robot(names["robot"]).scan = scan
+
+    def _take_reading(self, reading: MoteReading, names: Names, now_s: float) -> None:
+        _check_place(reading.place)
+        mote = self._mote(names["mote"])
+        mote.heard(reading)
+        if not self._sieve.is_new(reading):
+            return
+        before = mote.readings.get(reading.quantity)
+        if before is None or taken_at_ns(before) <= taken_at_ns(reading):  # else it comes out of the mote's log
+            mote.readings[reading.quantity] = reading
+
+    def _take_task(self, event: TaskEvent, names: Names, now_s: float) -> None:
+        _check_place(event.task.place)
+        self.board.take(event)
+
+    def _take_decision(self, decision: TaskDecision, names: Names, now_s: float) -> None:
+        self.board.decide(decision)
+
+    def _take_event(self, event: Event, names: Names, now_s: float) -> None:
+        self._robot(names["robot"]).events.append(event)
+
+    def _take_log(self, record: LogRecord, names: Names, now_s: float) -> None:
+        self.log.append(record)
+
+    def _take_team(self, team: TeamState, names: Names, now_s: float) -> None:
+        for frontier in team.frontiers:
+            _check_place(frontier.place)
+        self.team, self.team_heard_s = team, now_s
+        listed = {summary.name for summary in team.robots}
+        for name in [name for name, view in self.robots.items() if name not in listed and view.has_gone]:
+            del self.robots[name]
+        for summary in team.robots:
+            self._robot(summary.name).summary = summary
+
+    def _take_charges(self, schedule: ChargeSchedule, names: Names, now_s: float) -> None:
+        for charge in schedule.charges:
+            _check_place(charge.charger)
+        self.charges = schedule.charges
+
+    def _take_left(self, left: ExplorationLeft, names: Names, now_s: float) -> None:
+        for region in left.regions:
+            _check_place(region.place)
+        self.left = left
+
+    def _take_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
+        name = names["recorder"]
+        if name not in self.recorders:  # it follows those that have ended without a word
+            self.recorders = {other: view for other, view in self.recorders.items() if not view.is_silent(now_s)}
+        if name in self.recorders or len(self.recorders) < RECORDERS:
+            self.recorders.setdefault(name, RecorderView(name)).take(state, now_s)
+
+    def _take_halt(self, halt: Halt, names: Names, now_s: float) -> None:
+        self.halt = halt
+
+    def _take_clock(self, clock: ArenaClock, names: Names, now_s: float) -> None:
+        self._set_time(clock.sim_time_s, now_s)
+
+    def _take_truth(self, truth: ArenaTruth, names: Names, now_s: float) -> None:
+        for robot in truth.robots:
+            _check_place(robot.pose)
+        for mote in truth.motes:
+            _check_place(mote.place)
+        for body in truth.bodies or ():
+            _check_place(body.pose)
+            if max(body.length_m, body.width_m) > FAR_M:
+                raise ValueError(f"expected a body of at most {FAR_M:g} m, got {body.length_m} by {body.width_m}")
+        self._set_time(truth.sim_time_s, now_s)
+        self.truth = truth
+        for robot in truth.robots:
+            self._robot(robot.robot).truth = robot
+        for mote in truth.motes:
+            view = self._mote(mote.mote)
+            view.place = view.place or mote.place
+        if not self.explored or truth.sim_time_s - self.explored[-1][0] >= self._explored_step_s:
+            self.explored.append((truth.sim_time_s, truth.explored_fraction))
+        if len(self.explored) > HISTORY_POINTS:
+            self.explored = self.explored[::2]
+            self._explored_step_s *= 2
+
+    def _take_preparation(self, preparation: ArenaPreparation, names: Names, now_s: float) -> None:
+        if self.sim_time_s is not None:
+            return
+        truth = preparation.truth
+        places: list[Point2D | Pose2D] = [robot.pose for robot in truth.robots]
+        for place in places + [mote.place for mote in truth.motes]:
+            _check_place(place)
+        if self._plan is None:
+            self._plan = _plan_of(preparation.floor)
+        self.preparation = preparation
+        for robot in truth.robots:
+            self._robot(robot.robot).start = robot.pose
+        for mote in truth.motes:
+            self._mote(mote.mote).place = mote.place
+
+    def _set_time(self, sim_time_s: float, now_s: float) -> None:
+        if self.preparation is not None:
+            self.preparation = None
+            for robot in self.robots.values():
+                robot.start = None
+        if self.sim_time_s is not None and sim_time_s < self.sim_time_s - RESTART_S:
+            self._forget_run()
+        self.sim_time_s = max(sim_time_s, self.sim_time_s or 0.0)
+        if self.sim_time_s > PLAN_S:
+            self._plan = None
+        self._speed.add(now_s, self.sim_time_s)
+
+    def _forget_run(self) -> None:
+        """Clear all but the robots, as another run has begun."""
+        self.runs += 1
+        self.map = MapView()
+        self.motes.clear()
+        self.board = TaskBoard()
+        self.log.clear()
+        self.explored.clear()
+        self._explored_step_s = HISTORY_STEP_S
+        self._sieve = ReadingSieve()
+        self.truth = self.team = self.halt = self.sim_time_s = None
+        self.charges = ()
+        self.left = None
+        for robot in self.robots.values():
+            robot.forget_run()
+
+    def _robot(self, name: str) -> RobotView:
+        robot = self.robots.get(name)
+        if robot is None:
+            robot = self.robots[name] = RobotView(name, self.look_order.get(name, len(self.robots)))
+        return robot
+
+    def _mote(self, name: str) -> MoteView:
+        mote = self.motes.get(name)
+        if mote is None:
+            mote = self.motes[name] = MoteView(name)
+        return mote
+
+
+def _plan_of(patch: MapPatch) -> DrawnFloor:
+    """A floor plan (ValueError if its cells do not fill its grid)."""
+    geometry, cells = checked_geometry(patch), cells_of(patch)
+    if cells.shape != geometry.shape:
+        raise ValueError(f"expected a plan of {geometry.shape} cells, got {cells.shape}")
+    return DrawnFloor(geometry, cells)
+
+
+def _check_place(place: Point2D | Pose2D | None) -> None:
+    if place is not None and not (abs(place.x_m) <= FAR_M and abs(place.y_m) <= FAR_M):
+        raise ValueError(f"expected a place within {FAR_M:g} m, got {place}")

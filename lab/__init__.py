@@ -1,0 +1,1 @@
+"""Experiments with robrain: sweeps, forks, soaks, benchmarks and reports; an extra that no robot needs."""

@@ -1,0 +1,538 @@
+"""A report on one run or several: one HTML page that needs nothing else, and its figures as SVG, PDF or PNG.
+
+The page has no script and forbids any (Content-Security-Policy); every text out of a recording passes `safe_html`.
+"""
+
+import base64
+import itertools
+import math
+import re
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from matplotlib.figure import Figure
+
+from robrain.lab.report import figures
+from robrain.lab.report.figure_style import (
+    FORMATS,
+    figure_style,
+    label,
+    legend,
+    line_look,
+    new_figure,
+    picture,
+    time_axis,
+)
+from robrain.lab.report.figures import accuracy_figure, explored_curves
+from robrain.lab.report.interval_drawing import draw_groups, draw_mean_curves, label_rows, panels
+from robrain.lab.report.mean_interval import MeanInterval, mean_interval
+from robrain.lab.report.run_data import RobotRun, RunData, read_run
+from robrain.lab.report.two_runs import TwoRuns, outcome_of, words_of
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.border.safe_text import safe_html
+from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.errors import RecordingError
+
+COMPARED = ("Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energy (kJ)", "Messages")
+"""What the comparison of runs draws."""
+
+
+def totals(run: RunData) -> dict[str, float | None]:
+    """Figures of a whole run, for the table and for comparison; None where nothing tells."""
+    robots = run.robots.values()
+    told = [robot.accuracy for robot in robots if robot.accuracy is not None]
+    of_map = run.map_accuracy[-1][1] if run.map_accuracy else None
+    return {
+        "Duration (s)": run.duration_s,
+        "Explored (%)": 100 * run.explored[-1][1] if run.explored else None,
+        "Known area (m²)": run.map.known_area_m2 or None,
+        "Robots": float(len(run.robots)),
+        "Motes heard": float(len(run.motes)),
+        **_of_motes(run),
+        "Distance (m)": _sum(robot.distance_m for robot in robots),
+        "Energy (kJ)": _sum(None if robot.energy_j is None else robot.energy_j / 1000 for robot in robots),
+        "Collisions": _sum(robot.collisions for robot in robots),
+        "Map cells off (%)": None if of_map is None else 100 * of_map.share_off,
+        "Walls doubled (m)": None if of_map is None else of_map.doubled_walls_m,
+        "Worst position RMSE (m)": max((each.rmse_m for each in told if each.rmse_m is not None), default=None),
+        "Silent divergence (s)": _sum(each.silent_divergence_s for each in told),
+        "Lidar on the map (%)": _agreement_percent(robots),
+        "Tasks done": float(run.count(TaskState.DONE)),
+        "Tasks failed": float(run.count(TaskState.FAILED)),
+        "Faults": float(sum(happening.lasts for happening in run.happenings)),
+        "Messages": float(run.contents.info.messages),
+        "File (MB)": run.contents.info.size_bytes / 1e6,
+    }
+
+
+def names_of(compared: Iterable[dict[str, float | None]]) -> list[str]:
+    """Names of the figures that any run has, in order."""
+    return list(dict.fromkeys(name for each in compared for name in each))
+
+
+def _of_motes(run: RunData) -> dict[str, float | None]:
+    """Figures of the mote field; none if the coordinator did nothing for it by itself."""
+    field = run.mote_field
+    if field is None:
+        return {}
+    return {
+        "Motes dead": float(field.dead),
+        "Readings arrived (%)": 100 * field.delivery_ratio,
+        "Age of mote data (s)": field.age_s,
+        "Covered by motes (%)": 100 * field.coverage,
+    }
+
+
+def _agreement_percent(robots: Iterable[RobotRun]) -> float | None:
+    """Least mean share of a robot's beams that agreed with its map; None if no robot says it."""
+    means = [statistics.fmean(known) for robot in robots if (known := list(filter(math.isfinite, robot.agreement)))]
+    return 100 * min(means) if means else None
+
+
+def _sum(values: Iterable[float | None]) -> float | None:
+    told = [value for value in values if value is not None]
+    return float(sum(told)) if told else None
+
+
+def comparison_figure(runs: list[RunData]) -> Figure | None:
+    """Totals of each run: a panel for each figure that any run tells, a bar for each run, each from zero."""
+    compared = [totals(run) for run in runs]
+    shown = [name for name in COMPARED if any(total[name] for total in compared)]
+    if not shown:
+        return None
+    names = [label(run.name) for run in runs]
+    figure, all_axes = panels(len(shown), len(runs), max(map(len, names)))
+    for axes, name in zip(all_axes, shown, strict=True):
+        axes.set_title(name)
+        values = [total[name] for total in compared]
+        for row, value in enumerate(values):
+            if value is not None:
+                axes.barh(row, value, color=line_look(row)["color"], height=0.65)
+                axes.annotate(f"{value:,.4g}" if value < 1000 else f"{value:,.0f}", (value, row), xytext=(4, 0),
+                              textcoords="offset points", va="center", fontsize=8)  # fmt: skip
+        axes.set_xlim(0, max(value for value in values if value is not None) * 1.25 + 1e-9)
+        axes.grid(visible=False, axis="y")
+    label_rows(all_axes[0], names)
+    all_axes[0].set_ylim(len(runs) - 0.5, -0.5)
+    return figure
+
+
+SEED_AT_END = re.compile(r"[-_ ]*(?:seed)?[-_ ]*$")
+
+
+@dataclass(frozen=True)
+class RunGroup:
+    """Runs that differ in their seeds only."""
+
+    name: str
+    runs: tuple[RunData, ...]
+
+    def values(self, total: str) -> list[float]:
+        """A figure of each run's totals, of the runs that tell it."""
+        told = (totals(run).get(total) for run in self.runs)
+        return [value for value in told if value is not None]
+
+    def mean(self, total: str) -> MeanInterval | None:
+        """Mean and interval of a figure; None if no run tells it."""
+        return mean_interval(self.values(total))
+
+
+def group_runs(runs: Sequence[RunData]) -> list[RunGroup]:
+    """Group the runs by scenario, its file, and numbers of robots and motes, in the order of their first runs.
+
+    A seed that comes twice, and a recording without scenario or seed, is a group of its own.
+    """
+    found: dict[tuple[object, ...], list[RunData]] = {}
+    for place, run in enumerate(runs):
+        told = run.contents.run
+        key: tuple[object, ...] = (
+            told.get("scenario"), run.scenario_toml, told.get("drive"), len(run.robots), len(run.motes)
+        )  # fmt: skip
+        seeds = {other.contents.run.get("seed") for other in found.get(key, ())}
+        if not told.get("scenario") or not told.get("seed") or told["seed"] in seeds:
+            key = (*key, place)
+        found.setdefault(key, []).append(run)
+    return [RunGroup(_name(group), tuple(group)) for group in found.values()]
+
+
+def has_several_seeds(groups: Sequence[RunGroup]) -> bool:
+    """Whether any group has more than one run."""
+    return any(len(group.runs) > 1 for group in groups)
+
+
+def grouped_explored_figure(groups: Sequence[RunGroup]) -> Figure | None:
+    """Mean explored share over time of each group, with its interval; None if no run tells it."""
+    runs = [run for group in groups for run in group.runs]
+    shares, curves = explored_curves(runs)
+    if not any(curves):
+        return None
+    figure = new_figure()
+    axes = figure.add_subplot()
+    unit_s = time_axis(axes, max(run.duration_s for run in runs))
+    scale = 100.0 if shares else 1.0
+    scaled = iter([[(t_s, scale * value) for t_s, value in curve] for curve in curves])
+    drawn = [[next(scaled) for _ in group.runs] for group in groups]
+    draw_mean_curves(axes, drawn, [label(group.name) for group in groups], unit_s)
+    axes.set_ylabel("Explored (% of the reachable floor)" if shares else "Known area (m²)")
+    axes.set_ylim(0, 100 if shares else None)
+    axes.set_title("Explored over time: mean over the seeds and its 95 % interval")
+    legend(axes, len(groups))
+    return figure
+
+
+def grouped_comparison_figure(groups: Sequence[RunGroup]) -> Figure | None:
+    """Totals of the runs of each group with mean and interval: a panel for each total that any run tells."""
+    shown = {total: [group.values(total) for group in groups] for total in COMPARED}
+    shown = {total: values for total, values in shown.items() if any(map(any, values))}
+    if not shown:
+        return None
+    labels = [label(group.name) for group in groups]
+    figure, all_axes = panels(len(shown), len(groups), max(map(len, labels)))
+    for axes, (total, values) in zip(all_axes, shown.items(), strict=True):
+        draw_groups(axes, values, [len(group.runs) for group in groups])
+        axes.set_title(total)
+    label_rows(all_axes[0], labels)
+    return figure
+
+
+def _name(runs: Sequence[RunData]) -> str:
+    """What the names of the files have in common before the seed, or else the scenario."""
+    if len(runs) == 1:
+        return runs[0].name
+    letters = zip(*(run.name.rstrip("0123456789") for run in runs), strict=False)
+    equal = itertools.takewhile(lambda told: len(set(told)) == 1, letters)
+    common = SEED_AT_END.sub("", "".join(told[0] for told in equal))
+    return common or f"{runs[0].contents.run['scenario']}, {len(runs[0].robots)} robots"
+
+
+ROWS_MAX = 300
+"""Rows of a table in the page."""
+SECTIONS_MAX = 6
+"""With more runs of several seeds than this, the page compares them and has no section for each."""
+VECTOR = "svg"
+"""Format of the figures in the page."""
+FIGURES: dict[str, Callable[[RunData], Figure | None]] = {
+    "explored": lambda run: figures.explored_figure([run]),
+    "trajectories": figures.trajectory_figure,
+    "accuracy": accuracy_figure,
+    "tasks": figures.task_figure,
+    "energy": figures.energy_figure,
+    "battery": figures.battery_figure,
+    "motes": figures.mote_figure,
+    "faults": figures.happenings_figure,
+    "traffic": figures.traffic_figure,
+}
+"""Name of each figure, and how it is drawn; one for which nothing was recorded is left out."""
+CAPTIONS = {
+    "explored": "What the team has seen of the floor that can be reached.",
+    "trajectories": "Where each robot believed to be, on the map as it was at the end.",
+    "accuracy": "Position error of each robot, thick where it exceeded 0.5 m and the robot did not report it; and the "
+    "share of the map's occupied cells with no true wall within 0.25 m. Without ground truth: the share of each "
+    "robot's beams that agreed with its map.",
+    "tasks": "Who was at which task, and how the task ended.",
+    "energy": "What the batteries gave, what the robots' own models say that their motion takes, and for tasks what "
+    "the plan had predicted.",
+    "battery": "State of charge as each robot believes it to be.",
+    "motes": "Supply of the motes, green from 2.7 V, orange from 2.4 V, and when each was heard.",
+    "faults": "Halts, plugins that do not run, robots that are lost or silent, until they were well again; hatched "
+    "where they were not. Crosses are tasks that failed, strokes are errors in the log.",
+    "traffic": "What went over the wire and was recorded.",
+    "comparison": "Totals of each run; with several seeds, each run as a point, and the mean with its 95 % interval "
+    "by Student's t.",
+}
+"""What each figure shows."""
+
+STYLE = """
+:root { color-scheme: light; }
+body { font: 15px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 1080px; margin: 2em auto; padding: 0 1em; }
+h1 { font-size: 1.6em; margin-bottom: 0; } h2 { margin-top: 2em; border-bottom: 1px solid #cbd2d9; }
+p.lead { color: #52606d; margin-top: 0.2em; overflow-wrap: anywhere; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: 0.6em 0; }
+th, td { text-align: left; padding: 3px 14px 3px 0; border-bottom: 1px solid #e4e7eb; vertical-align: top;
+  overflow-wrap: anywhere; }
+th { font-weight: 600; } td.number, th.number { text-align: right; }
+.tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 1em 0; }
+.tile { background: #f5f7fa; border-radius: 8px; padding: 8px 16px; }
+.tile b { display: block; font-size: 1.35em; } .tile span { color: #52606d; font-size: 0.85em; }
+figure { margin: 1.6em 0; } figure img { max-width: 100%; height: auto; } figcaption { color: #52606d; }
+details { margin: 0.6em 0; } pre { background: #f5f7fa; padding: 1em; overflow: auto; font-size: 12px; }
+"""
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+
+
+class Report(msgspec.Struct, frozen=True, kw_only=True):
+    """What was written."""
+
+    page: Path
+    figures: list[Path]
+
+
+class _Pictures:
+    """Draws figures in all wanted formats, and gives their places in the page."""
+
+    def __init__(self, forms: Sequence[str]) -> None:
+        self.files: dict[str, bytes] = {}
+        """Contents by file name."""
+        self._forms = forms
+
+    def add(self, name: str, figure: Figure, prefix: str = "") -> str:
+        """Keep a figure, and show it in the page."""
+        for form in self._forms:
+            self.files[f"{prefix}{name}.{form}"] = picture(figure, form)
+        data = self.files.get(f"{prefix}{name}.{VECTOR}") or picture(figure, VECTOR)
+        source = f"data:image/svg+xml;base64,{base64.b64encode(data).decode()}"
+        return f'<figure><img src="{source}" alt="{name}"><figcaption>{CAPTIONS[name]}</figcaption></figure>'
+
+
+def write_report(
+    recordings: Sequence[Path],
+    folder: Path,
+    on_progress: Callable[[float], None] | None = None,
+    *,
+    forms: Sequence[str] = (VECTOR,),
+) -> Report:
+    """Write `folder/report.html` and a file for each figure; those of an earlier report there are replaced.
+
+    Args:
+        recordings: one, or several that are compared; those of several seeds by mean and interval.
+        folder: made if it is not there.
+        on_progress: told the share that is done, 0 to 1.
+        forms: formats of the figures' files: `svg`, `pdf`, `png`.
+
+    Raises:
+        RecordingError: a recording cannot be read, a format is unknown, or the folder cannot be written.
+    """
+    if unknown := [form for form in forms if form not in FORMATS]:
+        raise RecordingError(folder, f"expected figures as {', '.join(FORMATS)}; got {unknown[0]!r}")
+    show = on_progress or (lambda _share: None)
+    steps = len(recordings) + 1
+    runs = []
+    for done, path in enumerate(recordings):
+        # mypy cannot infer a lambda with a default.
+        runs.append(read_run(path, lambda share, done=done: show((done + share) / steps)))  # type: ignore[misc]
+    pictures = _Pictures(forms)
+    several = len(runs) > 1
+    groups = group_runs(runs)
+    with figure_style():
+        comparison = _comparison(runs, groups, pictures) if several else ""
+        is_long = has_several_seeds(groups) and len(runs) > SECTIONS_MAX
+        told = [] if is_long else list(enumerate(runs, 1))
+        sections = [_run_section(run, number if several else None, pictures) for number, run in told]
+    page = _page(runs, comparison + "".join(sections))
+    paths = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in pictures.files.items():
+            paths.append(folder / name)
+            paths[-1].write_bytes(data)
+        (folder / "report.html").write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(folder, f"cannot write to {folder}: {error.strerror or error}") from error
+    show(1.0)
+    return Report(page=folder / "report.html", figures=paths)
+
+
+def _page(runs: Sequence[RunData], body: str) -> str:
+    names = safe_html(", ".join(run.name for run in runs), 200)
+    title = f"Run {names}" if len(runs) == 1 else f"{len(runs)} runs: {names}"
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{STYLE}</style></head><body><h1>{title}</h1>{body}</body></html>\n"
+    )
+
+
+def _run_section(run: RunData, number: int | None, pictures: _Pictures) -> str:
+    drawn, missing = [], []
+    for name, draw in FIGURES.items():
+        if number is not None and name == "explored":
+            continue  # it is in the comparison
+        figure = draw(run)
+        if figure is None:
+            missing.append(name)
+        else:
+            drawn.append(pictures.add(name, figure, "" if number is None else f"run{number}_"))
+    heading = "" if number is None else f"<h2>{safe_html(run.name, 200)}</h2>"
+    left_out = f"<p>Nothing was recorded to draw of: {', '.join(missing)}.</p>" if missing else ""
+    tables = _left(run) + _happenings(run) + _tasks(run) + _origin(run)
+    return heading + _lead(run) + _tiles(run) + _positions(run) + "".join(drawn) + left_out + tables
+
+
+def _lead(run: RunData) -> str:
+    told = run.contents.run
+    words = [f"{name} {told[name]}" for name in ("scenario", "seed", "drive", "team") if told.get(name)]
+    ending = "its end is missing" if run.contents.info.truncated else ""
+    return f'<p class="lead">{safe_html("; ".join(filter(None, [str(run.path.name), *words, ending])), 500)}</p>'
+
+
+def _tiles(run: RunData) -> str:
+    tiles = (
+        f"<div class='tile'><b>{_number(value)}</b><span>{name}</span></div>" for name, value in totals(run).items()
+    )
+    return f'<div class="tiles">{"".join(tiles)}</div>'
+
+
+def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _Pictures) -> str:
+    if has_several_seeds(groups):
+        table = _group_table(groups) + _seed_table(runs)
+        drawn = {"explored": grouped_explored_figure(groups), "comparison": grouped_comparison_figure(groups)}
+    else:
+        table = _run_table(runs)
+        drawn = {"explored": figures.explored_figure(list(runs)), "comparison": comparison_figure(list(runs))}
+    shown = [pictures.add(name, figure) for name, figure in drawn.items() if figure is not None]
+    sides = _who_did_what(runs[0], runs[1]) if len(runs) == 2 else ""
+    return f"<h2>Compared</h2>{table}{''.join(shown)}{sides}"
+
+
+def _run_table(runs: Sequence[RunData]) -> str:
+    compared = [totals(run) for run in runs]
+    names = [run.name for run in runs]
+    rows = {total: [_number(each.get(total)) for each in compared] for total in names_of(compared)}
+    return _total_table(names, rows)
+
+
+def _group_table(groups: Sequence[RunGroup]) -> str:
+    names = [f"{group.name} ({len(group.runs)} seeds)" if len(group.runs) > 1 else group.name for group in groups]
+    rows = {
+        total: [_mean_words(group.mean(total), len(group.runs)) for group in groups]
+        for total in names_of(totals(run) for group in groups for run in group.runs)
+    }
+    return _total_table(names, rows)
+
+
+def _total_table(names: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
+    head = "".join(f'<th class="number">{safe_html(name, 60)}</th>' for name in names)
+    body = "".join(
+        f"<tr><th>{total}</th>{''.join(f'<td class=number>{cell}</td>' for cell in cells)}</tr>"
+        for total, cells in rows.items()
+    )
+    return f"<table><tr><th></th>{head}</tr>{body}</table>"
+
+
+def _seed_table(runs: Sequence[RunData]) -> str:
+    head = ("run", "*seed", *(f"*{total}" for total in COMPARED))
+    rows = []
+    for run in runs:
+        told = totals(run)
+        rows.append((run.name, run.contents.run.get("seed", "–"), *(_number(told[total]) for total in COMPARED)))
+    return _details(f"Runs ({len(rows)})", head, rows)
+
+
+def _mean_words(mean: MeanInterval | None, runs: int) -> str:
+    if mean is None:
+        return "–"
+    few = f" ({mean.n} of {runs})" if mean.n < runs else ""
+    if not mean.width:
+        return _number(mean.mean) + few
+    return mean.words(max(0, 1 - math.floor(math.log10(mean.width / 2)))) + few
+
+
+def _who_did_what(one: RunData, two: RunData) -> str:
+    """The table of two runs, as `robrain diff` prints it."""
+    rows = TwoRuns(first=outcome_of(one), second=outcome_of(two)).rows
+    head = ("of", "what", *(f"*{safe_html(run.name, 60)}" for run in (one, two)), "*difference")
+    return _details("Who did what", head, [(row.group, row.name, *words_of(row)) for row in rows], is_open=True)
+
+
+def _happenings(run: RunData) -> str:
+    if not run.happenings:
+        return ""
+    head = ("*from (s)", "*well at (s)", "what", "who", "why")
+    rows = [
+        (
+            f"{happening.start_s:.1f}",
+            "" if not happening.lasts else "not" if happening.end_s is None else f"{happening.end_s:.1f}",
+            happening.kind,
+            happening.subject,
+            happening.text,
+        )
+        for happening in run.happenings
+    ]
+    return _details(f"Faults and recoveries ({len(rows)})", head, rows)
+
+
+def _left(run: RunData) -> str:
+    """What exploration had left at the end; empty if that was not recorded or is nothing."""
+    if run.left is None or not run.left.regions:
+        return ""
+    rows = [
+        (
+            region.kind.value.replace("_", " "),
+            f"{region.place.x_m:.1f}, {region.place.y_m:.1f}",
+            f"{region.area_m2:.1f}",
+            f"{region.low.x_m:.1f}, {region.low.y_m:.1f} to {region.high.x_m:.1f}, {region.high.y_m:.1f}",
+            region.words,
+        )
+        for region in run.left.regions
+    ]
+    if run.left.more:
+        rows.append((f"{run.left.more} smaller", "", f"{run.left.more_m2:.1f}", "", ""))
+    head = ("kind", "x, y (m)", "*area (m²)", "box (m)", "why")
+    return _details(f"Left to explore ({len(run.left.regions) + run.left.more})", head, rows, is_open=True)
+
+
+def _positions(run: RunData) -> str:
+    told = {name: run.robots[name].accuracy for name in sorted(run.robots, key=natural_key)}
+    rows = []
+    for name, accuracy in told.items():
+        if accuracy is None:
+            continue
+        in_band = None if accuracy.nees_in_band is None else 100 * accuracy.nees_in_band
+        numbers = (
+            accuracy.rmse_m,
+            accuracy.max_error_m,
+            None if accuracy.yaw_rmse_rad is None else math.degrees(accuracy.yaw_rmse_rad),
+            accuracy.nees,
+            accuracy.nees_with_yaw,
+            in_band,
+            accuracy.lost_s,
+            accuracy.silent_divergence_s,
+            accuracy.longest_silent_divergence_s,
+        )
+        rows.append((name, *map(_number, numbers)))
+    if not rows:
+        return ""
+    errors = ("*RMSE (m)", "*largest (m)", "*yaw RMSE (°)", "*NEES x, y", "*with yaw", "*in 95 % (%)")
+    head = ("robot", *errors, "*lost (s)", "*silently off (s)", "*longest (s)")
+    return _details(f"Positions ({len(rows)})", head, rows, is_open=True)
+
+
+def _tasks(run: RunData) -> str:
+    if not run.tasks:
+        return ""
+    times = ("*asked (s)", "*begun (s)", "*ended (s)", "*predicted (J)", "*measured (J)")
+    rows = []
+    for task in run.tasks.values():
+        numbers = (task.queued_s, task.started_s, task.ended_s, task.predicted_j, task.measured_j)
+        texts = (task.name, task.kind, task.state.replace("_", " "), task.robot)
+        rows.append((*texts, *map(_number, numbers), task.why))
+    return _details(f"Tasks ({len(rows)})", ("task", "kind", "state", "robot", *times, "why"), rows)
+
+
+def _origin(run: RunData) -> str:
+    contents = run.contents
+    told = {**contents.run, **contents.host, **contents.versions, **contents.summary}
+    return _details("Where it comes from", ("what", "value"), list(told.items()))
+
+
+def _details(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, is_open: bool = False) -> str:
+    """A table that opens with a click, or is open; all that is in it is escaped. Columns with a star hold numbers."""
+    kinds = [' class="number"' if name.startswith("*") else "" for name in head]
+    heads = "".join(f"<th{kind}>{name.lstrip('*')}</th>" for kind, name in zip(kinds, head, strict=True))
+    body = "".join(
+        f"<tr>{''.join(f'<td{kind}>{safe_html(text, 300)}</td>' for kind, text in zip(kinds, row, strict=True))}</tr>"
+        for row in rows[:ROWS_MAX]
+    )
+    more = f"<p>The first {ROWS_MAX} of {len(rows)}.</p>" if len(rows) > ROWS_MAX else ""
+    table = f"<summary>{title}</summary><table><tr>{heads}</tr>{body}</table>{more}"
+    return f"<details{' open' if is_open else ''}>{table}</details>"
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return f"{value:,.0f}" if abs(value) >= 1000 or float(value).is_integer() else f"{value:.4g}"

@@ -1,0 +1,245 @@
+"""Two runs beside each other: when how much was explored, who drove how far at what cost, and who did which task."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from robrain.lab.report.run_data import OWN_KINDS, RunData, TaskRun, read_run
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.recording.drawing.natural_order import natural_key
+
+SHARES = (0.25, 0.5, 0.75, 0.9, 0.95)
+"""Explored shares whose times are told."""
+
+
+class TaskOutcome(msgspec.Struct, frozen=True, kw_only=True):
+    """One task of a run."""
+
+    task: str
+    kind: str
+    state: str
+    """The last one: `done`, `failed`, `cancelled`, or what it was when the run ended."""
+    robot: str
+    """Who did it, or was at it last; empty if nobody was."""
+    started_s: float | None
+    ended_s: float | None
+    why: str = ""
+
+
+class RobotOutcome(msgspec.Struct, frozen=True, kw_only=True):
+    """One robot of a run."""
+
+    robot: str
+    distance_m: float | None
+    """As the arena tells, the next two as well; None without one."""
+    energy_j: float | None
+    collisions: int | None
+    frontiers: int
+    """Tasks of the coordinator's own that it did."""
+    tasks: list[str]
+    """Other tasks that it did."""
+
+
+class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
+    """What came out of one run."""
+
+    recording: Path
+    duration_s: float
+    explored_fraction: float | None
+    """None without an arena."""
+    explored_at_s: dict[str, float]
+    """Time at which each share of the floor was explored, by its percentage, `50%`; without those not reached."""
+    done: int
+    """Tasks done, those of the coordinator's own left out; the next one as well."""
+    failed: int
+    robots: list[RobotOutcome]
+    tasks: list[TaskOutcome]
+    """Without those of the coordinator's own."""
+
+    @property
+    def distance_m(self) -> float | None:
+        """Of all robots."""
+        return _sum([robot.distance_m for robot in self.robots])
+
+    @property
+    def energy_j(self) -> float | None:
+        """Of all robots."""
+        return _sum([robot.energy_j for robot in self.robots])
+
+    @property
+    def collisions(self) -> int | None:
+        """Of all robots."""
+        told = _sum([robot.collisions for robot in self.robots])
+        return None if told is None else round(told)
+
+
+class ComparedRow(msgspec.Struct, frozen=True, kw_only=True):
+    """A line of the table of two runs."""
+
+    group: str
+    """`run`, `explored`, `tasks`, or the name of a robot."""
+    name: str
+    unit: str
+    """Empty for a count and for words."""
+    first: float | str | None
+    second: float | str | None
+
+    @property
+    def difference(self) -> float | None:
+        """Second less first; None for words, and where one is missing."""
+        if isinstance(self.first, str) or isinstance(self.second, str) or self.first is None or self.second is None:
+            return None
+        return self.second - self.first
+
+    @property
+    def is_equal(self) -> bool:
+        """Whether there is nothing to tell apart."""
+        return self.first == self.second
+
+
+class TwoRuns(msgspec.Struct, frozen=True, kw_only=True):
+    """Two runs to be told beside each other."""
+
+    first: RunOutcome
+    second: RunOutcome
+
+    @property
+    def rows(self) -> list[ComparedRow]:
+        """The lines of their table, grouped: the run, explored shares, each robot, each task."""
+        return _compared_rows(self.first, self.second)
+
+
+def compare_runs(one: Path | str, two: Path | str, on_progress: Callable[[float], None] | None = None) -> TwoRuns:
+    """Read two recordings for their comparison.
+
+    Raises:
+        RecordingError: one of them cannot be read.
+
+    """
+
+    def half(first: float) -> Callable[[float], None] | None:
+        return None if on_progress is None else lambda share: on_progress(first + share / 2)
+
+    return TwoRuns(first=outcome_of(read_run(Path(one), half(0.0))), second=outcome_of(read_run(Path(two), half(0.5))))
+
+
+def outcome_of(run: RunData) -> RunOutcome:
+    """What came out of a run."""
+    done = [task for task in run.tasks.values() if task.state == "done"]
+    reached: dict[str, float] = {}
+    for share in SHARES:
+        at_s = next((t_s for t_s, explored in run.explored if explored >= share), None)
+        if at_s is not None:
+            reached[f"{share:.0%}"] = at_s
+    return RunOutcome(
+        recording=run.path,
+        duration_s=run.duration_s,
+        explored_fraction=run.explored[-1][1] if run.explored else None,
+        explored_at_s=reached,
+        done=run.count(TaskState.DONE),
+        failed=run.count(TaskState.FAILED),
+        robots=[
+            RobotOutcome(
+                robot=robot.name,
+                distance_m=robot.distance_m,
+                energy_j=robot.energy_j,
+                collisions=robot.collisions,
+                frontiers=sum(task.kind == EXPLORE and task.robot == robot.name for task in done),
+                tasks=[task.name for task in done if task.kind not in OWN_KINDS and task.robot == robot.name],
+            )
+            for robot in sorted(run.robots.values(), key=lambda robot: natural_key(robot.name))
+        ],
+        tasks=[_task(task) for task in run.asked],
+    )
+
+
+def _compared_rows(first: RunOutcome, second: RunOutcome) -> list[ComparedRow]:
+    percent = [None if one.explored_fraction is None else 100 * one.explored_fraction for one in (first, second)]
+    rows = [
+        _row("run", "duration", "s", first.duration_s, second.duration_s),
+        _row("run", "explored", "%", *percent),
+        _row("run", "distance", "m", first.distance_m, second.distance_m),
+        _row("run", "energy", "J", first.energy_j, second.energy_j),
+        _row("run", "collisions", "", first.collisions, second.collisions),
+        _row("run", "tasks done", "", first.done, second.done),
+        _row("run", "tasks failed", "", first.failed, second.failed),
+    ]
+    for share in (f"{share:.0%}" for share in SHARES):
+        times = [one.explored_at_s.get(share) for one in (first, second)]
+        if any(time is not None for time in times):
+            rows.append(_row("explored", f"{share} after", "s", *times))
+    rows += _robot_rows(first, second)
+    return rows + _task_rows(first, second)
+
+
+def words_of(row: ComparedRow) -> tuple[str, str, str]:
+    """First, second and their difference in words; `–` where nothing is told, and no difference of equal values.
+
+    >>> words_of(ComparedRow(group="run", name="energy", unit="J", first=812.4, second=1034.0))
+    ('812 J', '1,034 J', '+222 J')
+    """
+    difference = row.difference
+    words = "" if difference is None or row.is_equal else _with_unit(difference, row.unit, "+")
+    return _with_unit(row.first, row.unit), _with_unit(row.second, row.unit), words
+
+
+def _with_unit(value: float | str | None, unit: str, sign: str = "") -> str:
+    if value is None or isinstance(value, str):
+        return value or "–"
+    decimals = 0 if not unit or unit == "J" else 1
+    return f"{value:{sign},.{decimals}f}" + (f" {unit}" if unit else "")
+
+
+def _robot_rows(first: RunOutcome, second: RunOutcome) -> list[ComparedRow]:
+    rows = []
+    ones, twos = ({robot.robot: robot for robot in run.robots} for run in (first, second))
+    for name in sorted(ones.keys() | twos.keys(), key=natural_key):
+        pair = (ones.get(name), twos.get(name))
+        rows += [
+            _row(name, "distance", "m", *(None if robot is None else robot.distance_m for robot in pair)),
+            _row(name, "energy", "J", *(None if robot is None else robot.energy_j for robot in pair)),
+            _row(name, "collisions", "", *(None if robot is None else robot.collisions for robot in pair)),
+            _row(name, "frontiers", "", *(None if robot is None else robot.frontiers for robot in pair)),
+        ]
+        if any(robot is not None and robot.tasks for robot in pair):
+            rows.append(_row(name, "tasks", "", *(None if robot is None else ", ".join(robot.tasks) for robot in pair)))
+    return rows
+
+
+def _task_rows(first: RunOutcome, second: RunOutcome) -> list[ComparedRow]:
+    ones, twos = ({task.task: task for task in run.tasks} for run in (first, second))
+    return [
+        _row("tasks", name, "", _task_words(ones.get(name)), _task_words(twos.get(name)))
+        for name in dict.fromkeys([*ones, *twos])
+    ]
+
+
+def _row(group: str, name: str, unit: str, first: float | str | None, second: float | str | None) -> ComparedRow:
+    return ComparedRow(group=group, name=name, unit=unit, first=first, second=second)
+
+
+def _task(task: TaskRun) -> TaskOutcome:
+    return TaskOutcome(
+        task=task.name,
+        kind=task.kind,
+        state=str(task.state),
+        robot=task.robot,
+        started_s=task.started_s,
+        ended_s=task.ended_s,
+        why=task.why,
+    )
+
+
+def _task_words(task: TaskOutcome | None) -> str | None:
+    """State, robot and time of a task, `done by r2 at 12.3 s`."""
+    if task is None:
+        return None
+    by = f" by {task.robot}" if task.robot else ""
+    return task.state.replace("_", " ") + by + (f" at {task.ended_s:.1f} s" if task.ended_s is not None else "")
+
+
+def _sum(values: list[float | None] | list[int | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) if known else None

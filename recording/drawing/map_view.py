@@ -1,0 +1,118 @@
+"""The team's map as it is drawn: patches merged, and made into pictures.
+
+The kernels that merge them are loaded with the first patch: a page must be seen before.
+"""
+
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, geometry_of
+from robrain.recording.drawing.drawn_floor import DrawnFloor
+
+if TYPE_CHECKING:  # loads kernels
+    from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+    from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+
+FAR_M = 1e6
+"""What lies farther out than this is refused: it cannot be drawn, and would hide what can."""
+_DECODER = msgspec.json.Decoder(MapPatch)
+
+
+class MapView:
+    """Composes the submaps of all robots to one grid; the geometry is that of the first patch."""
+
+    def __init__(self, atlas: "SubmapAtlas | None" = None) -> None:
+        self.atlas = atlas
+        """None before the first patch."""
+
+    @property
+    def grid(self) -> "OccupancyGrid | None":
+        """The composed map; None before the first patch. Read-only."""
+        return None if self.atlas is None else self.atlas.grid
+
+    @property
+    def floor(self) -> DrawnFloor | None:
+        """The composed map, to be drawn; None before the first patch."""
+        return None if self.grid is None else DrawnFloor(self.grid.geometry, self.grid.classes())
+
+    @property
+    def version(self) -> int:
+        """Grows with every change that can be seen; 0 before the first patch."""
+        return 0 if self.grid is None else 1 + self.grid.version
+
+    @property
+    def known_area_m2(self) -> float:
+        """Area of the cells about which anything is known, walls included."""
+        return 0.0 if self.grid is None else self.grid.known_count * self.grid.geometry.resolution_m**2
+
+    @property
+    def size_m(self) -> float:
+        """The longer side of the grid; 0 before the first patch."""
+        return 0.0 if self.grid is None else max(self.grid.geometry.shape) * self.grid.geometry.resolution_m
+
+    def merge(self, patch: MapPatch) -> None:
+        """Take a patch over, later statements winning.
+
+        Raises:
+            ValueError: the patch does not fit its own description or the grid of the patches before, or its grid is
+                so large that it would fill the memory.
+        """
+        from robrain.algorithms.slam.map_patch import take_message
+        from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+
+        atlas = self.atlas
+        if atlas is None:
+            atlas = SubmapAtlas(checked_geometry(patch))
+        take_message(atlas, patch)
+        self.atlas = atlas
+
+    def take(self, payload: bytes) -> None:
+        """Merge a patch as it was on the wire; one that does not decode or fit is left out, as its listeners did."""
+        try:
+            self.merge(_DECODER.decode(payload))
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError):
+            return
+
+    def picture(
+        self, unknown: tuple[int, int, int], free: tuple[int, int, int], occupied: tuple[int, int, int]
+    ) -> NDArray[np.uint8]:
+        """RGB image uint8 (height, width, 3), a pixel a cell, row 0 at the lowest y; (1, 1, 3) before any patch."""
+        floor = self.floor
+        return np.array([[unknown]], np.uint8) if floor is None else floor.picture(unknown, free, occupied)
+
+    def wall_boxes(self) -> NDArray[np.float32]:
+        """Rectangles that cover the occupied cells: float32 (N, 4), middle x, y and sizes, metres, arena frame."""
+        floor = self.floor
+        return np.empty((0, 4), np.float32) if floor is None else floor.wall_boxes()
+
+    def known_bounds_m(self) -> tuple[float, float, float, float] | None:
+        """x_min, y_min, x_max, y_max of what is known, metres, arena frame; None before the first patch."""
+        if self.grid is None:
+            return None
+        known = self.grid.known()
+        rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+        if rows.size == 0:
+            return None
+        geometry = self.grid.geometry
+        return (
+            geometry.origin_x_m + float(columns[0]) * geometry.resolution_m,
+            geometry.origin_y_m + float(rows[0]) * geometry.resolution_m,
+            geometry.origin_x_m + float(columns[-1] + 1) * geometry.resolution_m,
+            geometry.origin_y_m + float(rows[-1] + 1) * geometry.resolution_m,
+        )
+
+
+def checked_geometry(patch: MapPatch) -> GridGeometry:
+    """The grid of a patch (ValueError if it is no grid, or so large that it would fill the memory)."""
+    geometry = geometry_of(patch)
+    if geometry.width * geometry.height > MAX_CELLS:
+        raise ValueError(f"expected at most {MAX_CELLS} cells, got {geometry.width} x {geometry.height}")
+    size_m = max(geometry.shape) * geometry.resolution_m
+    if max(abs(geometry.origin_x_m), abs(geometry.origin_y_m), size_m) > FAR_M:
+        raise ValueError(f"expected a grid within {FAR_M:g} m, got {geometry}")
+    return geometry

@@ -1,0 +1,154 @@
+"""A recording as tables for other tools: one CSV or Parquet file for each topic."""
+
+import csv
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from robrain.recording.errors import RecordingError
+from robrain.recording.export.tables import Cell, Row, Table
+from robrain.recording.reader.reading import read_messages, recording_info, topic_named_by
+
+ROWS_A_GROUP = 10_000
+"""Rows of a Parquet file that are held until they are written together."""
+
+
+class Sheet(Protocol):
+    """One file that is being written."""
+
+    def add(self, row: Row) -> None:
+        """Write a row."""
+
+    def close(self) -> None:
+        """Finish the file."""
+
+
+def export_tables(
+    recording: Path, folder: Path, form: str, on_progress: Callable[[float], None] | None = None
+) -> dict[str, Path]:
+    """Write each topic of a recording to `folder/TOPIC.csv` or `folder/TOPIC.parquet`; returns the files by topic.
+
+    Messages that are not what their topic says, or of no topic of ours, are left out.
+
+    Args:
+        recording: an MCAP file.
+        folder: made if it is not there; files of these names in it are not overwritten.
+        form: `csv` or `parquet`.
+        on_progress: told the share that is done, 0 to 1.
+
+    Raises:
+        RecordingError: the recording cannot be read, or a file exists already or cannot be written.
+        ModuleNotFoundError: for Parquet, pyarrow is not installed.
+    """
+    info = recording_info(recording)
+    make: type[CsvSheet] | type[ParquetSheet] = CsvSheet if form == "csv" else ParquetSheet
+    sheets: dict[str, tuple[Table, Sheet]] = {}
+    files: dict[str, Path] = {}
+    with _undone(files), ExitStack() as stack:
+        for message in read_messages(recording, on_progress):
+            topic = topic_named_by(message.topic_key)
+            if topic is None:
+                continue
+            if topic.name not in sheets:
+                table = Table(topic, info.start_ns)
+                path = folder / f"{topic.name}.{form}"
+                sheet = _opened(make, path, table)
+                files[topic.name] = path
+                stack.callback(sheet.close)
+                sheets[topic.name] = (table, sheet)
+            table, sheet = sheets[topic.name]
+            row = table.row(message)
+            if row is not None:
+                sheet.add(row)
+    return files
+
+
+class CsvSheet:
+    """A CSV file, UTF-8; what is missing is empty, and text that a spreadsheet would take for a formula is quoted.
+
+    A text that begins with `=`, `+`, `-`, `@`, a tab or a return gets an apostrophe in front (OWASP, *CSV Injection*).
+    """
+
+    def __init__(self, path: Path, table: Table) -> None:
+        self._stream = path.open("x", encoding="utf-8", newline="")
+        self._writer = csv.writer(self._stream)
+        self._writer.writerow([column.name for column in table.columns])
+        self._texts = [place for place, column in enumerate(table.columns) if column.cell in (Cell.TEXT, Cell.JSON)]
+
+    def add(self, row: Row) -> None:
+        """Write a row."""
+        for place in self._texts:
+            text = row[place]
+            if text and str(text)[0] in "=+-@\t\r":
+                row[place] = f"'{text}"
+        self._writer.writerow(row)
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._stream.close()
+
+
+class ParquetSheet:
+    """A Parquet file, zstd, with a type for each column; what is missing is null."""
+
+    def __init__(self, path: Path, table: Table) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        kinds: dict[Cell, Any] = {
+            Cell.INT: pa.int64(),
+            Cell.FLOAT: pa.float64(),
+            Cell.BOOL: pa.bool_(),
+            Cell.TEXT: pa.string(),
+            Cell.JSON: pa.string(),
+        }
+        self._schema = pa.schema([(column.name, kinds[column.cell]) for column in table.columns])
+        self._make = pa.Table.from_arrays
+        self._array = pa.array
+        self._stream = path.open("xb")
+        self._writer = pq.ParquetWriter(self._stream, self._schema, compression="zstd")
+        self._rows: list[Row] = []
+
+    def add(self, row: Row) -> None:
+        """Take a row; they are written some thousands at a time."""
+        self._rows.append(row)
+        if len(self._rows) >= ROWS_A_GROUP:
+            self._write()
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._write()
+        self._writer.close()
+        self._stream.close()
+
+    def _write(self) -> None:
+        if self._rows:
+            columns = zip(*self._rows, strict=True)
+            arrays = [self._array(column, kind) for column, kind in zip(columns, self._schema.types, strict=True)]
+            self._writer.write_table(self._make(arrays, schema=self._schema))
+            self._rows.clear()
+
+
+@contextmanager
+def _undone(files: dict[str, Path]) -> Iterator[None]:
+    """Leaves none of the files behind when the block fails, and tells in words when a disk does."""
+    try:
+        yield
+    except BaseException as error:  # also Ctrl-C: half a table must not look like a whole one
+        for path in files.values():
+            path.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            path = next(reversed(files.values()), Path())
+            raise RecordingError(path, f"cannot write {path}: {error.strerror or error}; make room there") from error
+        raise
+
+
+def _opened(make: type[CsvSheet] | type[ParquetSheet], path: Path, table: Table) -> Sheet:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return make(path, table)
+    except FileExistsError as error:
+        raise RecordingError(path, f"{path} exists already: give another folder or move it away") from error
+    except OSError as error:
+        raise RecordingError(path, f"cannot write {path}: {error.strerror or error}") from error

@@ -1,0 +1,289 @@
+"""What Foxglove, Lichtblick and Rerun draw, derived from the recorded topics and from nothing else.
+
+`take` is given each recorded message, and only keeps it; `due` makes messages at rates that keep files small, of the
+latest that was kept. The same messages in the same order give the same channels, at the recording or later.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, TypeVar
+
+import msgspec
+from google.protobuf.message import Message
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.protocol.wire.messages.team.team_messages import Halt
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import (
+    ARENA_SCAN,
+    HALT,
+    MOTE_READING,
+    ROBOT_LOG,
+    ROBOT_MAP,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    TASK_EVENT,
+)
+from robrain.recording.foxglove import messages as make
+from robrain.recording.foxglove import scene as foxglove_scene
+from robrain.recording.foxglove import visual_topics
+from robrain.recording.reader.map_at import KnownMap
+from robrain.recording.writer.plain_schema import plain_schema
+
+Kind = TypeVar("Kind")
+
+TRANSFORMS_NS = to_ns(0.2)
+ROBOTS_NS = to_ns(1.0)
+SCANS_NS = to_ns(1.0)
+MARKS_NS = to_ns(1.0)
+"""Motes, tasks, poses, batteries."""
+TRAILS_NS = to_ns(5.0)
+MAP_NS = to_ns(2.0)
+CELLS_A_SECOND = 100_000
+"""A large map comes less often: so many cells a second on average."""
+WALLS_NS = to_ns(10.0)
+TRAIL_STEP_M = 0.25
+TRAIL_POINTS = 200
+BATTERY_SCHEMA = "robrain.Battery"
+LINES_MAX = 1000
+"""Log lines between two calls of `due`."""
+
+
+class Battery(msgspec.Struct, frozen=True, kw_only=True):
+    """A battery as a few numbers to plot; JSON."""
+
+    robot: str
+    soc: float
+    remaining_j: float
+    voltage_v: float
+    power_w: float
+
+
+class VisualMessage(NamedTuple):
+    """One derived message."""
+
+    channel: str
+    message: Message | Battery
+    """Protobuf as Foxglove defines it, or a struct that goes as JSON."""
+    stamp_ns: int
+
+    @property
+    def encoding(self) -> str:
+        """Encoding of the message."""
+        return "protobuf" if isinstance(self.message, Message) else "json"
+
+    def data(self) -> bytes:
+        """The message, encoded."""
+        message = self.message
+        return message.SerializeToString() if isinstance(message, Message) else msgspec.json.encode(message)
+
+    def schema(self) -> tuple[str, str, bytes]:
+        """Name, encoding and text of its schema."""
+        if isinstance(self.message, Message):
+            described = build_file_descriptor_set(type(self.message)).SerializeToString()
+            return self.message.DESCRIPTOR.full_name, "protobuf", described
+        schema = plain_schema(msgspec.json.schema(type(self.message)))
+        return BATTERY_SCHEMA, "jsonschema", msgspec.json.encode(schema)
+
+
+class FoxgloveChannels:
+    """Derives the visual channels of one run. Messages that do not decode are left out."""
+
+    def __init__(self) -> None:
+        self._states: dict[str, bytes] = {}
+        self._decoded: dict[str, RobotState] = {}
+        self._indices: dict[str, int] = {}
+        self._scans: dict[str, bytes] = {}
+        self._paths: dict[str, bytes] = {}
+        self._readings: dict[str, bytes] = {}
+        self.known_map = KnownMap()
+        """The map so far."""
+        self._lines: list[tuple[Topic[Any], bytes]] = []
+        self._open_tasks: dict[str, TaskEvent] = {}
+        self._tasks_changed = False
+        self._trails: dict[str, list[Point2D]] = {}
+        self._map_view = self.known_map.merged()
+        self._map_shown = self._walls_shown = 0
+        self._due_ns: dict[str, int] = {}
+        self._decoders: dict[type, msgspec.json.Decoder[Any]] = {}
+        self._keep: dict[str, Callable[[str, bytes], None]] = {
+            ROBOT_STATE.name: self._states.__setitem__,
+            ARENA_SCAN.name: self._scans.__setitem__,
+            ROBOT_PATH.name: self._paths.__setitem__,
+            MOTE_READING.name: self._readings.__setitem__,
+            ROBOT_MAP.name: lambda _key, payload: self.known_map.take(payload),
+        }
+        self._told = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
+
+    def take(self, topic: Topic[Any], key: str, payload: bytes) -> None:
+        """The next recorded message; those of topics that are not drawn are left alone."""
+        keep = self._keep.get(topic.name)
+        if keep is not None:
+            keep(key, payload)
+        elif topic.name in self._told and len(self._lines) < LINES_MAX:
+            self._lines.append((topic, payload))
+
+    def begin_anew(self) -> None:
+        """Say all at the next `due`: a new file begins, which is to be drawn without the one before."""
+        self._due_ns.clear()
+        self._map_shown = self._walls_shown = 0
+        self._tasks_changed = bool(self._open_tasks)
+
+    def due(self, now_ns: int) -> Iterator[VisualMessage]:
+        """What is to be drawn at `now_ns` of the recorder's clock."""
+        if self._lines:
+            yield from self._told_lines(now_ns)
+        if self._is_due("transforms", TRANSFORMS_NS, now_ns) and self._states:
+            self._decode_states()
+            poses = [
+                (state.robot, state.pose, state.stamp_ns) for state in self._decoded.values() if state.pose is not None
+            ]
+            if poses:
+                yield VisualMessage(visual_topics.TRANSFORMS, make.transforms(poses), now_ns)
+        if self._is_due("scans", SCANS_NS, now_ns):
+            with_points = self._is_due("points", 2 * SCANS_NS, now_ns)
+            for scan in self._decoded_all(self._scans, Scan):
+                channel = visual_topics.of_robot(scan.robot, "scan")
+                yield VisualMessage(channel, make.laser_scan(scan, scan.stamp_ns), now_ns)
+                if with_points:
+                    channel = visual_topics.of_robot(scan.robot, "points")
+                    yield VisualMessage(channel, make.scan_points(scan, scan.stamp_ns), now_ns)
+            self._scans.clear()
+        if self._is_due("robots", ROBOTS_NS, now_ns) and self._decoded:
+            yield from self._robots(now_ns)
+        if self._is_due("marks", MARKS_NS, now_ns):
+            yield from self._marks(now_ns)
+        if self._is_due("trails", TRAILS_NS, now_ns):
+            for robot, trail in self._trails.items():
+                channel = visual_topics.of_robot(robot, "trail")
+                yield VisualMessage(channel, make.poses_in_frame(trail, now_ns), now_ns)
+        if (self.known_map.has_news or self._map_shown != self._map_view.version) and self._is_due(
+            "map", self._map_period_ns(), now_ns
+        ):
+            yield from self._map_messages(now_ns)
+        yield from self._walls(now_ns)
+
+    def _is_due(self, what: str, period_ns: int, now_ns: int) -> bool:
+        due_ns = self._due_ns.get(what)
+        # A clock that was set back by more than a period is followed at once.
+        if due_ns is not None and due_ns - period_ns <= now_ns < due_ns:
+            return False
+        self._due_ns[what] = now_ns + period_ns
+        return True
+
+    def _decode_states(self) -> None:
+        for state in self._decoded_all(self._states, RobotState):
+            self._decoded[state.robot] = state
+            self._indices.setdefault(state.robot, len(self._indices))
+            if state.pose is not None:
+                trail = self._trails.setdefault(state.robot, [])
+                if not trail or state.pose.distance_m(trail[-1]) >= TRAIL_STEP_M:
+                    trail.append(Point2D(state.pose.x_m, state.pose.y_m))
+                    del trail[:-TRAIL_POINTS]
+        self._states.clear()
+
+    def _robots(self, now_ns: int) -> Iterator[VisualMessage]:
+        robots = foxglove_scene.robots_scene(self._decoded, self._indices, now_ns)
+        yield VisualMessage(visual_topics.ROBOTS, robots, now_ns)
+        for state in self._decoded.values():
+            if state.pose is not None:
+                channel = visual_topics.of_robot(state.robot, "pose")
+                yield VisualMessage(channel, make.pose_in_frame(state.pose, state.stamp_ns), now_ns)
+            if state.battery is not None:
+                yield VisualMessage(visual_topics.of_robot(state.robot, "battery"), _battery(state), now_ns)
+
+    def _marks(self, now_ns: int) -> Iterator[VisualMessage]:
+        for path in self._decoded_all(self._paths, PlannedPath):
+            channel = visual_topics.of_robot(path.robot, "path")
+            yield VisualMessage(channel, make.poses_in_frame(path.points, path.stamp_ns, z_m=0.05), now_ns)
+        self._paths.clear()
+        if self._readings and self._is_due("motes", 2 * MARKS_NS, now_ns):
+            readings = list(self._decoded_all(self._readings, MoteReading))
+            entities = [entity for reading in readings if (entity := foxglove_scene.mote_entity(reading, now_ns))]
+            if readings:
+                yield VisualMessage(visual_topics.MOTES, foxglove_scene.scene(entities, now_ns), now_ns)
+        if self._tasks_changed:
+            self._tasks_changed = False
+            entities = [foxglove_scene.task_entity(event, now_ns) for event in self._open_tasks.values()]
+            yield VisualMessage(visual_topics.TASKS, foxglove_scene.scene(entities, now_ns), now_ns)
+
+    def _map_period_ns(self) -> int:
+        grid = self._map_view.grid
+        cells = 0 if grid is None else grid.geometry.width * grid.geometry.height
+        return max(MAP_NS, to_ns(cells / CELLS_A_SECOND))
+
+    def _map_messages(self, now_ns: int) -> Iterator[VisualMessage]:
+        view = self._map_view = self.known_map.merged()
+        if view.grid is None or view.version == self._map_shown:
+            return
+        self._map_shown = view.version
+        yield VisualMessage(visual_topics.MAP, make.map_grid(view.grid, now_ns), now_ns)
+
+    def _walls(self, now_ns: int) -> Iterator[VisualMessage]:
+        view = self._map_view
+        if view.grid is not None and self._walls_shown != view.version and self._is_due("walls", WALLS_NS, now_ns):
+            self._walls_shown = view.version
+            walls = foxglove_scene.walls_entity(view.wall_boxes(), now_ns)
+            yield VisualMessage(visual_topics.WALLS, foxglove_scene.scene([walls], now_ns), now_ns)
+            yield VisualMessage(visual_topics.WALL_POINTS, make.wall_points(view.grid, now_ns), now_ns)
+
+    def _told_lines(self, now_ns: int) -> Iterator[VisualMessage]:
+        lines, self._lines = self._lines, []
+        for topic, payload in lines:
+            message = None if topic.message is None else self._decode(payload, topic.message)
+            if isinstance(message, TaskEvent):
+                line = self._take_task(message)
+            elif isinstance(message, LogRecord):
+                source = f"{message.robot} {message.source}"
+                line = make.log(message.stamp_ns or now_ns, message.level, source, message.text)
+            elif isinstance(message, Halt):
+                word = "emergency halt" if message.halted else "resume"
+                reason = f": {message.reason}" if message.reason else ""
+                line = make.log(message.stamp_ns or now_ns, "error", "team", f"{word} by {message.by}{reason}")
+            else:
+                continue
+            yield VisualMessage(visual_topics.LOG, line, now_ns)
+
+    def _take_task(self, event: TaskEvent) -> Message:
+        self._tasks_changed = True
+        self._open_tasks.pop(event.task.id, None)
+        if not event.state.ended:
+            self._open_tasks[event.task.id] = event
+        holder = f" at {event.robot}" if event.robot else ""
+        why = f": {event.why}" if event.why else ""
+        level = "warning" if event.state in ("failed", "lost_contact") else "info"
+        return make.log(event.stamp_ns, level, "task", f"{event.task.id} {event.state}{holder}{why}")
+
+    def _decoded_all(self, payloads: dict[str, bytes], kind: type[Kind]) -> Iterator[Kind]:
+        for payload in payloads.values():
+            message = self._decode(payload, kind)
+            if message is not None:
+                yield message
+
+    def _decode(self, payload: bytes, kind: type[Kind]) -> Kind | None:
+        decoder = self._decoders.get(kind)
+        if decoder is None:
+            decoder = self._decoders[kind] = msgspec.json.Decoder(kind)
+        try:
+            message: Kind = decoder.decode(payload)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            return None
+        return message
+
+
+def _battery(state: RobotState) -> Battery:
+    battery = state.battery
+    assert battery is not None
+    return Battery(
+        robot=state.robot,
+        soc=battery.soc,
+        remaining_j=battery.remaining_j,
+        voltage_v=battery.voltage_v,
+        power_w=battery.voltage_v * battery.current_a,
+    )

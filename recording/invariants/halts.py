@@ -1,0 +1,214 @@
+"""Halts are obeyed: who is halted stands, and who is in contact with a team that is halted is halted.
+
+While a robot is halted its own pose does not go on; so without ground truth, the pose at which it was halted is
+compared with the one with which it goes on.
+"""
+
+from collections.abc import Mapping
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.map_frame import ARENA
+from robrain.protocol.model.tasks.halt_latch import HaltLatch
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
+from robrain.recording.invariants.findings import HaltIgnored, Invariant, Missing, MovedHalted
+from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
+
+STOPPED_NS = to_ns(1.0)
+"""A halted robot stands after this: the firmware's watchdog, and braking from top speed (chosen: twice that)."""
+MOVED_M = 0.05
+"""A robot that stands is moved no farther than this, by the ground truth (chosen)."""
+OWN_MOVED_M = 0.5
+"""The same by its own pose: its way to a stop, and corrections of the pose (chosen), besides three deviations."""
+HEEDED_NS = to_ns(2.0)
+"""A robot in contact hears of a halt within this, from the coordinator's summary at the latest (chosen)."""
+SILENT_NS = to_ns(1.0)
+"""What a robot said longer ago does not count."""
+GOES_ON_NS = to_ns(0.25)
+"""After this a robot that was resumed has published a pose of its own again."""
+CARRIED_M_S = 3.0
+"""No robot drives that fast: it was carried."""
+CARRIED_M_S2 = 4.0
+"""A standing robot that accelerates faster was carried a short way (a base accelerates at 0.8 m/s²)."""
+STOOD_M = 0.01
+SHORT_NS = to_ns(0.1)
+"""Accelerations are not computed over shorter intervals."""
+
+
+class _Robot:
+    """A robot, as far as halts matter."""
+
+    def __init__(self) -> None:
+        self.heard_ns = 0
+        self.halted_ns: int | None = None
+        """Since when it says to be halted."""
+        self.resumed_ns: int | None = None
+        self.is_told = False
+        self.own: tuple[Point2D, float] | None = None
+        """Its own place when it was halted, and the deviation."""
+        self.obeys = False
+        """Whether it was halted since the team is."""
+        self.in_contact_ns: int | None = None
+        """Since when the team has been halted and the coordinator hears it."""
+        self.anchor: RobotTruth | None = None
+        self.last: tuple[RobotTruth, int] | None = None
+        self.has_stood = False
+        """Whether it stood between the last two looks."""
+
+
+class Halts(InvariantJudge):
+    """Follows the team's halt and each robot's."""
+
+    invariant = Invariant.HALTS
+
+    def __init__(self, surroundings: Surroundings, start_ns: int) -> None:
+        super().__init__(surroundings, start_ns)
+        self._robots: dict[str, _Robot] = {}
+        self._latch = HaltLatch()
+        self._has_truth = False
+        self._summary_ns: int | None = None
+
+    def handlers(self) -> Mapping[type, Handler]:
+        """What is to be called with each type of message."""
+        return {
+            Halt: self._take_halt,
+            TeamState: self._take_summary,
+            RobotState: self._take_state,
+            ArenaTruth: self._take_truth,
+        }
+
+    def lacks(self) -> Missing | None:
+        """What the messages lacked."""
+        return None if self._robots else Missing.ROBOTS
+
+    def _take_halt(self, halt: Halt, time_ns: int) -> None:
+        was_held = self._latch.is_held
+        if halt.halted:
+            self._latch.hold(halt.by, halt.reason, halt.stamp_ns)
+        else:
+            self._latch.release(halt.by, halt.stamp_ns)
+        if self._latch.is_held != was_held:
+            self.cases += self._latch.is_held
+            self._begin_anew()
+        if self._summary_ns is None and self._latch.is_held:
+            for robot in self._robots.values():
+                robot.in_contact_ns = robot.in_contact_ns or time_ns
+
+    def _take_summary(self, summary: TeamState, time_ns: int) -> None:
+        was_away = self._summary_ns is not None and time_ns - self._summary_ns > SILENT_NS
+        self._summary_ns = time_ns
+        if was_away:  # until now it could not tell the robots
+            self._begin_anew()
+        status = summary.halt
+        if status is None or not status.halted:
+            self._begin_anew()
+            return
+        for told in summary.robots:
+            robot = self._robots.get(told.name)
+            if robot is None:
+                continue
+            if not told.up:
+                robot.in_contact_ns = None
+            elif robot.in_contact_ns is None:
+                robot.in_contact_ns = time_ns
+            self._judge_heeding(told.name, robot, ", ".join(status.by), time_ns)
+
+    def _begin_anew(self) -> None:
+        for robot in self._robots.values():
+            robot.in_contact_ns = None
+            robot.obeys = robot.halted_ns is not None
+
+    def _judge_heeding(self, name: str, robot: _Robot, by: str, time_ns: int) -> None:
+        since_ns = robot.in_contact_ns
+        if since_ns is None or robot.obeys or time_ns - robot.heard_ns > SILENT_NS:
+            return
+        if time_ns - since_ns > HEEDED_NS:
+            robot.obeys = True  # told once for each halt
+            for_s = round(to_seconds(time_ns - since_ns), 3)
+            self.break_(time_ns, HaltIgnored(robot=name, by=by, for_s=for_s))
+
+    def _take_state(self, state: RobotState, time_ns: int) -> None:
+        robot = self._robots.setdefault(state.robot, _Robot())
+        if self._summary_ns is None and time_ns - robot.heard_ns > SILENT_NS:
+            robot.in_contact_ns = None  # it missed messages, and no coordinator repeats them
+        robot.heard_ns = time_ns
+        if state.halted:
+            robot.obeys = True
+            if robot.halted_ns is None:
+                self._halted(robot, state, time_ns)
+            if not self._has_truth and time_ns - (robot.halted_ns or time_ns) > STOPPED_NS:
+                self._judge_own(robot, state, time_ns)
+            return
+        if robot.halted_ns is not None and robot.resumed_ns is None:
+            robot.resumed_ns = time_ns
+            robot.anchor = None
+        if robot.resumed_ns is not None and time_ns - robot.resumed_ns >= GOES_ON_NS:
+            if not self._has_truth:
+                self._judge_own(robot, state, time_ns)
+            robot.halted_ns = robot.resumed_ns = robot.own = None
+        if self._summary_ns is None and self._latch.is_held:
+            self._judge_heeding(state.robot, robot, ", ".join(self._latch.holders), time_ns)
+
+    def _halted(self, robot: _Robot, state: RobotState, time_ns: int) -> None:
+        if not self._latch.is_held:
+            self.cases += 1
+        robot.halted_ns, robot.resumed_ns, robot.anchor, robot.is_told = time_ns, None, None, False
+        robot.own = None if state.pose is None or state.lost or state.frame != ARENA else _own_place(state)
+
+    def _judge_own(self, robot: _Robot, state: RobotState, time_ns: int) -> None:
+        if robot.own is None or robot.halted_ns is None or robot.is_told or state.pose is None:
+            return
+        if state.lost or state.frame != ARENA:
+            robot.own = None
+            return
+        (place, deviation_m), (now, now_deviation_m) = robot.own, _own_place(state)
+        moved_m = place.distance_m(now)
+        if moved_m > OWN_MOVED_M + 3.0 * (deviation_m + now_deviation_m):
+            self._moved(state.robot, robot, moved_m, time_ns, is_true=False)
+
+    def _take_truth(self, truth: ArenaTruth, time_ns: int) -> None:
+        self._has_truth = True
+        for now in truth.robots:
+            robot = self._robots.get(now.robot)
+            if robot is None:
+                continue
+            last, robot.last = robot.last, (now, time_ns)
+            stands_ns = robot.halted_ns
+            if stands_ns is None or robot.resumed_ns is not None or time_ns - robot.heard_ns > SILENT_NS:
+                robot.anchor = None
+            elif time_ns - stands_ns > STOPPED_NS:
+                self._judge_true(now, robot, last, time_ns)
+
+    def _judge_true(self, now: RobotTruth, robot: _Robot, last: tuple[RobotTruth, int] | None, time_ns: int) -> None:
+        anchor, has_stood = robot.anchor, robot.has_stood
+        robot.has_stood = last is not None and now.pose.distance_m(last[0].pose) < STOOD_M
+        is_carried = last is not None and _was_carried(now, *last, time_ns, has_stood=has_stood)
+        if anchor is None or last is None or now.collisions > anchor.collisions or is_carried:
+            robot.anchor = now  # who is pushed or carried does not move by itself
+            return
+        moved_m = now.pose.distance_m(anchor.pose)
+        if moved_m > MOVED_M and not robot.is_told:
+            self._moved(now.robot, robot, moved_m, time_ns, is_true=True)
+
+    def _moved(self, name: str, robot: _Robot, moved_m: float, time_ns: int, *, is_true: bool) -> None:
+        assert robot.halted_ns is not None
+        robot.is_told = True
+        since_s = self.time_s(robot.halted_ns)
+        self.break_(time_ns, MovedHalted(robot=name, moved_m=round(moved_m, 3), since_s=since_s, is_true=is_true))
+
+
+def _own_place(state: RobotState) -> tuple[Point2D, float]:
+    """Place and standard deviation of a state with a pose."""
+    assert state.pose is not None
+    covariance = state.pose_covariance
+    variance_m2 = max(covariance[0] + covariance[4], 0.0) if covariance else 0.0
+    return Point2D(state.pose.x_m, state.pose.y_m), variance_m2**0.5
+
+
+def _was_carried(now: RobotTruth, last: RobotTruth, last_ns: int, time_ns: int, *, has_stood: bool) -> bool:
+    way_m, took_s = now.pose.distance_m(last.pose), max(to_seconds(time_ns - last_ns), 0.02)
+    if way_m > CARRIED_M_S * took_s:
+        return True
+    return has_stood and time_ns - last_ns >= SHORT_NS and 2.0 * way_m > CARRIED_M_S2 * took_s**2

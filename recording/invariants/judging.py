@@ -1,0 +1,404 @@
+"""Judges all invariants of a run, from a recording or while it runs.
+
+    judging = Judging(surroundings)
+    run.follow(judging.hear)      # or judging.take(message, time_ns) with decoded messages
+    …
+    for ruling in judging.finish(): …
+
+An invariant is a class like those beside this file, and its line in `JUDGES`.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
+from robrain.coordinator.team.roster import LOST_AFTER_S
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.wire.border.codec import BadPayload
+from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.wire.topic import Topic
+from robrain.recording.invariants.energy_balance import EnergyBalance
+from robrain.recording.invariants.findings import (
+    Invariant,
+    InWall,
+    Missing,
+    OutOfEnergy,
+    Ruling,
+    Standing,
+    TaskAbandoned,
+    TasksForgotten,
+)
+from robrain.recording.invariants.halts import Halts
+from robrain.recording.invariants.invariant_judge import NOWHERE, Handler, InvariantJudge, Surroundings
+from robrain.recording.invariants.task_at_one import TaskAtOne
+from robrain.recording.invariants.task_changes import TaskChanges
+from robrain.recording.invariants.task_once import TaskOnce
+
+FORGOTTEN_AFTER_NS = to_ns(1.0)
+"""A count that is too small for this long is no change on its way (chosen: two summaries)."""
+ABANDONED_AFTER_NS = to_ns(10.0)
+"""A coordinator gives a task back after 2 s at the latest (chosen: five times that)."""
+AWAY_AFTER_NS = to_ns(2.0)
+"""A coordinator that is silent for this long is not there, and begins to listen anew."""
+NAMED_MAX = 5
+
+_Given = tuple[str, str, int]
+"""Task, robot and epoch."""
+
+
+class TaskKept(InvariantJudge):
+    """Compares the coordinator's counts with its changes, and the robots' reports with both."""
+
+    invariant = Invariant.TASK_KEPT
+
+    def __init__(self, surroundings: Surroundings, start_ns: int) -> None:
+        super().__init__(surroundings, start_ns)
+        self._changes = TaskChanges()
+        self._changed_ns: dict[str, int] = {}
+        self._begins_empty: bool | None = None
+        self._summary_ns: int | None = None
+        self._summary_seq: int | None = None
+        self._may_lack = False
+        """Whether summaries are missing since the last change, so that changes may be as well."""
+        self._too_few: tuple[int, int] | None = None
+        """Tasks that are missing, and since when."""
+        self._agreed_ns = start_ns
+        self._told_missing = 0
+        self._since_ns: dict[_Given, int] = {}
+        """Since when a task has been at its robot without a report of it."""
+        self._told: set[_Given] = set()
+        self._heard_ns: dict[str, int] = {}
+
+    def handlers(self) -> Mapping[type, Handler]:
+        """What is to be called with each type of message."""
+        return {TaskEvent: self._take_event, RobotState: self._take_state, TeamState: self._take_summary}
+
+    def lacks(self) -> Missing | None:
+        """What the messages lacked."""
+        changes = self._changes
+        if self._summary_ns is None:
+            return Missing.SUMMARIES
+        if not self._is_complete:
+            return Missing.START
+        return Missing.EVENTS if changes.has_gap or self._may_lack else None
+
+    @property
+    def _is_complete(self) -> bool:
+        """Whether all tasks that are open can be known."""
+        return self._changes.is_from_start or bool(self._begins_empty)
+
+    def _take_event(self, event: TaskEvent, time_ns: int) -> None:
+        self._changes.take(event, time_ns)
+        self._may_lack = False  # the number of this one tells
+        self.cases = self._changes.tasks
+        self._changed_ns[event.task.id] = time_ns
+        if event.state.ended:
+            self._changed_ns.pop(event.task.id)
+
+    def _take_state(self, state: RobotState, time_ns: int) -> None:
+        self._heard_ns[state.robot] = time_ns
+        for status in (state.task, state.next_task, state.task_before):
+            if status is not None and not status.state.ended:
+                given = (status.id, state.robot, status.epoch)
+                if given in self._since_ns:
+                    self._since_ns[given] = time_ns
+
+    def _take_summary(self, summary: TeamState, time_ns: int) -> None:
+        if self._begins_empty is None:
+            self._begins_empty = summary.tasks_open == 0 and self._changes.tasks == 0
+        if self._summary_ns is None or time_ns - self._summary_ns > AWAY_AFTER_NS:
+            self._since_ns.clear()
+        self._summary_ns = time_ns
+        self._may_lack |= self._summary_seq is not None and summary.seq not in (self._summary_seq + 1, 0)
+        self._summary_seq = summary.seq
+        if self._changes.has_gap or self._may_lack:  # what is open, and at whom, is not known
+            self._since_ns.clear()
+            return
+        if summary.unwritable:  # it may change nothing that it cannot write
+            self._since_ns.clear()
+        if self._is_complete:
+            self._compare_counts(summary, time_ns)
+        self._look_for_abandoned(summary, time_ns)
+
+    def _compare_counts(self, summary: TeamState, time_ns: int) -> None:
+        missing = len(self._changes.open) - summary.tasks_open
+        if missing <= self._told_missing:
+            self._told_missing = max(0, missing)
+            self._too_few, self._agreed_ns = None, time_ns
+            return
+        if self._too_few is None or self._too_few[0] != missing:
+            self._too_few = missing, time_ns
+        if time_ns - self._too_few[1] < FORGOTTEN_AFTER_NS:
+            return
+        named = self._candidates(missing - self._told_missing)
+        self.break_(
+            time_ns,
+            TasksForgotten(missing=missing - self._told_missing, tasks=tuple(named[:NAMED_MAX]), of=len(named)),
+        )
+        self._told_missing, self._too_few, self._agreed_ns = missing, None, time_ns
+
+    def _candidates(self, missing: int) -> list[str]:
+        """Open tasks that the coordinator may have lost: those that changed since its count was right, if enough."""
+        latest = sorted(self._changes.open, key=lambda task: -self._changed_ns.get(task, 0))
+        lately = [task for task in latest if self._changed_ns.get(task, 0) >= self._agreed_ns]
+        return lately if len(lately) >= missing else latest
+
+    def _look_for_abandoned(self, summary: TeamState, time_ns: int) -> None:
+        up = {robot.name for robot in summary.robots if robot.up}
+        since: dict[_Given, int] = {}
+        for task, event in self._changes.open.items():
+            robot = event.robot
+            if not robot or robot.startswith(MEMBER_PREFIX) or event.state is TaskState.QUEUED:
+                continue
+            given = (task, robot, event.epoch)
+            since[given] = self._since_ns.get(given, time_ns)
+            silent_ns = time_ns - self._heard_ns.get(robot, self._start_ns)
+            if robot in up and silent_ns > to_ns(LOST_AFTER_S):
+                since[given] = time_ns  # the coordinator hears a robot that is not heard here
+            elif time_ns - since[given] > ABANDONED_AFTER_NS and given not in self._told:
+                self._told.add(given)
+                for_s = round(to_seconds(time_ns - since[given]), 3)
+                self.break_(time_ns, TaskAbandoned(task=task, robot=robot, state=event.state, for_s=for_s))
+        self._since_ns = since
+        self._told &= since.keys()
+
+
+EMPTY_AFTER_S = 2.0
+"""A battery that has delivered nothing for this long has cut off (chosen: ten periods of the battery manager)."""
+EMPTY_SOC = 0.001
+"""State of charge below which a robot says that it is empty."""
+CHARGES_NS = to_ns(5.0)
+"""A robot that reported to be charged no longer ago is at a charger."""
+SLACK_M = 0.1
+"""Beyond a charger's reach that still counts as being there."""
+
+
+class _Robot:
+    """A robot's energy."""
+
+    def __init__(self) -> None:
+        self.state: RobotState | None = None
+        self.charged_ns: int | None = None
+        """When it last said that it is charged."""
+        self.energy_j: float | None = None
+        self.since_s = 0.0
+        """Since when the truth has had the same `energy_j`."""
+        self.empty_ns: int | None = None
+        """Since when it has said that it is empty."""
+        self.is_told = False
+
+
+class NotStranded(InvariantJudge):
+    """Looks for robots whose batteries give nothing."""
+
+    invariant = Invariant.NOT_STRANDED
+
+    def __init__(self, surroundings: Surroundings, start_ns: int) -> None:
+        super().__init__(surroundings, start_ns)
+        self._robots: dict[str, _Robot] = {}
+        self._has_truth = False
+
+    def handlers(self) -> Mapping[type, Handler]:
+        """What is to be called with each type of message."""
+        return {RobotState: self._take_state, ArenaTruth: self._take_truth}
+
+    def lacks(self) -> Missing | None:
+        """What the messages lacked."""
+        return None if self.cases else Missing.BATTERIES
+
+    def _take_state(self, state: RobotState, time_ns: int) -> None:
+        robot = self._robots.setdefault(state.robot, _Robot())
+        battery = state.battery
+        self.cases += not self._has_truth and battery is not None and _battery_of(robot) is None
+        robot.state = state
+        if battery is None:
+            return
+        if battery.charging:
+            robot.charged_ns = time_ns
+        if self._has_truth:
+            return
+        if battery.charging or battery.implausible or (battery.soc > EMPTY_SOC and battery.remaining_high_j > 0):
+            robot.empty_ns, robot.is_told = None, False
+        elif robot.empty_ns is None:
+            robot.empty_ns = time_ns
+        elif time_ns - robot.empty_ns > to_ns(EMPTY_AFTER_S) and not robot.is_told:
+            pose = state.pose
+            place = None if pose is None or state.lost else Point2D(pose.x_m, pose.y_m)
+            self._stranded(state.robot, robot, place, time_ns, is_true=False)
+
+    def _take_truth(self, truth: ArenaTruth, time_ns: int) -> None:
+        if not self._has_truth:
+            self._has_truth, self.cases = True, len(truth.robots)
+        for now in truth.robots:
+            robot = self._robots.setdefault(now.robot, _Robot())
+            if robot.energy_j is None or now.energy_j != robot.energy_j:
+                robot.energy_j, robot.since_s, robot.is_told = now.energy_j, truth.sim_time_s, False
+            elif truth.sim_time_s - robot.since_s > EMPTY_AFTER_S and not robot.is_told:
+                self._judge_empty(now, robot, time_ns)
+
+    def _judge_empty(self, now: RobotTruth, robot: _Robot, time_ns: int) -> None:
+        place = Point2D(now.pose.x_m, now.pose.y_m)
+        charges = robot.charged_ns is not None and time_ns - robot.charged_ns < CHARGES_NS
+        if not charges and not self.surroundings.is_at_charger(place, SLACK_M):
+            self._stranded(now.robot, robot, place, time_ns, is_true=True)
+
+    def _stranded(self, name: str, robot: _Robot, place: Point2D | None, time_ns: int, *, is_true: bool) -> None:
+        robot.is_told = True
+        battery = _battery_of(robot)
+        charger_m = None if place is None else self.surroundings.charger_distance_m(place)
+        finding = OutOfEnergy(
+            robot=name,
+            place=place,
+            charger_m=None if charger_m is None else round(charger_m, 3),
+            soc=None if battery is None else battery.soc,
+            is_true=is_true,
+        )
+        self.break_(time_ns, finding)
+
+
+def _battery_of(robot: _Robot) -> BatteryState | None:
+    return None if robot.state is None else robot.state.battery
+
+
+DEPTH_M = 0.03
+"""Least depth that is a breach: what a solver leaves of an overlap, and the raster of the floor (chosen)."""
+CARRIED_M_S = 3.0
+"""Nobody drives that fast: the robot was carried, and what is in between is not judged."""
+
+
+class Walls(InvariantJudge):
+    """Compares true poses with the floor."""
+
+    invariant = Invariant.WALLS
+
+    def __init__(self, surroundings: Surroundings, start_ns: int) -> None:
+        super().__init__(surroundings, start_ns)
+        self._radius_m: dict[str, float] = {}
+        self._inside: set[str] = set()
+        self._last: dict[str, tuple[Pose2D, int]] = {}
+        self._has_truth = False
+
+    def handlers(self) -> Mapping[type, Handler]:
+        """What is to be called with each type of message."""
+        return {RobotState: self._take_state, ArenaTruth: self._take_truth}
+
+    def lacks(self) -> Missing | None:
+        """What the messages lacked."""
+        if not self._has_truth:
+            return Missing.TRUTH
+        if self.surroundings.clearance_m is None:
+            return self.surroundings.no_floor
+        return None if self.cases else Missing.RADIUS
+
+    def _take_state(self, state: RobotState, _time_ns: int) -> None:
+        if state.radius_m > 0:
+            self._radius_m[state.robot] = state.radius_m
+
+    def _take_truth(self, truth: ArenaTruth, time_ns: int) -> None:
+        self._has_truth = True
+        if self.surroundings.clearance_m is None:
+            return
+        for robot in truth.robots:
+            radius_m = self._radius_m.get(robot.robot)
+            if radius_m is not None:
+                self.cases += 1
+                self._judge(robot.robot, radius_m, robot.pose, time_ns)
+                self._last[robot.robot] = robot.pose, time_ns
+
+    def _judge(self, robot: str, radius_m: float, pose: Pose2D, time_ns: int) -> None:
+        clearance_m = self.surroundings.clearance_m
+        assert clearance_m is not None
+        depth_m, place = -math.inf, Point2D(pose.x_m, pose.y_m)
+        for at in self._way(robot, radius_m, pose, time_ns):
+            if (deep_m := radius_m - clearance_m(at.x_m, at.y_m)) > depth_m:
+                depth_m, place = deep_m, at
+        if depth_m <= DEPTH_M:
+            self._inside.discard(robot)
+        elif robot not in self._inside:
+            self._inside.add(robot)
+            self.break_(time_ns, InWall(robot=robot, place=place, depth_m=round(depth_m, 4)))
+
+    def _way(self, robot: str, radius_m: float, pose: Pose2D, time_ns: int) -> list[Point2D]:
+        """The place, and before it those on the way there that are a radius apart: no wall fits between them."""
+        end = Point2D(pose.x_m, pose.y_m)
+        last = self._last.get(robot)
+        if last is None:
+            return [end]
+        (begin, begin_ns), way_m = last, last[0].distance_m(end)
+        if way_m <= radius_m or way_m > CARRIED_M_S * to_seconds(time_ns - begin_ns):
+            return [end]
+        steps = math.ceil(way_m / radius_m)
+        return [
+            Point2D(begin.x_m + (end.x_m - begin.x_m) * step / steps, begin.y_m + (end.y_m - begin.y_m) * step / steps)
+            for step in range(1, steps + 1)
+        ]
+
+
+JUDGES: tuple[type[InvariantJudge], ...] = (TaskKept, TaskAtOne, TaskOnce, NotStranded, Walls, Halts, EnergyBalance)
+"""One for each invariant, in the order in which they are shown."""
+
+
+class Judging:
+    """Judges the messages of one run, in the order in which they were recorded.
+
+    Args:
+        surroundings: what the messages do not tell; what needs it is not judged without.
+        start_ns: the run's clock at its start, from which the times of findings count.
+        judges: of the invariants that are judged.
+
+    """
+
+    def __init__(
+        self,
+        surroundings: Surroundings = NOWHERE,
+        start_ns: int = 0,
+        judges: Sequence[type[InvariantJudge]] = JUDGES,
+    ) -> None:
+        self._judges = [judge(surroundings, start_ns) for judge in judges]
+        self._handlers: dict[type, list[Handler]] = {}
+        for judge in self._judges:
+            for kind, handler in judge.handlers().items():
+                self._handlers.setdefault(kind, []).append(handler)
+
+    def take(self, message: Any, time_ns: int) -> None:
+        """The next message, and the run's clock when it was recorded; most are of no interest."""
+        for handler in self._handlers.get(type(message), ()):
+            handler(message, time_ns)
+
+    def hear(self, heard: Sequence[tuple[Topic[Any], str, bytes, int, int]], now_ns: int) -> None:
+        """What a recorder has heard: for `LockstepRun.follow`."""
+        handlers = self._handlers
+        for topic, _, payload, _, _ in heard:
+            if topic.message in handlers:
+                try:
+                    message = topic.payloads.read(payload)
+                except BadPayload:  # not of the team: its border refuses such as well
+                    continue
+                self.take(message, now_ns)
+
+    def finish(self) -> list[Ruling]:
+        """How each invariant stands, in the order of the judges; to be called when the run has ended."""
+        return [judge.ruling() for judge in self._judges]
+
+
+def judge(
+    messages: Iterable[tuple[Any, int]],
+    surroundings: Surroundings = NOWHERE,
+    start_ns: int = 0,
+) -> list[Ruling]:
+    """Judge decoded messages, each with the run's clock when it was recorded."""
+    judging = Judging(surroundings, start_ns)
+    for message, time_ns in messages:
+        judging.take(message, time_ns)
+    return judging.finish()
+
+
+def broken(rulings: Iterable[Ruling]) -> int:
+    """How many invariants are broken."""
+    return sum(ruling.standing is Standing.BROKEN for ruling in rulings)

@@ -1,0 +1,139 @@
+"""The map of a recording: at any time of it, with copies kept at intervals, and as far as it has been told.
+
+Patches contain only changes, so the map at a time needs all patches before it. They are composed as in a run, so the
+result is the map that a component of that run had.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import msgspec
+
+from robrain.algorithms.slam.map_patch import submap_message, take_message, whole_map
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.recording.drawing.map_view import MapView
+
+PATCHES_BETWEEN = 250
+KEPT_MAX = 400
+"""Copies that are kept; with more patches they stand farther apart."""
+
+Place = tuple[int, int]
+"""Chunk and message in it; places compare as they follow each other in the file."""
+PatchSource = Callable[[Place, Place], Iterator[bytes]]
+"""The payloads of the map's messages from one place to before another."""
+
+PENDING_MAX = 256
+"""Patches that wait to be merged."""
+
+
+class _Kept(NamedTuple):
+    place: Place
+    geometry: GridGeometry
+    submaps: list[MapPatch]
+
+
+class MapAt:
+    """Returns the composed map at any place of a recording.
+
+    Args:
+        patches: reads patches.
+        total: how many there are.
+    """
+
+    def __init__(self, patches: PatchSource, total: int) -> None:
+        self._patches = patches
+        self._between = max(PATCHES_BETWEEN, total // KEPT_MAX)
+        self._kept: list[_Kept] = []
+        self._packed: dict[SubmapKey, tuple[int, MapPatch]] = {}
+        """The last copy of each submap, and the version it is of: most submaps do not change from copy to copy."""
+
+    def keep(self, atlas: SubmapAtlas, place: Place) -> None:
+        """Keep a copy of the map as it is before `place`."""
+        geometry = atlas.grid.geometry
+        submaps = []
+        for key, submap in sorted(atlas.submaps.items()):
+            version, packed = self._packed.get(key, (-1, None))
+            if packed is None or version != submap.version:
+                packed = submap_message(key, submap, geometry)
+            elif (packed.T_arena_local, packed.frame) != (submap.T_arena_local, submap.frame):
+                packed = msgspec.structs.replace(packed, T_arena_local=submap.T_arena_local, frame=submap.frame)
+            self._packed[key] = submap.version, packed
+            submaps.append(packed)
+        self._kept.append(_Kept(place, geometry, submaps))
+
+    def builder(self) -> "MapBuilder":
+        """Takes all patches once, in order, and keeps copies for later."""
+        return MapBuilder(self, self._between)
+
+    def atlas_at(self, place: Place) -> SubmapAtlas | None:
+        """The map before `place`; None before the first patch."""
+        kept = next((kept for kept in reversed(self._kept) if kept.place <= place), None)
+        view = MapView() if kept is None else MapView(_restored(kept))
+        start = (0, 0) if kept is None else kept.place
+        for payload in self._patches(start, place):
+            view.take(payload)
+        return view.atlas
+
+
+class MapBuilder:
+    """Merges patches one after the other and has a copy kept now and then."""
+
+    def __init__(self, store: MapAt, between: int) -> None:
+        self._store = store
+        self._between = between
+        self._view = MapView()
+        self._since = 0
+
+    def take(self, payload: bytes, place: Place) -> None:
+        """The next patch, which stands at `place`."""
+        if self._view.atlas is not None and self._since >= self._between:
+            self._store.keep(self._view.atlas, place)
+            self._since = 0
+        self._view.take(payload)
+        self._since += 1
+
+
+def patches_of(robot: str, atlas: SubmapAtlas, now_ns: int) -> list[MapPatch]:
+    """Messages with the whole map, for a receiver that starts here and is sent only later patches."""
+    whole = whole_map(robot, atlas, sorted(atlas.submaps))
+    return [] if whole is None else [msgspec.structs.replace(whole, stamp_ns=now_ns)]
+
+
+def _restored(kept: _Kept) -> SubmapAtlas:
+    atlas = SubmapAtlas(kept.geometry)
+    for submap in kept.submaps:
+        take_message(atlas, submap)
+    return atlas
+
+
+class KnownMap:
+    """Merges the recorded patches when somebody asks, or when many wait. What does not decode or fit is left out."""
+
+    def __init__(self) -> None:
+        self._view = MapView()
+        self._pending: list[bytes] = []
+
+    @property
+    def has_news(self) -> bool:
+        """Whether patches wait to be merged."""
+        return bool(self._pending)
+
+    def take(self, payload: bytes) -> None:
+        """The next patch, as it was on the wire."""
+        self._pending.append(payload)
+        if len(self._pending) >= PENDING_MAX:
+            self.merged()
+
+    def merged(self) -> MapView:
+        """The map with all that was taken."""
+        for payload in self._pending:
+            self._view.take(payload)
+        self._pending.clear()
+        return self._view
+
+    def patches(self, by: str, now_ns: int) -> list[MapPatch]:
+        """Messages that tell the whole map to somebody who has heard of none, as said by `by`."""
+        atlas = self.merged().atlas
+        return [] if atlas is None else patches_of(by, atlas, now_ns)

@@ -1,0 +1,367 @@
+"""The recorder: writes all that a team says on its recorded topics, and keeps a digest of it."""
+
+import logging
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from robrain.protocol.wire.border.border import Border
+from robrain.protocol.wire.border.refusals import Refusal, Refusals, most_refused
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.recording.errors import RecordingError
+from robrain.recording.reader.map_at import KnownMap
+from robrain.recording.writer.provenance import Provenance
+from robrain.recording.writer.recorder_status import RecorderTelling
+from robrain.recording.writer.recording_files import RecordingFiles, SplitAt
+from robrain.recording.writer.rotation import Rotation
+from robrain.recording.writer.run_digest import RunDigest
+
+if TYPE_CHECKING:
+    from robrain.recording.foxglove.channels import FoxgloveChannels
+    from robrain.recording.writer.recording_file import ToldMessage
+from robrain.protocol.wire.inbox import Inbox, Sample
+
+logger = logging.getLogger(__name__)
+
+REFUSED_KINDS = 200
+"""Told in its state: it hears every topic."""
+INBOX_CAPACITY = 65536
+INBOX_BYTES = 256 * 1024 * 1024
+SEQUENCE_MASK = 0xFFFF_FFFF
+"""MCAP's sequence numbers have 32 bits."""
+
+
+OnRecorded = Callable[[Sequence[tuple[Topic[Any], str, bytes, int, int]], int], None]
+"""Takes topic, key, payload, stamp and number of each message, and the run's clock when they were recorded, in ns."""
+
+
+class RecordingSummary(msgspec.Struct, frozen=True):
+    """What a recorder did."""
+
+    messages: int
+    """Messages heard, all of them in the digest."""
+    bytes: int
+    """Size of the file; 0 without one."""
+    digest: str
+    outside: int
+    """Messages that reached a lockstep run from another process: it cannot be repeated if there are any."""
+    dropped: int
+    """Messages that came faster than they were written, and are in neither file nor digest."""
+    path: Path | None
+    lost: int = 0
+    """Messages in the digest that the disk did not take."""
+    lost_by_topic: dict[str, int] = {}
+    """Both together, by the topic's name."""
+    paths: list[Path] = []
+    """Every file, where the recording is split; those that were removed meanwhile are left out."""
+    removed: int = 0
+    """Older files that made room."""
+
+
+class Recorder:
+    """Hears every recorded topic of a team, in order of arrival, and writes each message as it was on the wire.
+
+    Two runs that said the same, in the same order, have the same `digest`; with a file or without. A disk that is
+    full, slow or hangs is told, in the log and on the wire (`recorder/R/state`), and what is lost is counted by topic;
+    nobody waits for the recorder.
+
+    Args:
+        endpoint: where to listen; its owner closes it, after the recorder.
+        path: an MCAP file to write, or None for the digest alone.
+        provenance: what the run was started with.
+        split: when to go on in a next file; never, if not given.
+        visual: write what Foxglove and its like draw beside it, derived from what is recorded.
+        rotation: removes older recordings, in live.
+
+    Raises:
+        RecordingError: the file cannot be written; nothing is declared then, and nothing left on the disk.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        path: Path | None,
+        provenance: Provenance,
+        *,
+        split: SplitAt | None = None,
+        visual: bool = False,
+        rotation: Rotation | None = None,
+    ) -> None:
+        self._rotation = rotation
+        self._clock = endpoint.clock
+        self._refusals = Refusals(endpoint.clock)
+        self._team = endpoint.team
+        self._messages = 0
+        self._outside_queries = 0
+        self._inbox = RecorderInbox(INBOX_CAPACITY, INBOX_BYTES, Border(endpoint.clock, self._refusals))
+        self._digest = RunDigest()
+        self.on_recorded: OnRecorded | None = None
+        """Told of the messages of each step, in order, and of the run's clock."""
+        self._summary: RecordingSummary | None = None
+        self._path = path
+        self._visual: FoxgloveChannels | None = None
+        self._known_map = KnownMap()
+        self._file = self._open(path, provenance, split, visual=visual) if path is not None else None
+        self._name = "rec_" + re.sub(r"[^A-Za-z0-9_.\-]", "_", path.stem)[:60] if path is not None else ""
+        if endpoint.member is not None and path is not None:  # the router lets it publish under this name alone
+            self._name = endpoint.member.name
+        for topic in PUBLISHED:
+            if topic.recorded:
+                endpoint.subscribe(self._inbox, topic)
+        self._telling: RecorderTelling | None = None
+        if path is not None:
+            states = endpoint.publisher(RECORDER_STATE, recorder=self._name)
+            live = endpoint.drive is Drive.LIVE
+            self._telling = RecorderTelling(states, self._clock, self._state, live=live)
+
+    @property
+    def refused(self) -> list[Refusal]:
+        """Messages that break the contract of their topic, and are not recorded."""
+        return self._refusals.counts()
+
+    @property
+    def messages(self) -> int:
+        """Messages recorded so far."""
+        return self._messages
+
+    @property
+    def outside(self) -> int:
+        """Messages and queries of other processes that had a say in a lockstep run."""
+        return self._inbox.outside + self._outside_queries
+
+    @property
+    def paths(self) -> list[Path]:
+        """Its files so far."""
+        return self._file.paths if self._file is not None else []
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes in its files."""
+        return self._file.size_bytes if self._file is not None else 0
+
+    @property
+    def lost(self) -> int:
+        """Messages that are not, and will not be, in a file."""
+        return sum(self._lost().values())
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over key, stamp and payload of every message in order, as hex.
+
+        When other processes had a say in a lockstep run, `+outside:N` follows: N messages came from them.
+        """
+        outside = self.outside
+        return self._digest.hexdigest() + (f"+outside:{outside}" if outside else "")
+
+    def ask_maps(self, endpoint: Endpoint, robots: Iterable[str]) -> None:
+        """Have robots tell all that they know of the map, for a recording that begins in mid-run.
+
+        The answers are recorded as if they had been said under `robot/R/map`: patches tell changes only.
+        """
+        for robot in robots:
+            endpoint.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot)
+
+    def step(self) -> None:
+        """Record what has arrived since the last step. After `close` it does nothing."""
+        if self._summary is not None:
+            return
+        if self._telling is None:
+            self._record()
+            return
+        self._telling.begin()
+        try:
+            self._record()
+        finally:
+            self._telling.end(self.lost)
+
+    def close(self) -> RecordingSummary:
+        """Record what is left, finish the file and return what was done; calling it again returns the same."""
+        if self._summary is None:
+            self._record()
+            if self._file is not None:
+                self._file.close()
+            lost = self._file.lost_by_topic if self._file is not None else Counter[str]()
+            paths = self._file.paths if self._file is not None else []
+            if self._rotation is not None:
+                paths = [path for path in paths if path.exists()]
+            self._summary = RecordingSummary(
+                messages=self._messages,
+                bytes=self._file.size_bytes if self._file is not None else 0,
+                digest=self.digest,
+                outside=self.outside,
+                dropped=self._inbox.dropped,
+                path=paths[0] if paths else None,
+                lost=lost.total(),
+                lost_by_topic=dict(lost + self._inbox.dropped_by_topic),
+                paths=paths,
+                removed=self._rotation.removed if self._rotation is not None else 0,
+            )
+            if self._telling is not None:
+                self._telling.close()
+        return self._summary
+
+    def _record(self) -> None:
+        now_ns = self._clock.now_ns()
+        file, visual = self._file, self._visual
+        heard = self._stamped(self._inbox.drain_samples(), now_ns)
+        self._messages += len(heard)
+        self._digest.add(heard)
+        if self.on_recorded is not None and heard:
+            self.on_recorded(heard, now_ns)
+        if file is not None:
+            file.write(heard, now_ns)
+            for topic, key, payload, _, _ in heard:
+                if visual is not None:
+                    visual.take(topic, key, payload)
+                elif topic is ROBOT_MAP:
+                    self._known_map.take(payload)
+            if visual is not None:
+                self._draw(visual, file, now_ns)
+            if file.step(now_ns):
+                self._tell_map(file, now_ns)
+                if visual is not None:
+                    visual.begin_anew()
+            if self._rotation is not None:
+                self._rotation.step(now_ns, file.paths[-1])
+
+    def _tell_map(self, file: RecordingFiles, now_ns: int) -> None:
+        """Have a new file begin with the whole map, so that it can be looked at alone."""
+        key = ROBOT_MAP.key(self._team, robot=self._name)
+        for patch in self._known_map.patches(self._name, now_ns):
+            file.write_beside(ROBOT_MAP, key, msgspec.json.encode(patch), now_ns)
+
+    def _draw(self, visual: "FoxgloveChannels", file: RecordingFiles, now_ns: int) -> None:
+        try:
+            for derived in visual.due(now_ns):
+                file.write_visual(derived, now_ns)
+        except (ValueError, TypeError, OverflowError):
+            # What a stranger said cannot be drawn; it is recorded all the same, and can be drawn later.
+            logger.exception("recording to %s goes on without what others draw", file.paths[-1])
+            self._visual = None
+
+    def _state(self) -> RecorderState:
+        """How it does; also asked while it writes, on another thread."""
+        assert self._file is not None
+        lost = self._lost()  # before the sum, which is counted first: what is told as lost is told in words as well
+        dropped = self._inbox.dropped
+        words = [self._file.why] if self._file.why else []
+        words += [f"{dropped} messages came faster than they are written"] if dropped else []
+        return RecorderState(
+            recorder=self._name,
+            file=self._file.paths[-1].name,
+            messages=self._messages,
+            bytes=self._file.size_bytes,
+            lost=[LostMessages(topic, messages) for topic, messages in sorted(lost.items())],
+            refused=most_refused(self._refusals, REFUSED_KINDS),
+            waiting=len(self._inbox),
+            why="; ".join(words),
+            closed=self._summary is not None,
+            removed=self._rotation.removed if self._rotation is not None else msgspec.UNSET,
+        )
+
+    def _lost(self) -> dict[str, int]:
+        written = self._file.lost_by_topic if self._file is not None else Counter[str]()
+        return dict(written + self._inbox.dropped_by_topic.copy())  # others count there meanwhile
+
+    def _said(self) -> dict[str, str]:
+        """What stands in the metadata at the end of a file."""
+        said = {
+            "messages": str(self._messages),
+            "digest": self.digest,
+            "outside": str(self.outside),
+            "dropped": str(self._inbox.dropped),
+            "lost": str(self._file.lost_by_topic.total() if self._file is not None else 0),
+        }
+        lost = self._lost()
+        return said | ({"lost_by_topic": msgspec.json.encode(lost).decode()} if lost else {})
+
+    def _open(self, path: Path, provenance: Provenance, split: SplitAt | None, *, visual: bool) -> RecordingFiles:
+        try:
+            # A digest alone does not need mcap, which comes with an extra.
+            from robrain.recording.writer.recording_file import RecordingFile
+
+            if visual:
+                from robrain.recording.foxglove.channels import FoxgloveChannels
+
+                self._visual = FoxgloveChannels()
+                self._known_map = self._visual.known_map
+        except ModuleNotFoundError as error:
+            raise RecordingError(
+                path, f"cannot record to {path}: {error.name} is not installed; pip install 'robrain[team]'"
+            ) from error
+        return RecordingFiles(
+            path,
+            lambda part, now_ns, said: RecordingFile(part, provenance, now_ns, said),
+            self._clock.now_ns(),
+            split or SplitAt(),
+            self._said,
+        )
+
+    def _stamped(self, samples: Iterable[Sample], now_ns: int) -> "list[ToldMessage]":
+        """What the border lets pass, with the sender's stamp and number; a message without a stamp was sent now."""
+        read = self._inbox.border.read
+        told = []
+        topic: Any  # a Topic: it subscribes to nothing else
+        for topic, key, payload, shared in samples:
+            received = shared[0] if shared else read(topic, key, payload)
+            if received is None:
+                self._inbox.refused += 1
+                continue
+            message = received.message
+            stamp_ns, seq = (message.stamp_ns, message.seq) if topic.is_stamped else (0, 0)
+            told.append((topic, key, payload, max(stamp_ns, 0) or now_ns, seq & SEQUENCE_MASK))
+            if topic is ARENA_OUTSIDE:
+                self._outside_queries += 1
+        return told
+
+
+class RecorderInbox(Inbox):
+    """Keeps every message until the recorder's step. What comes when it is full is not taken in.
+
+    Refusing the newest, where other inboxes let the oldest go, leaves a recording that breaks off at a known place
+    and is whole before it.
+
+    Args:
+        capacity: messages held at the most.
+        capacity_bytes: bytes of their payloads held at the most.
+        border: as in `Inbox`.
+    """
+
+    def __init__(self, capacity: int, capacity_bytes: int, border: Border | None = None) -> None:
+        super().__init__(capacity, every=True, border=border)
+        self.capacity_bytes = capacity_bytes
+        self.dropped_by_topic: Counter[str] = Counter()
+        self._bytes = 0
+
+    def take(self, sample: Sample) -> bool:
+        """Take a message in, or count it as refused or dropped."""
+        topic, key, payload, _ = sample
+        self.received += 1
+        if len(payload) > topic.payloads.max_bytes and not self.border.admits(topic, key, payload):
+            self.refused += 1
+            return False
+        size = len(payload)
+        if len(self._every) >= self.capacity or self._bytes + size > self.capacity_bytes:
+            self.dropped += 1
+            self.dropped_by_topic[topic.name] += 1
+            return False
+        self._bytes += size
+        self._every.append(sample)
+        self.has_some = True
+        return True
+
+    def drain_samples(self) -> list[Sample]:
+        """Take everything out, in order of arrival."""
+        samples = super().drain_samples()
+        taken = 0  # summed first: what comes while it is reckoned counts as well
+        for sample in samples:
+            taken += len(sample[2])
+        self._bytes -= taken
+        return samples

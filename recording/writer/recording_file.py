@@ -1,0 +1,313 @@
+"""One MCAP file, being written.
+
+What it takes to make the run again stands at the front, and messages go to the disk at least every half second,
+so that a file whose writer was killed still says what it is and holds all but the last moment.
+"""
+
+import contextlib
+import logging
+import sys
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from functools import cache
+from io import FileIO
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, cast
+
+import msgspec
+from mcap.writer import LIBRARY_IDENTIFIER, Writer
+
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.schema.struct_schema import bare, schema_of
+from robrain.protocol.wire.topic import JSON, Topic
+from robrain.recording.errors import RecordingError
+from robrain.recording.writer.plain_schema import plain_schema
+from robrain.recording.writer.provenance import (
+    FORK_METADATA,
+    HOST_METADATA,
+    MANIFESTS_METADATA,
+    MAP_ATTACHMENT,
+    MAP_YAML_ATTACHMENT,
+    PART_METADATA,
+    RUN_METADATA,
+    SCENARIO_ATTACHMENT,
+    SETUP_ATTACHMENT,
+    SUMMARY_METADATA,
+    VERSIONS_METADATA,
+    Provenance,
+    RunSetup,
+    host_description,
+    software_versions,
+)
+
+if TYPE_CHECKING:
+    from robrain.recording.foxglove.channels import VisualMessage
+
+logger = logging.getLogger(__name__)
+
+SUFFIX = ".mcap"
+FLUSH_PERIOD_NS = to_ns(0.5)
+CHUNK_BYTES = 1024 * 1024
+EXACT_SCHEMA = "json_schema"
+"""Key in a channel's metadata: the JSON Schema that each of its messages is valid against. The schema beside it is the
+plain form of it that Foxglove takes, which knows no alternatives such as null."""
+CHANNELS_MAX = 65535
+"""MCAP numbers channels with 16 bits, from 1."""
+
+ToldMessage = tuple[Topic[Any], str, bytes, int, int]
+"""A message of the wire: topic, key, payload, its sender's stamp and number."""
+
+
+class RecordingFile:
+    """Writes messages to an MCAP file. A disk that fails in mid-run is told once; the run goes on without the file.
+
+    Args:
+        path: file to write; an older recording of that name is replaced.
+        provenance: goes to the front of the file.
+        now_ns: the run's clock at opening.
+        part: what is said of a file that is one of several; None if it is not.
+
+    Raises:
+        RecordingError: the file cannot be written; nothing is left behind then.
+    """
+
+    def __init__(self, path: Path, provenance: Provenance, now_ns: int, part: Mapping[str, str] | None = None) -> None:
+        self.path = path
+        self.opened_ns = now_ns
+        self.messages = 0
+        """Messages of the wire that were handed over, written or not."""
+        self.lost_by_topic: Counter[str] = Counter()
+        """Messages of the wire that could not be written, by the topic's name."""
+        self.why = ""
+        """Why it failed; empty as long as it has not."""
+        self.has_messages = False
+        """Whether any message is on the disk."""
+        self._failed = False
+        self._held: list[str] = []
+        """Topic's name of each message of the wire that waits to be written."""
+        self._held_bytes = 0
+        self._flushed_ns = now_ns
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        try:
+            check_writable(path)
+            self._stream = _Stream(open_file(path))
+        except OSError as error:
+            raise _cannot_write(path, error) from error
+        # A chunk ends with `flush` and nowhere else.
+        self._writer = Writer(cast(IO[bytes], self._stream), chunk_size=sys.maxsize)
+        try:
+            self._write_front(provenance, part)
+        except OSError as error:
+            self._stream.close()
+            path.unlink(missing_ok=True)
+            raise _cannot_write(path, error) from error
+        self._whole_bytes = self._stream.size_bytes
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes in the file so far."""
+        return self._stream.size_bytes
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes of payloads that wait to be written."""
+        return self._held_bytes
+
+    def write(self, told: Iterable[ToldMessage], log_time_ns: int) -> None:
+        """Add messages; counted in `lost_by_topic` when the file has failed."""
+        add_message, hold, channels = self._writer.add_message, self._held.append, self._channels
+        for topic, key, payload, publish_time_ns, sequence in told:
+            self.messages += 1
+            channel_id = 0 if self._failed else channels.get(key) or self._add_channel(topic, key)
+            if not channel_id:
+                self.lost_by_topic[topic.name] += 1
+                continue
+            add_message(channel_id, log_time_ns, payload, publish_time_ns, sequence)
+            hold(topic.name)
+            self._held_bytes += len(payload)
+            if self._held_bytes >= CHUNK_BYTES:
+                self._write_out()
+
+    def write_beside(self, topic: Topic[Any], key: str, payload: bytes, now_ns: int) -> None:
+        """Add a message that was not on the wire; it is never counted as lost."""
+        channel_id = 0 if self._failed else self._channels.get(key) or self._add_channel(topic, key)
+        if channel_id:
+            self.messages += 1
+            self._add(channel_id, now_ns, payload, now_ns)
+
+    def write_visual(self, visual: "VisualMessage", log_time_ns: int) -> None:
+        """Add a derived message; nothing is lost with it that could not be derived again."""
+        channel_id = 0 if self._failed else self._channels.get(visual.channel) or self._add_visual(visual)
+        if channel_id:
+            self._add(channel_id, log_time_ns, visual.data(), visual.stamp_ns)
+
+    def flush_if_due(self, now_ns: int) -> None:
+        """Hand what is held to the operating system when half a second of the run's clock has passed."""
+        # A wall clock that was set back must not put the flush off until it has caught up.
+        if not 0 <= now_ns - self._flushed_ns < FLUSH_PERIOD_NS:
+            self._flushed_ns = now_ns
+            self._write_out()
+
+    def close(self, summary: Mapping[str, str]) -> None:
+        """Write what is held, the summary of the run and the file's index, and close it."""
+        self._write_out()
+        if self._failed:
+            return
+        try:
+            self._writer.add_metadata(SUMMARY_METADATA, dict(summary))
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._stream.close()
+        except OSError as error:
+            self._fail(error)
+
+    def _add(self, channel_id: int, log_time_ns: int, payload: bytes, publish_time_ns: int) -> None:
+        self._writer.add_message(channel_id, log_time_ns, payload, publish_time_ns)
+        self._held_bytes += len(payload)
+        if self._held_bytes >= CHUNK_BYTES:
+            self._write_out()
+
+    def _write_out(self) -> None:
+        if self._failed or not self._held_bytes:
+            return
+        try:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+        except OSError as error:
+            self._fail(error)
+            return
+        self._held.clear()
+        self._held_bytes = 0
+        self._whole_bytes = self._stream.size_bytes
+        self.has_messages = True
+
+    def _fail(self, error: OSError) -> None:
+        logger.error(
+            "recording to %s stopped: %s; what was written until now can be read, the run goes on, unrecorded until "
+            "there is room again",
+            self.path,
+            error.strerror or error,
+        )
+        self._failed = True
+        self.why = error.strerror or str(error)
+        self.lost_by_topic.update(self._held)
+        self._held.clear()
+        with contextlib.suppress(OSError):  # the disk has failed already, which was reported above
+            self._stream.cut(self._whole_bytes)
+        with contextlib.suppress(OSError):
+            self._stream.close()
+
+    def _write_front(self, provenance: Provenance, part: Mapping[str, str] | None) -> None:
+        writer = self._writer
+        writer.start("robrain", LIBRARY_IDENTIFIER)
+        writer.add_metadata(RUN_METADATA, provenance.run_metadata())
+        writer.add_metadata(VERSIONS_METADATA, software_versions())
+        writer.add_metadata(HOST_METADATA, host_description())
+        if part is not None:
+            writer.add_metadata(PART_METADATA, dict(part))
+        writer.add_attachment(0, 0, SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
+        if provenance.map_png is not None:
+            writer.add_attachment(0, 0, MAP_ATTACHMENT, "image/png", provenance.map_png)
+        if provenance.setup is not None:
+            self._write_setup(provenance.setup)
+        if provenance.manifests:
+            writer.add_metadata(MANIFESTS_METADATA, provenance.manifest_metadata())
+
+    def _write_setup(self, setup: RunSetup) -> None:
+        self._writer.add_attachment(0, 0, SETUP_ATTACHMENT, "application/toml", setup.toml.encode())
+        if setup.map_yaml:
+            self._writer.add_attachment(0, 0, MAP_YAML_ATTACHMENT, "application/yaml", setup.map_yaml.encode())
+        if setup.fork:
+            self._writer.add_metadata(FORK_METADATA, setup.fork)
+
+    def _add_channel(self, topic: Topic[Any], key: str) -> int:
+        """Id of a new channel, or 0 when the file has all it can hold."""
+        if len(self._channels) >= CHANNELS_MAX:
+            return 0
+        encoding = "json" if topic.encoding == JSON else topic.encoding
+        schema_id, metadata = self._schema_id(topic), {}
+        if topic.message is not None:
+            metadata[EXACT_SCHEMA] = exact_schema(topic)
+        channel_id = self._channels[key] = self._writer.register_channel(key, encoding, schema_id, metadata)
+        return channel_id
+
+    def _add_visual(self, visual: "VisualMessage") -> int:
+        if len(self._channels) >= CHANNELS_MAX:
+            return 0
+        name, encoding, data = visual.schema()
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, encoding, data)
+        channel_id = self._writer.register_channel(visual.channel, visual.encoding, self._schemas[name])
+        self._channels[visual.channel] = channel_id
+        return channel_id
+
+    def _schema_id(self, topic: Topic[Any]) -> int:
+        if topic.message is None:
+            return 0
+        name = f"robrain.{topic.message.__name__}"
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, "jsonschema", object_schema(topic))
+        return self._schemas[name]
+
+
+class _Stream:
+    """A file without a buffer: what was written is with the operating system, also after a kill -9."""
+
+    def __init__(self, file: FileIO) -> None:
+        self._file = file
+        self.size_bytes = 0
+
+    def write(self, data: bytes) -> int:
+        rest = memoryview(data)
+        while rest:
+            # A disk that is nearly full takes a part of it first.
+            written = self._file.write(rest)
+            self.size_bytes += written
+            rest = rest[written:]
+        return len(data)
+
+    def tell(self) -> int:
+        return self.size_bytes
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def cut(self, size_bytes: int) -> None:
+        self._file.truncate(size_bytes)
+        self.size_bytes = size_bytes
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def open_file(path: Path) -> FileIO:
+    """Open `path` for writing, empty and without a buffer; raises OSError."""
+    return FileIO(path, "w")
+
+
+@cache
+def exact_schema(topic: Topic[Any]) -> str:
+    """JSON Schema of the messages of a topic, without titles and descriptions."""
+    return msgspec.json.encode(bare(schema_of(topic.message))).decode()
+
+
+def object_schema(topic: Topic[Any]) -> bytes:
+    """JSON Schema of a topic's message in the form that Foxglove and Lichtblick take."""
+    return msgspec.json.encode(plain_schema(topic.json_schema()))
+
+
+def check_writable(path: Path) -> None:
+    """Raise RecordingError if no recording can be written to this path."""
+    if path.suffix != SUFFIX:
+        raise RecordingError(path, f"cannot record to {path}: give a file name that ends in {SUFFIX}")
+    if path.is_dir():
+        raise RecordingError(path, f"cannot record to {path}: it is a folder; give the name of a file in it")
+    if path.exists() and not path.is_file():
+        raise RecordingError(path, f"cannot record to {path}: it is not a regular file; give another name")
+    if not path.parent.is_dir():
+        raise RecordingError(path, f"cannot record to {path}: there is no folder {path.parent}; create it first")
+
+
+def _cannot_write(path: Path, error: OSError) -> RecordingError:
+    return RecordingError(
+        path, f"cannot record to {path}: {error.strerror or error}; make room there or give another file"
+    )

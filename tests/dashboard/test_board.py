@@ -1,0 +1,311 @@
+"""What the dashboard remembers of tasks and of robots, what it warns of, and what a click means."""
+
+import math
+
+import msgspec
+import pytest
+
+from robrain.dashboard.layers.robot_layers import ellipse
+from robrain.dashboard.panels.halt_control import acknowledgements
+from robrain.dashboard.scene.selection import floor_hit, robot_near
+from robrain.dashboard.state.alerts import Level, alerts_of
+from robrain.dashboard.state.radio_links import relay_lines
+from robrain.dashboard.state.robot_view import Condition, MoteView, RobotView
+from robrain.dashboard.state.task_board import TaskBoard
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.border.refusals import Refusal
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
+from robrain.protocol.wire.messages.robots.witness_messages import Lead
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
+from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
+from robrain.protocol.wire.reasons.reason import TopicStale
+from robrain.protocol.wire.reasons.tasks import MinorityHeard
+from robrain.protocol.wire.topics import RECORDER_STATE
+from robrain.recording.drawing.robot_history import RobotHistory
+
+PLACE = Point2D(0.0, 0.0)
+MODEL = EnergyModel(
+    coefficients=(8.0, 2.0, 5.0, 1.0, 4.0),
+    covariance=(0.0,) * 15,
+    residual_w2_s=0.0,
+    drift_w2_per_s=0.0,
+    relative_sd=0.0,
+    way_ratio=1.0,
+    pace_m_s=0.5,
+    turn_rate_rad_s=1.0,
+    packet_j=0.0,
+    usable_j=3600.0,
+    power_w=10.0,
+    usual_power_w=10.0,
+)
+
+
+def event(task: str, state: TaskState, at_s: float, robot: str = "", change: int = 0) -> TaskEvent:
+    visit = Task(id=task, kind="visit", place=PLACE)
+    return TaskEvent(task=visit, state=state, robot=robot, stamp_ns=round(at_s * 1e9), change=change)
+
+
+def test_board_knows_who_worked_at_what_when() -> None:
+    board = TaskBoard()
+    board.take(event("t", TaskState.QUEUED, 1.0))
+    board.take(event("t", TaskState.RUNNING, 2.0, "r1"))
+    board.take(event("t", TaskState.LOST_CONTACT, 3.0, "r1"))
+    board.take(event("t", TaskState.QUEUED, 4.0))
+    board.take(event("t", TaskState.RUNNING, 5.0, "r2"))
+    board.take(event("t", TaskState.DONE, 9.0, "r2"))
+    (first,), (second,) = board.spans["r1"], board.spans["r2"]
+    assert (first.start_ns, first.end_ns) == (2_000_000_000, 4_000_000_000)
+    assert (second.start_ns, second.end_ns, second.state) == (5_000_000_000, 9_000_000_000, TaskState.DONE)
+    assert board.open == {}
+    assert [ended.task.id for ended in board.ended] == ["t"]
+
+
+def test_change_that_is_told_again_or_late_changes_nothing() -> None:
+    board = TaskBoard()
+    board.take(event("t", TaskState.RUNNING, 2.0, "r1", change=5))
+    board.take(event("t", TaskState.QUEUED, 1.0, change=4))
+    assert board.open["t"].state is TaskState.RUNNING
+    for _ in range(2):
+        board.take(event("t", TaskState.DONE, 3.0, "r1", change=6))
+    assert len(board.ended) == 1
+
+
+def test_plan_is_drawn_until_it_is_begun() -> None:
+    board = TaskBoard()
+    board.take(event("t", TaskState.QUEUED, 1.0))
+    bids = [RobotVerdict(robot="r1", chosen=True, time_s=30.0)]
+    board.decide(TaskDecision(task="t", plan=1, robots=["r1"], start_in_s=10.0, bids=bids, stamp_ns=2_000_000_000))
+    (span,) = board.planned()["r1"]
+    assert (span.start_ns, span.end_ns) == (12_000_000_000, 42_000_000_000)
+    board.take(event("t", TaskState.RUNNING, 5.0, "r1"))
+    assert board.planned() == {}
+    board.take(event("t", TaskState.DONE, 6.0, "r1"))
+    assert board.decisions == {}
+
+
+def state(at_s: float, speed_m_s: float = 0.5) -> RobotState:
+    battery = BatteryState(voltage_v=20.0, current_a=0.6, temperature_c=30.0, soc=0.5, remaining_j=1.0)
+    covariance = (0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0)
+    return RobotState(
+        robot="r1",
+        pose=Pose2D(0.0, 0.0, 0.0),
+        pose_covariance=covariance,
+        velocity=Twist2D(speed_m_s, 0.0, 0.0),
+        battery=battery,
+        energy=MODEL,
+        stamp_ns=round(at_s * 1e9),
+    )
+
+
+def test_history_reckons_energy_as_measured_and_as_predicted() -> None:
+    history = RobotHistory()
+    truth = RobotTruth(robot="r1", pose=Pose2D(0.3, 0.4, 0.0), collisions=0, distance_m=0.0, energy_j=0.0)
+    for tick in range(101):
+        history.take(state(tick / 10), truth)
+    last = history.samples[-1]
+    assert len(history.samples) == 11
+    assert last.time_s == pytest.approx(10.0)
+    assert last.measured_j == pytest.approx(120.0)
+    assert last.predicted_j == pytest.approx(10 * (8.0 + 2.0 + 0.5 * 5.0))
+    assert (last.error_m, last.sigma_m) == (pytest.approx(0.5), pytest.approx(0.2))
+
+
+def test_gap_costs_no_energy_and_a_clock_that_falls_back_begins_anew() -> None:
+    history = RobotHistory()
+    history.take(state(0.0), None)
+    history.take(state(100.0), None)
+    assert history.samples[-1].measured_j == 0.0
+    assert math.isnan(history.samples[-1].error_m)
+    history.take(state(50.0), None)
+    assert len(history.samples) == 1
+
+
+def test_condition_tells_the_worst_first() -> None:
+    robot = RobotView("r1", 0, heard_s=0.0)
+    robot.state = RobotState(robot="r1")
+    assert robot.condition(0.0) is Condition.UP
+    robot.state = RobotState(robot="r1", lost="nothing fits")
+    assert robot.condition(0.0) is Condition.ASTRAY
+    robot.state = RobotState(robot="r1", lost="nothing fits", faulted=[PluginFault(plugin="scan", why="silent")])
+    assert robot.condition(0.0) is Condition.FAULTED
+    robot.state = RobotState(robot="r1", halted=True, faulted=[PluginFault(plugin="scan", why="silent")])
+    assert robot.condition(0.0) is Condition.HALTED
+    assert robot.condition(60.0) is Condition.LOST
+
+
+def test_alerts_name_what_is_wrong_the_worst_first() -> None:
+    view = TeamView()
+    robot = view.robots["r1"] = RobotView("r1", 0, present=True, heard_s=0.0)
+    battery = BatteryState(voltage_v=20.0, current_a=0.6, temperature_c=30.0, soc=0.1, remaining_j=1.0)
+    robot.state = RobotState(robot="r1", battery=battery, faulted=[PluginFault(plugin="scan", why="silent")])
+    found = [(alert.level, alert.subject) for alert in alerts_of(view, 0.0)]
+    assert found == [(Level.BAD, "Coordinator"), (Level.BAD, "r1"), (Level.WARN, "r1")]
+    view.coordinator_up = True
+    robot.state = RobotState(robot="r1")
+    assert alerts_of(view, 0.0) == []
+    refusal = Refusal(topic="robot_state", key="robrain/t/robot/r9/state", code="malformed", count=3, why="no pose")
+    view.team = TeamState(robots=[], refused=[refusal])
+    (alert,) = alerts_of(view, 0.0)
+    assert alert.text == "rejected 3 × robot_state from robot/r9/state (malformed): no pose"
+
+
+def test_journal_that_cannot_be_written_is_the_worst_alert_while_the_coordinator_is_there() -> None:
+    view = TeamView()
+    view.coordinator_up = True
+    view.team = TeamState(robots=[], unwritable="team.journal: cannot be written: database or disk is full")
+    (alert,) = alerts_of(view, 0.0)
+    assert alert == (Level.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}")
+    view.coordinator_up = False
+    assert alerts_of(view, 0.0) == []
+
+
+def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
+    view = TeamView()
+    view.coordinator_up = True
+    view.team = TeamState(
+        robots=[], stand_by=StandByStatus(process="", in_step=False, held_back=MinorityHeard(heard=1, robots=4))
+    )
+    (alert,) = alerts_of(view, 0.0)
+    assert alert.level is Level.BAD
+    assert alert.text == (
+        "no task is offered: 1 of 4 robots are heard, and the others may allocate tasks among themselves (robrain lead)"
+    )
+    view.team = TeamState(robots=[], stand_by=StandByStatus(process="office-7", in_step=False))
+    assert alerts_of(view, 0.0) == []
+
+
+def test_a_coordinator_that_does_not_lead_is_an_alert() -> None:
+    view = TeamView()
+    view.coordinator_up = True
+    lead = Lead(election=4, journal="a", is_suspended=True, heard=1, witnesses=["r1", "r2", "r3"])
+    view.team = TeamState(robots=[], lead=lead)
+    (alert,) = alerts_of(view, 0.0)
+    assert alert == (
+        Level.BAD,
+        "Coordinator",
+        "the coordinator does not lead: 1 of 3 witnesses hear it, and another one may lead",
+    )
+    view.team = TeamState(robots=[], lead=msgspec.structs.replace(lead, is_suspended=False))
+    assert alerts_of(view, 0.0) == []
+
+
+def test_stale_topics_and_lost_samples_are_alerts() -> None:
+    view = TeamView()
+    view.robots["r1"] = RobotView("r1", 0, present=True, heard_s=9.0)
+    view.coordinator_up, view.team_heard_s = True, 9.0
+    stale = [TopicStale("robot_state", name, 0.42, 0.3) for name in ("r1", "r2")]
+    lost = Refusal(topic="robot_event", key="robrain/t/robot/r1/event/a/b", code="lost", count=3, why="the hub was off")
+    view.team = TeamState(robots=[], stale=stale, refused=[lost])
+    assert [(alert.subject, alert.text) for alert in alerts_of(view, 9.5)] == [
+        ("r1", "robot_state of r1 is 0.4 s old, more than 0.3 s"),
+        ("r2", "robot_state of r2 is 0.4 s old, more than 0.3 s"),
+        ("Coordinator", "3 × robot_event from robot/r1/event/a/b lost: the hub was off"),
+    ]
+    texts = [alert.text for alert in alerts_of(view, 11.0) if alert.subject == "Coordinator"]
+    assert texts[0] == "coordinator_state of coordinator is 2.0 s old, more than 1.5 s"
+    silent = [alert.text for alert in alerts_of(view, 20.0) if alert.subject == "r1"]
+    assert silent == ["says nothing, though its process is there"]  # once
+
+
+def test_only_a_robot_all_of_which_has_stopped_has_acknowledged() -> None:
+    view = TeamView()
+    states = {
+        "r1": RobotState(robot="r1", halted=True),
+        "r2": RobotState(robot="r2", halted=True, not_halted=["driver"]),
+        "r3": RobotState(robot="r3"),
+        "r10": None,
+    }
+    for name, told in states.items():
+        view.robots[name] = RobotView(name, 0, state=told)
+    assert acknowledgements(view) == (["r1"], ["r2", "r3", "r10"])
+
+
+def test_click_means_the_floor_under_it_and_the_robot_that_stands_there() -> None:
+    hit = floor_hit((0.0, -10.0, 10.0), (0.0, 0.6, -0.6))
+    assert hit is not None
+    place, distance_m = hit
+    assert (place.x_m, place.y_m) == pytest.approx((0.0, 0.0))
+    assert distance_m == pytest.approx(math.hypot(10.0, 10.0))
+    assert floor_hit((0.0, 0.0, 10.0), (0.0, 1.0, 0.1)) is None
+    assert floor_hit((0.0, 0.0, 10.0), (math.nan, 1.0, -0.1)) is None
+    view = TeamView()
+    for name, x_m in (("r1", 0.2), ("r2", 0.6)):
+        view.robots[name] = RobotView(name, 0, state=RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)))
+    found = robot_near(view, Point2D(0.5, 0.0), 5.0)
+    assert found is not None
+    assert found.name == "r2"
+    assert robot_near(view, Point2D(5.0, 0.0), 5.0) is None
+
+
+def test_chain_of_relays_is_drawn_from_the_mote_to_the_last_robot() -> None:
+    view = TeamView()
+    for name, x_m in (("r1", 1.0), ("r2", 2.0), ("r3", 3.0)):
+        view.robots[name] = RobotView(name, 0, state=RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)))
+    view.motes["m1"] = MoteView("m1", place=Point2D(0.0, 0.0))
+    for task, robot, mote, following in (("a", "r1", "m1", "r2"), ("b", "r2", "", "r3")):
+        relay = Task(
+            id=task, kind="relay", place=PLACE, parameters={"duration_s": 60.0, "mote": mote, "robot": following}
+        )
+        view.board.take(TaskEvent(task=relay, state=TaskState.RUNNING, robot=robot))
+    ends = {(start.x_m, end.x_m) for start, end in relay_lines(view)}
+    assert ends == {(1.0, 0.0), (1.0, 2.0), (2.0, 3.0)}
+
+
+def test_ellipse_is_turned_as_the_covariance_is() -> None:
+    found = ellipse((0.05, 0.04, 0.0, 0.04, 0.05, 0.0, 0.0, 0.0, 0.1))
+    assert found is not None
+    assert found.long_m == pytest.approx(2.4477 * 0.3)
+    assert found.short_m == pytest.approx(2.4477 * 0.1)
+    assert abs(math.tan(found.turn_rad)) == pytest.approx(1.0)
+    assert ellipse(()) is None
+    assert ellipse((math.nan,) * 9) is None
+    assert ellipse((-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0)) is None
+
+
+def recorder_says(view: TeamView, now_s: float, name: str = "main", **told: object) -> list[str]:
+    """What the alerts say of a recorder that has told this."""
+    if told:
+        state = RecorderState(recorder=name, **told)  # type: ignore[arg-type]
+        key = RECORDER_STATE.key("default", recorder=name)
+        view.apply(Received(RECORDER_STATE, key, {"recorder": name}, state), now_s)
+    return [alert.text for alert in alerts_of(view, now_s) if alert.subject == f"Recorder {name}"]
+
+
+def test_recorder_that_cannot_write_or_loses_messages_is_an_alert() -> None:
+    view = TeamView()
+    assert recorder_says(view, 0.0, file="run.mcap") == []
+    assert recorder_says(view, 1.0, why="the disk is full") == ["the disk is full"]
+    lost = [LostMessages("robot_state", 7), LostMessages("robot_map", 2)]
+    assert recorder_says(view, 2.0, lost=lost) == ["9 messages are not in it, 7 of them robot_state"]
+    assert recorder_says(view, 3.0, file="run.mcap") == []
+
+
+def test_recorder_that_falls_silent_is_an_alert_unless_it_has_closed_its_file() -> None:
+    view = TeamView()
+    assert recorder_says(view, 0.0, file="run.mcap") == []
+    assert recorder_says(view, 60.0) == []  # in lockstep it tells only what was lost
+    recorder_says(view, 60.0, file="run.mcap")
+    recorder_says(view, 61.0, file="run.mcap")
+    assert recorder_says(view, 64.0) == []
+    (said,) = recorder_says(view, 70.0)
+    assert said.startswith("says nothing any more")
+    assert recorder_says(view, 71.0, file="run.mcap", closed=True) == []
+    assert recorder_says(view, 99.0) == []
+
+
+def test_recorder_that_was_killed_is_no_alert_once_another_follows_it() -> None:
+    view = TeamView()
+    for now_s in (0.0, 1.0):
+        recorder_says(view, now_s, file="run.mcap")
+    recorder_says(view, 2.0, "second", file="run.1.mcap")
+    assert recorder_says(view, 11.0) != []
+    assert recorder_says(view, 12.0, "third", file="run.2.mcap") == []
+    assert recorder_says(view, 12.0) == []

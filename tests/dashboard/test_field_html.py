@@ -1,0 +1,114 @@
+"""The mote field, the rules, and what moves on the floor, as the page shows them."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from robrain.dashboard.html.field_html import field_html, rules_html
+from robrain.dashboard.html.panel_html import motes_html
+from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.wire.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, BodyKind, BodyTruth
+from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.wire.topics import ARENA_TRUTH, MOTE_READING
+from robrain.recording.drawing.map_view import FAR_M
+from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page, tell
+
+NOW_NS = to_ns(1000.0)
+FIELD = MoteFieldState(
+    motes=10, dead=1, delivery_ratio=0.97, age_s=5.0, oldest_s=140.0, coverage=0.7, on_duty=4,
+    first_dead_ns=to_ns(700.0), forwarded=120, hops=1.5,
+    forwarders=[ForwarderCount(mote=f"m{n}", readings=90 - n) for n in range(8)],
+    gateways=[GatewayCount(name="m1", readings=300, waiting=40, dropped=3, heard_ns=to_ns(990.0))],
+)  # fmt: skip
+
+
+def view_of(field: MoteFieldState | None = None, rules: list[RuleStatus] | None = None) -> TeamView:
+    view = TeamView()
+    none = msgspec.UNSET
+    state = TeamState(robots=[], mote_field=none if field is None else field, rules=none if rules is None else rules)
+    view.team = msgspec.structs.replace(state, stamp_ns=NOW_NS)
+    return view
+
+
+def test_field_is_told_in_figures_with_its_forwarders_and_gateways() -> None:
+    values = Page(field_html(view_of(FIELD))).values
+    assert values["field-delivered"] == "97 %"
+    assert (values["field-age"], values["field-oldest"]) == ("5 s", "2 min")
+    assert (values["field-covered"], values["field-alive"], values["field-duty"]) == ("70 %", "9 of 10", "4 of 9")
+    assert (values["field-first-dead"], values["field-half-dead"], values["field-last-dead"]) == ("5 min ago", "–", "–")
+    assert values["field-forwarded"] == "120 readings, 1.5 times each; first by"
+    assert "<b>m0</b> 90" in field_html(view_of(FIELD))
+    assert "and 2 more" in field_html(view_of(FIELD))
+    assert (values["gateway-m1-told"], values["gateway-m1-stores"], values["gateway-m1-dropped"]) == ("300", "40", "3")
+    assert '<b class="rb-bad">3</b>' in field_html(view_of(FIELD))
+
+
+def test_nothing_is_shown_of_a_field_that_is_not_kept_and_of_a_plain_one_no_empty_tables() -> None:
+    assert field_html(TeamView()) == field_html(view_of()) == rules_html(TeamView()) == rules_html(view_of()) == ""
+    plain = MoteFieldState(motes=3, dead=0, delivery_ratio=1.0, age_s=1.0, oldest_s=2.0, coverage=1.0, on_duty=3)
+    html = field_html(view_of(plain))
+    assert "Gateways" not in html
+    assert "Passed on" not in html
+    assert "field-duty" not in html
+
+
+def test_names_from_the_wire_never_become_markup() -> None:
+    field = msgspec.structs.replace(
+        FIELD,
+        forwarders=[ForwarderCount(mote=EVIL, readings=1)],
+        gateways=[GatewayCount(name=EVIL, readings=1, waiting=1, dropped=1, heard_ns=0)],
+    )
+    view = view_of(field, [RuleStatus(name=EVIL, waits=EVIL, refused=1, why=EVIL)])
+    tell(view, MOTE_READING, reading("m1", via=EVIL, hops=1, forwarder=EVIL), mote="m1")
+    for html in (field_html(view), rules_html(view), motes_html(view)):
+        page = Page(html)
+        assert page.tags <= TAGS
+        assert page.attributes <= ATTRIBUTES
+
+
+def reading(mote: str, x_m: float = 0.0, **way: Any) -> MoteReading:
+    return MoteReading(
+        mote=mote, place=Point2D(x_m, 0.0), quantity="temperature_c", value=20.0, voltage_v=2.9, rssi_dbm=-70.0,
+        stamp_ns=to_ns(1.0), **({"via": "r1"} | way),
+    )  # fmt: skip
+
+
+def test_routes_lead_from_each_mote_to_the_one_that_passes_its_readings_on_and_to_gateways() -> None:
+    view = TeamView()
+    tell(view, MOTE_READING, reading("m1", 1.0, via="m1", waiting=0, dropped=0), mote="m1")
+    tell(view, MOTE_READING, reading("m2", 2.0, via="m1", waiting=0, dropped=0), mote="m2")
+    tell(view, MOTE_READING, reading("m3", 3.0, via="m1", hops=1, forwarder="m2", waiting=0, dropped=0), mote="m3")
+    tell(view, MOTE_READING, reading("m4", 4.0), mote="m4")
+    tell(view, MOTE_READING, reading("m5", 5.0, hops=1, forwarder="m9"), mote="m5")
+    assert [(start.x_m, end.x_m) for start, end in mote_routes(view)] == [(2.0, 1.0), (3.0, 2.0)]
+    tell(view, MOTE_READING, reading("m3", 3.0), mote="m3")  # a robot hears it now
+    assert [(start.x_m, end.x_m) for start, end in mote_routes(view)] == [(2.0, 1.0)]
+
+
+def test_a_reading_that_was_passed_on_shows_no_radio_link_to_who_told_it() -> None:
+    view = TeamView()
+    tell(view, MOTE_READING, reading("m3", 3.0, hops=1, forwarder="m2"), mote="m3")
+    assert best_links(view, view.motes.values()) == []
+    assert view.motes["m3"].links == {}
+    assert links_of_robot(view, "r1", 0.0) == []
+    assert "+1" in motes_html(view)
+
+
+def body(name: str, kind: BodyKind, x_m: float, **more: Any) -> BodyTruth:
+    return BodyTruth(body=name, kind=kind, pose=Pose2D(x_m, 1.0, 0.5), **({"length_m": 0.5, "width_m": 0.5} | more))
+
+
+@pytest.mark.parametrize("wrong", [{"pose": Pose2D(2 * FAR_M, 0.0, 0.0)}, {"length_m": 2 * FAR_M}])
+def test_bodies_with_impossible_places_or_sizes_are_left_out(wrong: dict[str, Any]) -> None:
+    view = TeamView()
+    far = msgspec.structs.replace(body("person1", BodyKind.PERSON, 1.0), **wrong)
+    tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=1.0, robots=[], bodies=[far]))
+    assert view.rejected == 1
+    assert view.truth is None

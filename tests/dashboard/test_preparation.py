@@ -1,0 +1,116 @@
+"""What the page shows of a lockstep run that has not begun."""
+
+import zlib
+
+import numpy as np
+
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
+from robrain.dashboard.html.panel_html import robots_html, strip_html
+from robrain.dashboard.state.alerts import alerts_of
+from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
+from robrain.dashboard.state.robot_view import Condition
+from robrain.dashboard.state.team_view import PLAN_S, TeamView
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.message import Message
+from robrain.protocol.wire.messages.team.arena_messages import (
+    ArenaClock,
+    ArenaPreparation,
+    ArenaTruth,
+    MoteTruth,
+    RobotTruth,
+)
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP
+
+CELLS = np.array([[0, 100, -1], [0, 0, 100]], np.int8)
+LONG_S = 60.0
+
+
+def tell(view: TeamView, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
+    view.apply(Received(topic, topic.key("default", **names), {"team": "default", **names}, message), now_s)
+
+
+def preparation(columns: int = 3, x_m: float = 1.0) -> ArenaPreparation:
+    floor = MapPatch(
+        robot="arena",
+        resolution_m=0.5,
+        origin_x_m=0.0,
+        origin_y_m=0.0,
+        width=columns,
+        height=2,
+        rows=2,
+        columns=3,
+        cells=zlib.compress(CELLS.tobytes()),
+    )
+    robot = RobotTruth(robot="r1", pose=Pose2D(x_m, 0.5, 0.0), collisions=0, distance_m=0.0, energy_j=0.0)
+    truth = ArenaTruth(sim_time_s=0.0, robots=[robot], motes=[MoteTruth(mote="m1", place=Point2D(0.5, 0.5))])
+    return ArenaPreparation(parts_ready=3, parts=16, left_s=12.2, floor=floor, truth=truth)
+
+
+def prepared() -> TeamView:
+    view = TeamView()
+    view.coordinator_up = True
+    view.apply_presence(Change({"team": "default", "robot": "r1"}, True))
+    tell(view, ARENA_PREPARATION, preparation())
+    return view
+
+
+def test_floor_plan_robots_and_motes_are_drawn_before_the_run_begins() -> None:
+    view = prepared()
+    assert view.floor is not None
+    assert np.array_equal(view.floor.classes, CELLS)
+    assert view.floor_geometry is not None
+    assert view.floor_geometry.shape == (2, 3)
+    assert view.robots["r1"].pose == Pose2D(1.0, 0.5, 0.0)
+    assert view.motes["m1"].place == Point2D(0.5, 0.5)
+
+
+def test_waiting_robots_are_ready_and_nothing_is_wrong_however_long_it_takes() -> None:
+    view = prepared()
+    assert view.robots["r1"].condition(LONG_S) is Condition.READY
+    assert headline_of(vitals_of(view, LONG_S)).grade is Grade.GOOD
+    assert alerts_of(view, LONG_S) == []
+    assert "ready" in robots_html(view, LONG_S)
+
+
+def test_first_tick_ends_the_preparation_and_the_teams_map_replaces_the_plan() -> None:
+    view = prepared()
+    version = view.floor_version
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=0.1))
+    assert view.preparation is None
+    assert view.robots["r1"].pose is None
+    assert "preparation" not in strip_html(view, 0.0)
+    assert view.floor is not None
+    assert np.array_equal(view.floor.classes, CELLS)
+    tell(view, ROBOT_MAP, first_patch(), robot="r1")
+    assert view.floor is not None
+    assert view.floor.geometry.shape == (4, 4)
+    assert view.floor_version != version
+
+
+def test_without_a_map_the_plan_is_gone_after_some_seconds_of_the_run() -> None:
+    view = prepared()
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S))
+    assert view.floor is not None
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
+    assert view.floor is None
+
+
+def first_patch() -> MapPatch:
+    grid = GridGeometry(0.5, 0.0, 0.0, 4, 4)
+    return to_message("r1", grid, PatchCells(0, 0, CELLS, 1))
+
+
+def test_plan_that_does_not_fill_its_grid_or_has_a_place_far_away_is_rejected_whole() -> None:
+    for bad in (preparation(columns=4), preparation(x_m=2e6)):
+        view = TeamView()
+        tell(view, ARENA_PREPARATION, bad)
+        assert view.rejected == 1
+        assert view.preparation is None
+        assert view.floor is None
+        assert not view.robots

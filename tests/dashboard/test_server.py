@@ -1,0 +1,73 @@
+import socket
+import time
+
+import pytest
+import viser
+
+from robrain.dashboard import Dashboard
+from robrain.dashboard.layers.marker_layers import ChargerLayer
+from robrain.dashboard.server.retry import FIRST_S
+from robrain.dashboard.server.server import close_server, open_server
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.errors import PortTaken, WireError
+
+
+def test_port_that_is_taken_is_refused_and_not_moved_from(endpoint: Endpoint) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(PortTaken, match=f"127.0.0.1:{port}"):
+            Dashboard(endpoint, port=port)
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "no.such.host.invalid"])
+def test_host_that_cannot_be_bound_is_refused_at_once(endpoint: Endpoint, host: str) -> None:
+    with pytest.raises(WireError, match=host):
+        Dashboard(endpoint, host=host, port=0)
+
+
+def test_two_dashboards_on_free_ports_stand_side_by_side_and_print_nothing(
+    endpoint: Endpoint, capfd: pytest.CaptureFixture[str]
+) -> None:
+    dashboards = [Dashboard(endpoint, port=0) for _ in range(2)]
+    for dashboard in dashboards:
+        dashboard.step(time.monotonic())
+    urls = {dashboard.url for dashboard in dashboards}
+    for dashboard in dashboards:
+        dashboard.close()
+    assert len(urls) == 2
+    assert all(url.startswith("http://127.0.0.1:") and not url.endswith(":0") for url in urls)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "viser" not in err
+
+
+def test_a_layer_that_cannot_draw_is_hidden_and_the_page_with_its_halt_goes_on(
+    endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(ChargerLayer, "_draw", lambda *_: 1 / 0)
+    dashboard = Dashboard(endpoint, port=0)
+    try:
+        now_s = time.monotonic()
+        for later_s in (0.0, FIRST_S - 1.0):  # nobody looks on: it is drawn once a second
+            dashboard.step(now_s + later_s)
+        hidden = [layer.label for layer in dashboard._scene.layers if not layer.shown]
+        assert ChargerLayer.label in hidden
+        assert [record.getMessage() for record in caplog.records if record.exc_info] == [
+            f"the layer {ChargerLayer.label} cannot be drawn; it is hidden, next try in 5 s"
+        ]
+    finally:
+        dashboard.close()
+
+
+def test_no_public_tunnel_is_opened_when_a_client_asks_for_one() -> None:
+    server = open_server("127.0.0.1", 0)
+    try:
+        request = viser._messages.ShareUrlRequest()
+        for handle in server._websock_server._incoming_handlers[type(request)]:
+            handle(viser.infra.ClientId(1), request)
+        server._thread_executor.shutdown(wait=True)
+        assert server._share_tunnel is None
+    finally:
+        close_server(server)

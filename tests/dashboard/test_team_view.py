@@ -1,0 +1,306 @@
+import zlib
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.dashboard.html.panel_html import task_text
+from robrain.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, Contact, RobotView
+from robrain.dashboard.state.team_view import HISTORY_POINTS, TeamView
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.border.border import Received
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.message import Message
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState, TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
+from robrain.protocol.wire.messages.team.team_messages import Halt, RobotSummary, TeamState
+from robrain.protocol.wire.presence import Change
+from robrain.protocol.wire.reasons.robots import Gone
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import (
+    ARENA_CLOCK,
+    ARENA_SCAN,
+    ARENA_TRUTH,
+    COORDINATOR_STATE,
+    HALT,
+    MOTE_READING,
+    ROBOT_IMAGE,
+    ROBOT_MAP,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    TASK_EVENT,
+)
+
+
+def tell(view: TeamView, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
+    key = topic.key("default", **names)
+    view.apply(Received(topic, key, {"team": "default", **names}, message), now_s)
+
+
+def tell_place(view: TeamView, robot: str, x_m: float, now_s: float = 0.0) -> None:
+    tell(view, ROBOT_STATE, RobotState(robot=robot, pose=Pose2D(x_m, 0.0, 0.0)), now_s, robot=robot)
+
+
+def token(robot: str, present: bool) -> Change:
+    return Change({"team": "default", "robot": robot}, present)
+
+
+def patch(
+    cells: list[list[int]], *, observed_ms: int = 0, row: int = 0, column: int = 0, robot: str = "r1"
+) -> MapPatch:
+    box = np.array(cells, np.int8)
+    return MapPatch(
+        robot=robot,
+        resolution_m=0.5,
+        origin_x_m=-1.0,
+        origin_y_m=-2.0,
+        width=4,
+        height=3,
+        row=row,
+        column=column,
+        rows=box.shape[0],
+        columns=box.shape[1],
+        observed_ms=observed_ms,
+        cells=zlib.compress(box.tobytes()),
+    )
+
+
+@pytest.fixture
+def view() -> TeamView:
+    return TeamView()
+
+
+def test_robot_is_named_by_its_key_not_by_what_it_says(view: TeamView) -> None:
+    tell(view, ROBOT_STATE, RobotState(robot="r2"), robot="r1")
+    assert list(view.robots) == ["r1"]
+
+
+def test_robot_with_a_token_and_an_old_state_is_silent(view: TeamView) -> None:
+    view.apply_presence(token("r1", True))
+    robot = view.robots["r1"]
+    assert robot.contact(0.0) is Contact.SILENT
+    tell_place(view, "r1", 0.0, now_s=10.0)
+    assert robot.contact(10.0 + SILENT_AFTER_S) is Contact.UP
+    assert robot.contact(10.1 + SILENT_AFTER_S) is Contact.SILENT
+
+
+def test_robot_whose_token_went_is_lost_at_once_and_comes_back(view: TeamView) -> None:
+    assert view.apply_presence(token("r1", True))
+    tell_place(view, "r1", 0.0, now_s=1.0)
+    assert not view.apply_presence(token("r1", False))
+    assert view.robots["r1"].contact(1.0) is Contact.LOST
+    assert view.apply_presence(token("r1", True))
+    assert view.robots["r1"].contact(1.0) is Contact.UP
+
+
+def test_robot_that_never_had_a_token_is_up_while_it_is_heard() -> None:
+    robot = RobotView("r1", 0)
+    assert robot.contact(0.0) is Contact.LOST
+    robot.heard_s = 5.0
+    assert robot.contact(6.0) is Contact.UP
+    assert robot.contact(6.0 + SILENT_AFTER_S) is Contact.LOST
+
+
+def test_trail_keeps_steps_and_is_bounded(view: TeamView) -> None:
+    for centimetre in range(100):
+        tell_place(view, "r1", centimetre / 100)
+    trail = view.robots["r1"].trail
+    assert 9 <= len(trail) <= 11
+    for metre in range(2 * TRAIL_POINTS):
+        tell_place(view, "r1", float(metre))
+    assert len(trail) == TRAIL_POINTS
+    assert trail[-1] == Point2D(2 * TRAIL_POINTS - 1, 0.0)
+
+
+def test_later_statements_about_the_map_win_in_any_order(view: TeamView) -> None:
+    tell(view, ROBOT_MAP, patch([[0, 100, -1, 0]], observed_ms=2000), robot="r1")
+    tell(view, ROBOT_MAP, patch([[100, 0, 0, -1]], observed_ms=1000, robot="r2"), robot="r2")
+    assert view.map.grid is not None
+    assert view.map.grid.classes()[0].tolist() == [0, 100, 0, 0]
+    tell(view, ROBOT_MAP, patch([[100]], observed_ms=3000, row=2, column=3), robot="r1")
+    assert view.map.known_area_m2 == pytest.approx(5 * 0.25)
+    assert view.rejected == 0
+
+
+def test_walls_are_boxes_in_the_arena_frame(view: TeamView) -> None:
+    tell(view, ROBOT_MAP, patch([[100, 100, 0, 100], [100, 100, 0, 0], [0, 100, 100, 0]]), robot="r1")
+    boxes = view.map.wall_boxes().tolist()
+    assert boxes == [[-0.5, -1.5, 1.0, 1.0], [0.75, -1.75, 0.5, 0.5], [0.0, -0.75, 1.0, 0.5]]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"cells": b"not deflated"},
+        {"cells": zlib.compress(b"\0" * 11)},  # too few
+        {"cells": zlib.compress(b"\0" * 50_000_000)},  # a bomb, of which no more than a patch is unpacked
+        {"rows": 0},
+        {"rows": 1, "columns": 5000, "cells": zlib.compress(bytes(5000))},  # wider than any submap
+        {"width": 1 << 20, "height": 1 << 20},  # would fill the memory
+        {"resolution_m": 0.0},
+        {"resolution_m": 1e300},  # cannot be drawn
+        {"origin_x_m": 1e300},
+    ],
+)
+def test_patch_that_makes_no_sense_is_refused_and_leaves_no_grid(view: TeamView, changes: dict[str, object]) -> None:
+    good = patch([[0] * 4] * 3)
+    tell(view, ROBOT_MAP, msgspec.structs.replace(good, **changes), robot="r1")
+    assert view.rejected == 1
+    assert view.map.grid is None
+    tell(view, ROBOT_MAP, good, robot="r1")
+    assert view.map.known_area_m2 == 3.0
+
+
+def test_places_that_cannot_be_drawn_are_refused(view: TeamView) -> None:
+    tell_place(view, "r1", 1e300)
+    tell(view, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(0.0, 1e30)]), robot="r1")
+    assert view.rejected == 2
+    assert "r1" not in view.robots
+
+
+def test_goal_is_the_tasks_and_else_the_end_of_the_path(view: TeamView) -> None:
+    tell(view, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(0, 0), Point2D(1, 1)]), robot="r1")
+    robot = view.robots["r1"]
+    assert view.goal_of(robot) == Point2D(1, 1)
+    task = Task(id="t1", kind="explore", place=Point2D(5, 5))
+    running = TaskStatus(id="t1", epoch=1, state=TaskState.RUNNING)
+    tell(view, ROBOT_STATE, RobotState(robot="r1", task=running), robot="r1")
+    tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.RUNNING, robot="r1"))
+    assert view.goal_of(robot) == Point2D(5, 5)
+    tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.DONE, robot="r1"))
+    assert view.goal_of(robot) == Point2D(1, 1)
+    assert view.tasks == {}
+
+
+def test_motes_keep_the_latest_of_each_quantity_and_a_place(view: TeamView) -> None:
+    truth = ArenaTruth(sim_time_s=1.0, robots=[], motes=[MoteTruth(mote="m1", place=Point2D(3, 4))])
+    tell(view, ARENA_TRUTH, truth)
+    for stamp_ns, (quantity, value) in enumerate([("light", 1.0), ("temperature", 20.0), ("light", 2.0)]):
+        reading = MoteReading(
+            stamp_ns=stamp_ns,
+            mote="m1",
+            place=None,
+            quantity=quantity,
+            value=value,
+            voltage_v=2.9,
+            rssi_dbm=-60,
+            via="r1",
+        )
+        tell(view, MOTE_READING, reading, mote="m1")
+    mote = view.motes["m1"]
+    assert mote.place == Point2D(3, 4)
+    assert {quantity: reading.value for quantity, reading in mote.readings.items()} == {
+        "light": 2.0,
+        "temperature": 20.0,
+    }
+    assert mote.latest is not None
+    assert mote.latest.quantity == "light"
+
+
+def sensed(sequence: int, value: float, *, via: str = "r1", taken_s: int, told_s: int) -> MoteReading:
+    return MoteReading(
+        mote="m1", place=None, quantity="light", value=value, voltage_v=2.9, rssi_dbm=-60, via=via,
+        sequence=sequence, taken_ns=taken_s * 10**9, stamp_ns=told_s * 10**9,
+    )  # fmt: skip
+
+
+def test_a_reading_that_two_robots_bring_in_is_shown_as_the_first_told_it(view: TeamView) -> None:
+    tell(view, MOTE_READING, sensed(5, 20.0, taken_s=100, told_s=100), mote="m1")
+    tell(view, MOTE_READING, sensed(5, 20.0, via="r2", taken_s=101, told_s=101), mote="m1")
+    assert view.motes["m1"].readings["light"].via == "r1"
+
+
+def test_an_old_reading_out_of_a_mote_s_log_does_not_take_the_place_of_a_newer_one(view: TeamView) -> None:
+    tell(view, MOTE_READING, sensed(5, 20.0, taken_s=100, told_s=100), mote="m1")
+    tell(view, MOTE_READING, sensed(3, 18.0, taken_s=92, told_s=101), mote="m1")
+    assert view.motes["m1"].readings["light"].value == 20.0
+    tell(view, MOTE_READING, sensed(6, 21.0, taken_s=104, told_s=104), mote="m1")
+    assert view.motes["m1"].readings["light"].value == 21.0
+
+
+def test_halt_of_the_team_counts_until_its_end(view: TeamView) -> None:
+    assert not view.halted
+    tell(view, HALT, Halt(halted=True, by="somebody"))
+    assert view.halted
+    tell(view, HALT, Halt(halted=False, by="somebody"))
+    assert not view.halted
+
+
+def test_late_joiner_sees_by_a_halted_robot_that_the_team_is_halted(view: TeamView) -> None:
+    tell(view, ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
+    assert view.halted
+
+
+def test_speed_and_traffic_are_measured_on_the_callers_clock(view: TeamView) -> None:
+    assert view.speed is None
+    for tick in range(21):
+        tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=tick * 0.3), now_s=tick * 0.1)
+        view.count_messages(tick * 7, tick * 0.1)
+    assert view.speed == pytest.approx(3.0)
+    assert view.messages_per_s == pytest.approx(70.0)
+
+
+def test_explored_share_is_kept_for_a_long_run_in_bounded_space(view: TeamView) -> None:
+    for second in range(5000):
+        truth = ArenaTruth(sim_time_s=float(second), robots=[], explored_fraction=second / 5000)
+        tell(view, ARENA_TRUTH, truth)
+    assert view.explored_fraction == pytest.approx(0.9998)
+    assert HISTORY_POINTS / 2 <= len(view.explored) <= HISTORY_POINTS
+    assert view.explored[0][0] == 0.0
+    assert view.explored[-1][0] > 4980
+
+
+def test_clock_that_starts_over_begins_another_run(view: TeamView) -> None:
+    view.apply_presence(token("r1", True))
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=100.0))
+    tell(view, ROBOT_MAP, patch([[0]]), robot="r1")
+    tell_place(view, "r1", 1.0)
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=99.5))  # two topics tell the time, and may overtake each other
+    assert (view.runs, view.sim_time_s) == (1, 100.0)
+    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=0.0))
+    assert (view.runs, view.sim_time_s) == (2, 0.0)
+    assert view.map.grid is None
+    assert not view.robots["r1"].trail
+    assert view.robots["r1"].present
+
+
+def test_known_area_is_the_coordinators_while_it_is_up(view: TeamView) -> None:
+    tell(view, ROBOT_MAP, patch([[0, 0]]), robot="r1")
+    tell(view, COORDINATOR_STATE, TeamState(robots=[RobotSummary(name="r1", up=True, age_s=0.1)], known_area_m2=9.0))
+    assert view.known_area_m2 == pytest.approx(0.5)
+    view.coordinator_up = True
+    assert view.known_area_m2 == pytest.approx(9.0)
+    assert view.robots["r1"].summary is not None
+
+
+def test_robot_that_has_gone_stays_until_the_coordinator_lists_it_no_more(view: TeamView) -> None:
+    gone = RobotSummary(name="r1", up=False, age_s=400.0, task="visit-3", out=Gone())
+    tell(view, COORDINATOR_STATE, TeamState(robots=[gone]))
+    assert task_text(view.robots["r1"], view) == "gone for 7 min, with visit-3"
+    tell(view, COORDINATOR_STATE, TeamState(robots=[]))
+    assert not view.robots
+
+
+def test_scan_belongs_to_its_robot(view: TeamView) -> None:
+    scan = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=4.0, ranges_mm=[1000, 0])
+    tell(view, ARENA_SCAN, scan, robot="r1")
+    assert view.robots["r1"].scan == scan
+
+
+@pytest.mark.parametrize(
+    "changes", [{"ranges_mm": [10**400]}, {"ranges_mm": [-1]}, {"angle_min_rad": 1e300}, {"angle_increment_rad": 1e300}]
+)
+def test_scan_that_makes_no_sense_is_refused(view: TeamView, changes: dict[str, object]) -> None:
+    scan = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=4.0, ranges_mm=[1000, 0])
+    tell(view, ARENA_SCAN, msgspec.structs.replace(scan, **changes), robot="r1")
+    assert view.rejected == 1
+    assert view.robots == {}
+
+
+def test_other_topics_are_left_out(view: TeamView) -> None:
+    view.apply(Received(ROBOT_IMAGE, "robrain/default/robot/r1/image/i", {"robot": "r1", "image": "i"}, b""), 0.0)
+    assert view.robots == {}
+    assert ROBOT_IMAGE not in view.topics

@@ -1,0 +1,378 @@
+"""Nobody is stranded, no wall is crossed, halts are obeyed, energy balances: what keeps and what breaks these."""
+
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.recording.invariants.findings import (
+    ChargedAway,
+    ChargeRose,
+    DeliveredFell,
+    HaltIgnored,
+    Invariant,
+    InWall,
+    Missing,
+    MovedHalted,
+    OutOfEnergy,
+    Standing,
+    Unbalanced,
+)
+from robrain.recording.invariants.invariant_judge import ChargerPlace, Surroundings
+from tests.recording.invariants.told import RADIUS_M, Told, battery
+
+CHARGER = Surroundings(chargers=(ChargerPlace(Point2D(5.0, 5.0), 0.25),))
+HALL = Surroundings(clearance_m=lambda x_m, _y_m: max(0.0, abs(x_m - 4.0) - 0.05))
+"""A wall of 0.1 m at x = 4."""
+
+
+def with_robot(**true: Any) -> Told:
+    told = Told()
+    told.states["r1"] = {}
+    told.truths["r1"] = true
+    return told
+
+
+def drive(told: Told, seconds: float, power_w: float = 10.0, **said: Any) -> None:
+    """The robot draws power; what it says is renewed before each step of 0.2 s."""
+    for _ in range(round(seconds / 0.2)):
+        told.truths["r1"]["energy_j"] = told.truths["r1"].get("energy_j", 0.0) + 0.2 * power_w
+        told.states["r1"] |= said
+        told.pass_time(0.2)
+
+
+# -- stranded ---------------------------------------------------------------------------------------------------
+
+
+def test_a_robot_whose_battery_delivers_nothing_is_stranded_and_told_once() -> None:
+    told = with_robot(at=(2.0, 5.0))
+    drive(told, 3.0, **battery(0.01))
+    drive(told, 10.0, power_w=0.0)
+    assert told.found(Invariant.NOT_STRANDED, CHARGER) == [
+        OutOfEnergy(robot="r1", place=Point2D(2.0, 5.0), charger_m=3.0, soc=0.01, is_true=True)
+    ]
+    [breach] = told.ruling(Invariant.NOT_STRANDED, CHARGER).breaches
+    assert "r1 has no energy left (1.0 % by its estimate), at x 2.00, y 5.00, 3.00 m from" in breach.text
+
+
+def test_a_robot_that_is_empty_at_a_charger_is_not_stranded() -> None:
+    told = with_robot(at=(5.1, 5.2))
+    drive(told, 3.0)
+    drive(told, 10.0, power_w=0.0)
+    assert told.found(Invariant.NOT_STRANDED, CHARGER) == []
+    [found] = told.found(Invariant.NOT_STRANDED)  # where no charger is known
+    assert isinstance(found, OutOfEnergy)
+    assert found.charger_m is None
+
+
+def test_a_robot_that_says_to_be_charged_is_at_a_charger_that_is_not_known() -> None:
+    told = with_robot(at=(9.0, 9.0))
+    drive(told, 3.0)
+    drive(told, 10.0, power_w=0.0, **battery(0.0, charging=True))
+    assert told.found(Invariant.NOT_STRANDED) == []
+
+
+def test_without_ground_truth_the_estimate_counts_if_it_is_not_doubted() -> None:
+    told = Told()
+    told.states["r1"] = {**battery(0.5), "pose": Pose2D(1.0, 2.0, 0.0)}
+    told.pass_time(5.0)
+    assert told.found(Invariant.NOT_STRANDED) == []
+    told.states["r1"] |= battery(0.0)
+    told.pass_time(5.0)
+    [found] = told.found(Invariant.NOT_STRANDED)
+    assert isinstance(found, OutOfEnergy)
+    assert (found.is_true, found.place) == (False, Point2D(1.0, 2.0))
+    assert "reports that it has no energy" in told.ruling(Invariant.NOT_STRANDED).breaches[0].text
+
+
+def test_nobody_is_judged_stranded_without_a_battery_and_truth() -> None:
+    told = Told()
+    told.states["r1"] = {}
+    told.pass_time(1.0)
+    for invariant in (Invariant.NOT_STRANDED, Invariant.ENERGY):
+        ruling = told.ruling(invariant)
+        assert (ruling.standing, ruling.missing) == (Standing.NOT_JUDGED, Missing.BATTERIES)
+
+
+# -- walls ------------------------------------------------------------------------------------------------------
+
+
+def go(told: Told, *xs_m: float) -> Told:
+    for x_m in xs_m:
+        told.truths["r1"]["at"] = (x_m, 1.0)
+        told.pass_time(0.2)
+    return told
+
+
+def test_a_robot_beside_a_wall_does_not_cross_it() -> None:
+    told = go(with_robot(), 3.0, 3.2, 3.4, 3.6, 3.75, 3.76)  # 0.01 m inside is what a solver leaves
+    ruling = told.ruling(Invariant.WALLS, HALL)
+    assert (ruling.standing, ruling.cases) == (Standing.KEPT, 6)
+
+
+def test_a_robot_that_stands_in_a_wall_is_told_once_for_each_time() -> None:
+    told = go(with_robot(), 3.0, 3.5, 3.8, 3.85, 3.86, 3.7, 3.5, 3.8)
+    found = told.found(Invariant.WALLS, HALL)
+    assert [type(one) for one in found] == [InWall, InWall]
+    first = found[0]
+    assert isinstance(first, InWall)
+    assert first.depth_m == pytest.approx(RADIUS_M - 0.15)
+
+
+@given(st.floats(0.0, 0.55), st.floats(0.1, 0.55))
+def test_no_robot_hops_over_a_wall_between_two_truths(start_m: float, step_m: float) -> None:
+    xs_m = [3.0 + start_m]
+    while xs_m[-1] < 5.0:
+        xs_m.append(xs_m[-1] + step_m)
+    assert go(with_robot(), *xs_m).found(Invariant.WALLS, HALL)
+
+
+def test_a_robot_that_is_carried_over_a_wall_does_not_cross_it() -> None:
+    assert go(with_robot(), 3.0, 3.1, 5.5, 5.6).found(Invariant.WALLS, HALL) == []
+
+
+def test_walls_are_judged_only_with_truth_floor_and_radius() -> None:
+    assert Told().ruling(Invariant.WALLS, HALL).missing is Missing.TRUTH
+    assert go(with_robot(), 4.0).ruling(Invariant.WALLS).missing is Missing.FLOOR
+    silent = with_robot()
+    silent.states.clear()
+    ruling = go(silent, 4.0).ruling(Invariant.WALLS, HALL)
+    assert (ruling.standing, ruling.missing) == (Standing.NOT_JUDGED, Missing.RADIUS)
+
+
+# -- halts ------------------------------------------------------------------------------------------------------
+
+
+def halted(told: Told) -> Told:
+    """The team is halted, and r1 says so."""
+    told.pass_time(1.0)
+    told.halt_team()
+    told.states["r1"]["halted"] = True
+    return told
+
+
+def test_a_robot_that_stops_obeys() -> None:
+    told = halted(with_robot())
+    go(told, 1.1, 1.15, 1.18)
+    told.pass_time(10.0)
+    told.states["r1"]["halted"] = False
+    told.resume_team()
+    go(told, 1.3, 1.5, 1.9)
+    ruling = told.ruling(Invariant.HALTS)
+    assert (ruling.standing, ruling.cases) == (Standing.KEPT, 1)
+
+
+def test_a_robot_that_creeps_on_does_not_obey_and_is_told_once() -> None:
+    told = halted(with_robot())
+    go(told, *(1.0 + 0.02 * step for step in range(30)))
+    [found] = told.found(Invariant.HALTS)
+    assert isinstance(found, MovedHalted)
+    assert found.is_true
+    assert 0.05 < found.moved_m < 0.08
+    assert found.since_s == pytest.approx(1.1)
+
+
+def test_who_is_pushed_or_carried_obeys() -> None:
+    told = halted(with_robot())
+    told.pass_time(3.0)
+    for count, x_m in enumerate((1.03, 1.06, 1.09, 1.12), 1):
+        told.truths["r1"]["collisions"] = count
+        go(told, x_m)
+    go(told, 6.0, 6.0)
+    assert told.found(Invariant.HALTS) == []
+
+
+@pytest.mark.parametrize("way_m", [0.11, 0.27, 0.5])
+def test_who_stands_and_is_carried_a_short_way_obeys(way_m: float) -> None:
+    told = halted(with_robot())
+    told.pass_time(3.0)
+    stands = [1.0] * 10
+    go(told, *stands, *(x_m + way_m for x_m in stands))
+    assert told.found(Invariant.HALTS) == []
+
+
+def test_who_stands_and_begins_to_drive_is_found() -> None:
+    told = halted(with_robot())
+    told.pass_time(3.0)
+    go(told, *([1.0] * 10), *(1.0 + 0.5 * 0.8 * (0.2 * step) ** 2 for step in range(1, 5)))
+    assert [type(one) for one in told.found(Invariant.HALTS)] == [MovedHalted]
+
+
+def test_one_robot_that_is_halted_alone_must_stand_and_another_need_not() -> None:
+    told = with_robot()
+    told.states["r2"], told.truths["r2"] = {"halted": True}, {}
+    for step in range(20):
+        told.truths["r1"]["at"] = (1.0 + 0.1 * step, 1.0)
+        told.pass_time(0.2)
+    assert told.found(Invariant.HALTS) == []
+    assert told.ruling(Invariant.HALTS).cases == 1
+    for step in range(20):
+        told.truths["r2"]["at"] = (1.0 + 0.1 * step, 1.0)
+        told.pass_time(0.2)
+    assert [one.robot for one in told.found(Invariant.HALTS) if isinstance(one, MovedHalted)] == ["r2"]
+
+
+def test_a_robot_in_contact_that_is_not_halted_ignores_the_halt() -> None:
+    told = with_robot()
+    told.pass_time(1.0)
+    told.halt_team("ann")
+    told.pass_time(2.0)
+    assert told.found(Invariant.HALTS) == []
+    told.pass_time(20.0)
+    [found] = told.found(Invariant.HALTS)
+    assert isinstance(found, HaltIgnored)
+    assert (found.robot, found.by) == ("r1", "ann")
+
+
+def test_a_robot_out_of_contact_cannot_ignore_a_halt() -> None:
+    told = with_robot()
+    told.up = {"r1": False}
+    told.pass_time(1.0)
+    told.halt_team()
+    told.pass_time(20.0)
+    assert told.found(Invariant.HALTS) == []
+
+
+def test_a_robot_that_was_resumed_alone_does_not_ignore_the_halt_of_the_team() -> None:
+    told = halted(with_robot())
+    told.pass_time(3.0)
+    told.states["r1"]["halted"] = False
+    told.pass_time(20.0)
+    assert told.found(Invariant.HALTS) == []
+
+
+def test_without_a_coordinator_the_halt_itself_counts() -> None:
+    told = with_robot()
+    told.has_coordinator = False
+    told.pass_time(1.0)
+    told.halt_team()
+    told.pass_time(5.0)
+    assert [type(found) for found in told.found(Invariant.HALTS)] == [HaltIgnored]
+
+
+def test_a_robot_is_not_in_contact_while_its_coordinator_is_away() -> None:
+    told = with_robot()
+    told.pass_time(1.0)
+    told.halt_team()
+    told.pass_time(1.0)
+    told.has_coordinator = False
+    told.pass_time(5.0)
+    told.has_coordinator = True
+    told.pass_time(1.9)
+    assert told.found(Invariant.HALTS) == []
+    told.pass_time(2.0)
+    assert [type(found) for found in told.found(Invariant.HALTS)] == [HaltIgnored]
+
+
+@pytest.mark.parametrize(("away_s", "is_broken"), [(0.5, True), (3.0, False)])
+def test_without_a_coordinator_nobody_tells_a_robot_that_was_away(away_s: float, *, is_broken: bool) -> None:
+    told = with_robot()
+    told.has_coordinator = False
+    told.pass_time(1.0)
+    state = told.states.pop("r1")
+    told.halt_team()
+    told.pass_time(away_s)
+    told.states["r1"] = state
+    told.pass_time(5.0)
+    assert bool(told.found(Invariant.HALTS)) == is_broken
+
+
+@pytest.mark.parametrize(("moved_m", "is_broken"), [(0.2, False), (1.5, True)])
+def test_without_ground_truth_the_poses_before_and_after_a_halt_count(moved_m: float, *, is_broken: bool) -> None:
+    told = Told()
+    told.states["r1"] = {"pose": Pose2D(1.0, 1.0, 0.0), "pose_covariance": (1e-4, 0.0, 0.0, 0.0, 1e-4, *[0.0] * 4)}
+    halted(told).pass_time(5.0)
+    told.resume_team()
+    told.states["r1"]["halted"] = False
+    told.pass_time(0.1)
+    told.states["r1"]["pose"] = Pose2D(1.0 + moved_m, 1.0, 0.0)
+    told.pass_time(1.0)
+    found = told.found(Invariant.HALTS)
+    assert bool(found) == is_broken
+    assert all(isinstance(one, MovedHalted) and not one.is_true for one in found)
+
+
+def test_halts_are_not_judged_without_robots() -> None:
+    assert Told().ruling(Invariant.HALTS).missing is Missing.ROBOTS
+
+
+# -- energy -----------------------------------------------------------------------------------------------------
+
+
+def discharge(told: Told, seconds: float, from_soc: float, power_w: float = 10.0) -> float:
+    """The robot draws power and says so truly; returns its state of charge at the end."""
+    for step in range(round(seconds / 0.2)):
+        drive(told, 0.2, power_w, **battery(from_soc - step * 0.2 * power_w / 10_000.0))
+    return from_soc - seconds * power_w / 10_000.0
+
+
+def test_energy_that_is_used_charged_and_used_again_balances() -> None:
+    told = with_robot(at=(5.0, 5.0))
+    soc = discharge(told, 60.0, 0.5)
+    for step in range(100):
+        drive(told, 0.2, 8.0, **battery(soc + 0.004 * step, charging=True))
+    discharge(told, 60.0, soc + 0.4)
+    ruling = told.ruling(Invariant.ENERGY, CHARGER)
+    assert (ruling.standing, ruling.cases) == (Standing.KEPT, 1), ruling.breaches
+
+
+def test_delivered_energy_that_falls_does_not_balance() -> None:
+    told = with_robot()
+    discharge(told, 10.0, 0.5)
+    told.truths["r1"]["energy_j"] = 40.0
+    told.pass_time(2.0)
+    [found] = told.found(Invariant.ENERGY)
+    assert isinstance(found, DeliveredFell)
+    assert (found.before_j, found.now_j) == (pytest.approx(100.0), 40.0)
+
+
+def test_a_robot_that_charges_away_from_chargers_does_not_balance() -> None:
+    told = with_robot(at=(2.0, 5.0))
+    drive(told, 5.0, **battery(0.5, charging=True))
+    assert told.found(Invariant.ENERGY, CHARGER) == [ChargedAway(robot="r1", place=Point2D(2.0, 5.0), charger_m=3.0)]
+    assert told.found(Invariant.ENERGY) == []  # where chargers are not known
+    assert told.found(Invariant.ENERGY, Surroundings(chargers=())) == [
+        ChargedAway(robot="r1", place=Point2D(2.0, 5.0), charger_m=None)
+    ]
+
+
+def test_where_a_halted_robot_charges_is_not_judged_as_it_tells_what_it_knew_when_it_was_halted() -> None:
+    told = with_robot(at=(5.0, 5.0))
+    drive(told, 5.0, **battery(0.5, charging=True))
+    told.states["r1"]["halted"] = True
+    told.truths["r1"]["at"] = (2.0, 5.0)
+    drive(told, 5.0, **battery(0.5, charging=True))
+    assert told.found(Invariant.ENERGY, CHARGER) == []
+    told.states["r1"]["halted"] = False
+    drive(told, 5.0, **battery(0.5, charging=True))
+    assert [type(found) for found in told.found(Invariant.ENERGY, CHARGER)] == [ChargedAway]
+
+
+def test_charge_that_rises_without_a_charger_does_not_balance() -> None:
+    told = with_robot()
+    soc = discharge(told, 20.0, 0.5)
+    drive(told, 2.0, **battery(soc + 0.01))  # within its interval
+    assert told.found(Invariant.ENERGY) == []
+    drive(told, 2.0, **battery(soc + 0.3))
+    assert ChargeRose in [type(found) for found in told.found(Invariant.ENERGY)]
+
+
+def test_an_estimate_that_does_not_fall_with_what_is_used_does_not_balance() -> None:
+    told = with_robot()
+    for _ in range(600):
+        drive(told, 0.2, 10.0, **battery(0.5))
+    [found] = told.found(Invariant.ENERGY)
+    assert isinstance(found, Unbalanced)
+    assert found.delivered_j > found.most_j
+
+
+def test_an_estimate_that_is_doubted_is_not_judged() -> None:
+    told = with_robot()
+    discharge(told, 20.0, 0.5)
+    said = {"battery": msgspec.structs.replace(battery(1.0)["battery"], implausible="16.7 V")}
+    drive(told, 5.0, **said)
+    discharge(told, 20.0, 0.49)
+    assert told.found(Invariant.ENERGY) == []

@@ -1,0 +1,427 @@
+"""No task is lost, none is at two robots, none is done twice: what keeps these invariants, and what breaks them."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec import UNSET
+
+from robrain.coordinator.tasks.task_book import LEGAL
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.recording.invariants.findings import (
+    DoneAgain,
+    Invariant,
+    Missing,
+    Reopened,
+    Standing,
+    StillAtDone,
+    TaskAbandoned,
+    TaskAtTwo,
+    TasksForgotten,
+)
+from robrain.recording.invariants.task_changes import ENDED_KEPT, TaskChanges
+from tests.recording.invariants.told import Told, at_task
+
+QUEUED, OFFERED, RUNNING = TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING
+DONE, CANCELLED, LOST_CONTACT = TaskState.DONE, TaskState.CANCELLED, TaskState.LOST_CONTACT
+
+
+def given_to(robot: str, task: str = "door", epoch: int = 1) -> Told:
+    """A task that has just been given to a robot, which does it."""
+    told = Told()
+    told.states[robot] = {}
+    told.pass_time(1.0)
+    told.event(task, QUEUED)
+    told.event(task, OFFERED, robot, epoch)
+    told.event(task, RUNNING, robot, epoch)
+    told.tasks_open = 1
+    told.states[robot] = at_task(task, epoch)
+    return told
+
+
+def done(told: Told, robot: str = "r1", task: str = "door", epoch: int = 1) -> Told:
+    """The same, when the robot has done it."""
+    told.states[robot] = at_task(task, epoch, DONE)
+    told.pass_time(0.1)
+    told.event(task, DONE, robot, epoch)
+    told.tasks_open = 0
+    told.pass_time(1.0)
+    return told
+
+
+# -- lost -------------------------------------------------------------------------------------------------------
+
+
+def test_a_task_that_is_done_is_not_lost() -> None:
+    told = given_to("r1")
+    told.pass_time(20.0)
+    ruling = done(told).ruling(Invariant.TASK_KEPT)
+    assert (ruling.standing, ruling.cases, ruling.broken) == (Standing.KEPT, 1, 0)
+
+
+def test_a_task_that_the_coordinator_no_longer_counts_is_lost_and_named() -> None:
+    told = given_to("r1", "door")
+    told.pass_time(1.0)
+    told.event("corner", QUEUED)
+    told.tasks_open = 2
+    told.pass_time(3.0)
+    told.event("door", QUEUED)  # given back, and forgotten
+    told.states["r1"] = {}
+    told.tasks_open = 1
+    told.pass_time(3.0)
+    assert told.found(Invariant.TASK_KEPT) == [TasksForgotten(missing=1, tasks=("door",), of=1)]
+    [breach] = told.ruling(Invariant.TASK_KEPT).breaches
+    assert breach.text.endswith("the coordinator no longer knows door, which has not ended")
+    assert 5.0 < breach.time_s < 7.0
+
+
+def test_changes_that_may_have_gone_unheard_with_summaries_are_no_lost_tasks() -> None:
+    # A recorder that takes them for messages from the future lacks both.
+    def told_with(seqs: list[int]) -> Told:
+        told = Told()
+        told.say(TeamState(robots=[], tasks_open=0, seq=0))
+        told.event("door", QUEUED)
+        for at, seq in enumerate(seqs):
+            told.now_s += 0.5
+            told.say(TeamState(robots=[], tasks_open=1 if at == 0 else 0, seq=seq))
+        return told
+
+    whole, lacking = told_with(list(range(1, 12))), told_with([1, *range(9, 20)])
+    assert [type(one) for one in whole.found(Invariant.TASK_KEPT)] == [TasksForgotten]
+    assert lacking.found(Invariant.TASK_KEPT) == []
+    assert lacking.ruling(Invariant.TASK_KEPT).missing is Missing.EVENTS
+    lacking.event("window", QUEUED)  # numbered without a gap: nothing was missed
+    for seq in range(20, 26):
+        lacking.now_s += 0.5
+        lacking.say(TeamState(robots=[], tasks_open=1, seq=seq))
+    assert [type(one) for one in lacking.found(Invariant.TASK_KEPT)] == [TasksForgotten]
+
+
+def test_a_task_is_not_abandoned_whose_end_may_have_gone_unheard() -> None:
+    def told_with(first_seq: int) -> Told:
+        told = given_to("r1")
+        told.say(TeamState(robots=[], tasks_open=1, seq=1))
+        told.states["r1"] = {}
+        for seq in range(first_seq, first_seq + 30):
+            told.has_coordinator = False
+            told.pass_time(0.5)
+            told.say(TeamState(robots=[], tasks_open=1, seq=seq))
+        return told
+
+    assert [type(one) for one in told_with(2).found(Invariant.TASK_KEPT)] == [TaskAbandoned]
+    assert told_with(9).found(Invariant.TASK_KEPT) == []
+
+
+def test_a_count_that_is_late_by_a_summary_loses_no_task() -> None:
+    told = given_to("r1")
+    told.tasks_open = 0
+    told.pass_time(0.6)
+    told.tasks_open = 1
+    told.pass_time(5.0)
+    assert told.found(Invariant.TASK_KEPT) == []
+
+
+def test_a_task_whose_robot_does_not_report_it_is_abandoned() -> None:
+    told = given_to("r1", epoch=7)
+    told.pass_time(3.0)
+    told.states["r1"] = {}  # restarted, and the coordinator does not give the task back
+    told.pass_time(9.0)
+    assert told.found(Invariant.TASK_KEPT) == []
+    told.pass_time(4.0)
+    [found] = told.found(Invariant.TASK_KEPT)
+    assert isinstance(found, TaskAbandoned)
+    assert (found.task, found.robot, found.state) == ("door", "r1", RUNNING)
+
+
+def test_a_task_that_the_journal_has_no_room_to_give_back_is_abandoned_only_once_there_is_room() -> None:
+    told = given_to("r1", epoch=7)
+    told.pass_time(3.0)
+    told.states["r1"] = {}
+    told.unwritable = "the disk is full"
+    told.pass_time(20.0)
+    told.unwritable = UNSET
+    told.pass_time(9.0)
+    assert told.found(Invariant.TASK_KEPT) == []
+    told.pass_time(4.0)
+    assert [type(found) for found in told.found(Invariant.TASK_KEPT)] == [TaskAbandoned]
+
+
+def test_a_task_that_ended_at_its_robot_and_not_in_the_book_is_abandoned() -> None:
+    told = given_to("r1")
+    told.states["r1"] = at_task("door", 1, DONE)
+    told.pass_time(12.0)
+    assert [type(found) for found in told.found(Invariant.TASK_KEPT)] == [TaskAbandoned]
+
+
+def test_a_task_of_a_silent_robot_is_abandoned_unless_it_is_given_back() -> None:
+    told = given_to("r1")
+    told.pass_time(1.0)
+    del told.states["r1"]
+    told.up = {"r1": False}
+    told.pass_time(1.5)
+    told.event("door", LOST_CONTACT, "r1", 1)
+    told.pass_time(15.0)
+    assert [type(found) for found in told.found(Invariant.TASK_KEPT)] == [TaskAbandoned]
+
+
+def test_a_held_task_is_not_abandoned() -> None:
+    told = given_to("r1", "door")
+    told.event("next", QUEUED)
+    told.event("next", OFFERED, "r1", 2)
+    told.tasks_open = 2
+    told.states["r1"] |= {"next_task": TaskStatus(id="next", epoch=2, state=OFFERED)}
+    told.pass_time(30.0)
+    assert told.found(Invariant.TASK_KEPT) == []
+
+
+def test_a_task_is_not_abandoned_while_the_coordinator_is_away() -> None:
+    told = given_to("r1")
+    told.pass_time(2.0)
+    told.states["r1"] = {}
+    told.has_coordinator = False
+    told.pass_time(30.0)
+    told.has_coordinator = True
+    told.pass_time(1.0)
+    told.event("door", QUEUED)
+    told.pass_time(1.0)
+    assert told.found(Invariant.TASK_KEPT) == []
+
+
+def test_a_robot_that_only_the_coordinator_hears_has_not_abandoned_its_task() -> None:
+    told = given_to("r1")
+    told.pass_time(1.0)
+    del told.states["r1"]
+    told.up = {"r1": True}
+    told.pass_time(30.0)
+    assert told.found(Invariant.TASK_KEPT) == []
+
+
+def test_the_work_of_a_mote_and_a_task_of_several_robots_stand_at_no_robot() -> None:
+    told = Told()
+    told.pass_time(0.5)
+    told.event("duty", QUEUED)
+    told.event("duty", OFFERED, "mote:m1", 1)
+    told.event("pair", QUEUED)
+    told.event("pair", RUNNING, "", 2)
+    told.tasks_open = 2
+    told.pass_time(30.0)
+    assert told.found(Invariant.TASK_KEPT) == []
+
+
+@pytest.mark.parametrize(
+    ("first_change", "tasks_open", "missing"),
+    [
+        (1, 1, None),  # from the first change of all
+        (5, 3, Missing.START),  # of the other two nothing is known
+    ],
+)
+def test_a_recording_that_begins_in_mid_run_does_not_say_whether_tasks_are_lost(
+    first_change: int, tasks_open: int, missing: Missing | None
+) -> None:
+    told = Told()
+    told.event("door", QUEUED, change=first_change)
+    told.tasks_open = tasks_open
+    told.pass_time(5.0)
+    told.tasks_open = 0 if missing else 1
+    told.pass_time(5.0)
+    ruling = told.ruling(Invariant.TASK_KEPT)
+    assert ruling.missing is missing
+    assert ruling.standing is (Standing.NOT_JUDGED if missing else Standing.KEPT)
+
+
+def test_changes_that_are_missing_leave_the_invariant_unjudged() -> None:
+    told = given_to("r1")
+    told.pass_time(1.0)
+    told.event("corner", QUEUED, change=9)
+    told.tasks_open = 1  # what the missing changes said is not known
+    told.pass_time(5.0)
+    for invariant in (Invariant.TASK_KEPT, Invariant.TASK_ONCE):
+        ruling = told.ruling(invariant)
+        assert (ruling.standing, ruling.missing) == (Standing.NOT_JUDGED, Missing.EVENTS)
+        assert ruling.why
+
+
+def test_without_a_coordinator_no_invariant_of_its_book_is_judged() -> None:
+    ruling = Told().ruling(Invariant.TASK_KEPT)
+    assert (ruling.standing, ruling.missing) == (Standing.NOT_JUDGED, Missing.SUMMARIES)
+    assert Told().ruling(Invariant.TASK_ONCE).missing is Missing.TASKS
+    assert Told().ruling(Invariant.TASK_AT_ONE).missing is Missing.ROBOTS
+
+
+# -- at two robots ----------------------------------------------------------------------------------------------
+
+
+def test_two_robots_may_be_at_a_task_for_a_lease_and_no_longer() -> None:
+    told = given_to("r1")
+    told.pass_time(3.0)
+    told.states["r2"] = at_task("door", 2)
+    told.pass_time(2.0)
+    assert told.found(Invariant.TASK_AT_ONE) == []
+    told.pass_time(1.0)
+    [found] = told.found(Invariant.TASK_AT_ONE)
+    assert isinstance(found, TaskAtTwo)
+    assert (found.task, found.robots, found.epochs) == ("door", ("r1", "r2"), (1, 2))
+    assert found.for_s == pytest.approx(2.1)
+
+
+def test_a_robot_that_takes_over_from_a_silent_one_is_alone() -> None:
+    told = given_to("r1")
+    told.pass_time(3.0)
+    told.states = {"r2": at_task("door", 2)}
+    told.pass_time(10.0)
+    assert told.found(Invariant.TASK_AT_ONE) == []
+
+
+def test_the_time_of_a_robot_that_comes_back_begins_anew() -> None:
+    told = given_to("r1")
+    told.pass_time(3.0)
+    told.states = {"r2": at_task("door", 2)}
+    told.pass_time(10.0)
+    told.states["r1"] = at_task("door", 1)  # it was stopped, and hears now that it has lost the task
+    told.pass_time(1.0)
+    told.states["r1"] = at_task("door", 1, CANCELLED)
+    told.pass_time(5.0)
+    assert told.found(Invariant.TASK_AT_ONE) == []
+
+
+def test_robots_that_hold_a_task_or_have_ended_it_are_not_at_it() -> None:
+    told = given_to("r1")
+    told.states["r2"] = {"next_task": TaskStatus(id="door", epoch=2, state=OFFERED)}
+    told.states["r3"] = at_task("door", 3, DONE)
+    told.pass_time(10.0)
+    assert told.found(Invariant.TASK_AT_ONE) == []
+
+
+def test_each_pair_at_a_task_is_told_once() -> None:
+    told = given_to("r1")
+    told.states["r2"] = at_task("door", 2)
+    told.states["r3"] = at_task("door", 3)
+    told.pass_time(20.0)
+    found = told.found(Invariant.TASK_AT_ONE)
+    assert sorted(one.robots for one in found if isinstance(one, TaskAtTwo)) == [
+        ("r1", "r2"),
+        ("r1", "r3"),
+        ("r2", "r3"),
+    ]
+
+
+# -- twice ------------------------------------------------------------------------------------------------------
+
+
+def test_a_second_end_with_a_number_of_its_own_is_a_task_done_twice() -> None:
+    told = done(given_to("r1"))
+    told.event("door", DONE, "r2", 5)
+    [found] = told.found(Invariant.TASK_ONCE)
+    assert isinstance(found, DoneAgain)
+    assert (found.task, found.robot, found.changes) == ("door", "r2", (4, 5))
+
+
+def test_a_coordinator_that_begins_anew_and_does_a_task_again_does_it_twice() -> None:
+    told = done(given_to("r1"))
+    told.pass_time(5.0)
+    for change, state in enumerate((QUEUED, OFFERED, RUNNING, DONE), 1):
+        told.pass_time(0.5)
+        told.event("door", state, "r1" if change > 1 else "", 8 if change > 1 else 0, change=change)
+    assert [type(found) for found in told.found(Invariant.TASK_ONCE)] == [Reopened, DoneAgain]
+
+
+def test_a_task_that_ended_and_is_queued_again_is_reopened() -> None:
+    told = given_to("r1")
+    told.event("door", CANCELLED)
+    told.event("door", QUEUED)
+    assert told.found(Invariant.TASK_ONCE) == [Reopened(task="door", ended=CANCELLED, state=QUEUED)]
+
+
+def test_a_robot_may_go_on_with_a_task_that_was_done_for_a_lease_and_no_longer() -> None:
+    told = given_to("r1")
+    told.states["r2"] = at_task("door", 2)
+    told.pass_time(0.2)
+    done(told)
+    told.pass_time(0.5)
+    assert told.found(Invariant.TASK_ONCE) == []
+    told.pass_time(5.0)
+    [found] = told.found(Invariant.TASK_ONCE)
+    assert isinstance(found, StillAtDone)
+    assert (found.task, found.robot) == ("door", "r2")
+
+
+def test_a_robot_that_begins_a_task_after_its_end_does_it_twice() -> None:
+    told = done(given_to("r1"))
+    told.pass_time(30.0)
+    told.states["r2"] = at_task("door", 9)
+    told.pass_time(3.0)
+    assert [type(found) for found in told.found(Invariant.TASK_ONCE)] == [StillAtDone]
+
+
+# -- any history ------------------------------------------------------------------------------------------------
+
+
+@st.composite
+def histories(draw: Any) -> list[tuple[str, TaskState]]:
+    """Legal changes of some tasks, in any order."""
+    states: dict[str, TaskState | None] = dict.fromkeys("abc")
+    changes = []
+    for _ in range(draw(st.integers(1, 25))):
+        task = draw(st.sampled_from("abc"))
+        legal = sorted(LEGAL[states[task]])
+        if not legal:
+            continue
+        states[task] = draw(st.sampled_from(legal))
+        changes.append((task, states[task]))
+    return changes
+
+
+def play(changes: list[tuple[str, TaskState]], again: set[int]) -> Told:
+    told = Told()
+    told.pass_time(0.5)
+    open_tasks: set[str] = set()
+    for number, (task, state) in enumerate(changes):
+        told.event(task, state)
+        (open_tasks.discard if state.ended else open_tasks.add)(task)
+        told.tasks_open = len(open_tasks)
+        if number in again:
+            told.event(task, state, change=told.change)
+        told.pass_time(0.5)
+    return told
+
+
+@pytest.mark.slow
+@settings(max_examples=30)
+@given(histories(), st.sets(st.integers(0, 24)))
+def test_no_legal_history_breaks_an_invariant_however_often_its_changes_are_repeated(
+    changes: list[tuple[str, TaskState]], again: set[int]
+) -> None:
+    told = play(changes, again)
+    told.pass_time(5.0)
+    for invariant in (Invariant.TASK_KEPT, Invariant.TASK_ONCE):
+        ruling = told.ruling(invariant)
+        assert ruling.standing is Standing.KEPT, ruling.breaches
+    assert told.ruling(Invariant.TASK_KEPT).cases == len({task for task, _ in changes})
+
+
+@pytest.mark.slow
+@settings(max_examples=30)
+@given(histories(), st.integers(1, 3))
+def test_any_task_that_disappears_from_the_count_is_found(changes: list[tuple[str, TaskState]], lost: int) -> None:
+    told = play(changes, set())
+    lost = min(lost, told.tasks_open)
+    told.tasks_open -= lost
+    told.pass_time(5.0)
+    found = told.found(Invariant.TASK_KEPT)
+    assert sum(one.missing for one in found if isinstance(one, TasksForgotten)) == lost
+
+
+@pytest.mark.slow
+def test_what_is_remembered_of_ended_tasks_is_bounded() -> None:
+    changes = TaskChanges()
+    place = Point2D(0.0, 0.0)
+    for number in range(ENDED_KEPT + 50):
+        task = Task(id=f"t{number}", kind="visit", place=place)
+        changes.take(TaskEvent(task=task, state=DONE, change=number + 1, stamp_ns=number), number)
+    assert len(changes.ended) == ENDED_KEPT
+    assert changes.tasks == ENDED_KEPT + 50

@@ -1,0 +1,309 @@
+"""When each channel for Foxglove is drawn, and what of: by the recorded messages and the clock alone."""
+
+import json
+import socket
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.slam.map_patch import to_message
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.errors import WireError
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import (
+    ARENA_SCAN,
+    COORDINATOR_STATE,
+    HALT,
+    MOTE_READING,
+    ROBOT_LOG,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    TASK_EVENT,
+)
+from robrain.recording.foxglove.channels import FoxgloveChannels
+from robrain.recording.foxglove.server import FoxgloveServer
+from tests.waiting import until
+
+NS_PER_S = 1_000_000_000
+SCAN = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=0.1, range_max_m=5.0, ranges_mm=[1])
+BATTERY = BatteryState(voltage_v=24.0, current_a=2.0, temperature_c=30.0, soc=0.5, remaining_j=1e5)
+READING = MoteReading(mote="m1", place=Point2D(1, 1), quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=-60.0, via="r1")
+
+
+def told(channels: FoxgloveChannels, now_s: float) -> list[str]:
+    return [message.channel for message in channels.due(round(now_s * NS_PER_S))]
+
+
+def say(channels: FoxgloveChannels, topic: Topic, message: msgspec.Struct, key: str = "key") -> None:
+    channels.take(topic, key, msgspec.json.encode(message))
+
+
+def spoken(**fields: Any) -> FoxgloveChannels:
+    channels = FoxgloveChannels()
+    say(channels, ROBOT_STATE, RobotState(robot="r1", **fields))
+    return channels
+
+
+def test_each_channel_has_its_rate() -> None:
+    channels = FoxgloveChannels()
+    counts: Counter[str] = Counter()
+    for tenth in range(100):
+        say(channels, ROBOT_STATE, RobotState(robot="r1", pose=Pose2D(tenth / 4, 0.0, 0.0), battery=BATTERY))
+        say(channels, ARENA_SCAN, SCAN)
+        say(channels, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(1.0, 2.0)]))
+        say(channels, MOTE_READING, READING)
+        counts.update(told(channels, tenth / 10))
+    assert counts == {
+        "/visual/tf": 50, "/visual/r1/scan": 10, "/visual/r1/points": 5, "/visual/robots": 10, "/visual/r1/pose": 10,
+        "/visual/r1/battery": 10, "/visual/r1/path": 10, "/visual/motes": 5, "/visual/r1/trail": 2,
+    }  # fmt: skip
+
+
+def test_scans_paths_and_transforms_are_drawn_once_and_robots_again() -> None:
+    channels = spoken(pose=Pose2D(1.0, 2.0, 0.0))
+    say(channels, ARENA_SCAN, SCAN)
+    say(channels, ROBOT_PATH, PlannedPath(robot="r1", points=[]))
+    first, second = set(told(channels, 0.0)), set(told(channels, 2.0))
+    has_changed = {"/visual/r1/scan", "/visual/r1/points", "/visual/r1/path", "/visual/tf"}
+    assert first - second == {*has_changed, "/visual/r1/trail"}
+    assert second == {"/visual/robots", "/visual/r1/pose"}
+
+
+def test_a_clock_that_is_set_back_is_followed_at_once() -> None:
+    channels = spoken(pose=Pose2D(1.0, 2.0, 0.0))
+    times_s = (100.0, 100.5, 99.5, 99.5, 5.0, 5.9, 6.0)
+    drawn = ["/visual/robots" in told(channels, t_s) for t_s in times_s]
+    assert drawn == [True, False, True, False, True, False, True]
+
+
+def test_a_robot_without_pose_and_battery_is_in_no_channel_of_its_own() -> None:
+    assert told(spoken(), 0.0) == ["/visual/robots"]
+
+
+def test_a_battery_is_told_in_numbers() -> None:
+    [found] = [one for one in spoken(battery=BATTERY).due(7) if one.channel == "/visual/r1/battery"]
+    assert json.loads(found.data()) == {
+        "robot": "r1", "soc": 0.5, "remaining_j": 1e5, "voltage_v": 24.0, "power_w": 48.0,
+    }  # fmt: skip
+    name, encoding, schema = found.schema()
+    assert (found.encoding, found.stamp_ns, name, encoding) == ("json", 7, "robrain.Battery", "jsonschema")
+    assert set(json.loads(schema)["properties"]) == {"robot", "soc", "remaining_j", "voltage_v", "power_w"}
+
+
+def trail_of(channels: FoxgloveChannels, now_s: float) -> list[tuple[float, float]]:
+    [trail] = [one.message for one in channels.due(round(now_s * NS_PER_S)) if one.channel == "/visual/r1/trail"]
+    return [(pose.position.x, pose.position.y) for pose in trail.poses]  # type: ignore[union-attr]
+
+
+def test_a_trail_has_a_point_each_quarter_of_a_metre_and_the_last_two_hundred() -> None:
+    channels = FoxgloveChannels()
+    for second, x_m in enumerate((0.0, 0.24, 0.25, 0.5, 0.5)):
+        say(channels, ROBOT_STATE, RobotState(robot="r1", pose=Pose2D(x_m, 1.0, 0.0)))
+        told(channels, float(second))
+    assert trail_of(channels, 5.0) == [(0.0, 1.0), (0.25, 1.0), (0.5, 1.0)]
+    for second in range(6, 306):
+        say(channels, ROBOT_STATE, RobotState(robot="r1", pose=Pose2D(float(second), 1.0, 0.0)))
+        list(channels.due(second * NS_PER_S))
+    assert trail_of(channels, 310.0) == [(float(second), 1.0) for second in range(106, 306)]
+
+
+def logged(channels: FoxgloveChannels, now_ns: int = 99) -> list[tuple[int, str, str, int]]:
+    lines: list[Any] = [one.message for one in channels.due(now_ns) if one.channel == "/visual/log"]
+    return [(line.level, line.name, line.message, line.timestamp.ToNanoseconds()) for line in lines]
+
+
+@pytest.mark.parametrize(
+    ("state", "level"),
+    [
+        (TaskState.DONE, Log.INFO),
+        (TaskState.FAILED, Log.WARNING),
+        (TaskState.LOST_CONTACT, Log.WARNING),
+    ],
+)
+def test_a_task_that_goes_wrong_is_a_warning_in_the_log(state: TaskState, level: int) -> None:
+    channels = FoxgloveChannels()
+    say(
+        channels,
+        TASK_EVENT,
+        TaskEvent(stamp_ns=7, task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=state),
+    )
+    assert logged(channels) == [(level, "task", f"t1 {state}", 7)]
+
+
+def test_the_log_says_who_and_why() -> None:
+    channels = FoxgloveChannels()
+    task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
+    say(channels, TASK_EVENT, TaskEvent(stamp_ns=7, task=task, state=TaskState.RUNNING, robot="r1", why="near"))
+    say(channels, ROBOT_LOG, LogRecord(robot="r1", level="debug", source="scan", text="fine"))
+    say(channels, ROBOT_LOG, LogRecord(stamp_ns=8, robot="r1", level="error", source="scan", text="burnt"))
+    say(channels, HALT, Halt(halted=True, by="ann", reason="smoke"))
+    say(channels, HALT, Halt(stamp_ns=9, halted=False, by="bob"))
+    assert logged(channels) == [
+        (Log.INFO, "task", "t1 running at r1: near", 7),
+        (Log.DEBUG, "r1 scan", "fine", 99),
+        (Log.ERROR, "r1 scan", "burnt", 8),
+        (Log.ERROR, "team", "emergency halt by ann: smoke", 99),
+        (Log.ERROR, "team", "resume by bob", 9),
+    ]
+    assert logged(channels) == []
+
+
+def test_open_tasks_are_drawn_when_one_changes_and_anew_in_a_new_file() -> None:
+    channels = FoxgloveChannels()
+    say(
+        channels,
+        TASK_EVENT,
+        TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.QUEUED),
+    )
+    assert "/visual/tasks" in told(channels, 0.0)
+    assert "/visual/tasks" not in told(channels, 10.0)
+    channels.begin_anew()
+    assert "/visual/tasks" in told(channels, 20.0)
+    say(
+        channels, TASK_EVENT, TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.DONE)
+    )
+    assert "/visual/tasks" in told(channels, 30.0)
+    channels.begin_anew()
+    assert "/visual/tasks" not in told(channels, 40.0)
+
+
+def patch(value: int, width: int = 10) -> MapPatch:
+    grid = OccupancyGrid(GridGeometry(0.5, 0.0, 0.0, width, width))
+    grid.merge_patch(0, 0, np.full((value, 3), 100, np.int8), value)
+    return to_message("r1", grid.geometry, PatchCells(0, 0, grid.classes(), value))
+
+
+def test_the_map_is_drawn_when_it_has_grown_and_its_walls_less_often() -> None:
+    channels = FoxgloveChannels()
+    seen = []
+    for second in range(13):
+        if second < 9:
+            say(channels, ROBOT_MAP, patch(1 + second // 2))
+        seen.append([name.removeprefix("/visual/") for name in told(channels, float(second))])
+    map_at = [second for second, names in enumerate(seen) if "map" in names]
+    walls_at = [second for second, names in enumerate(seen) if "walls" in names]
+    assert map_at == [0, 2, 4, 6, 8]
+    assert walls_at == [second for second, names in enumerate(seen) if "wall_points" in names] == [0, 10]
+
+
+def test_a_new_file_has_the_map_and_its_walls_and_a_patch_that_changes_nothing_is_not_drawn() -> None:
+    channels = FoxgloveChannels()
+    say(channels, ROBOT_MAP, patch(1))
+    whole = ["/visual/map", "/visual/walls", "/visual/wall_points"]
+    assert told(channels, 0.0) == whole
+    say(channels, ROBOT_MAP, patch(1))
+    assert told(channels, 20.0) == []
+    channels.begin_anew()
+    assert told(channels, 20.5) == whole
+    assert told(channels, 40.0) == []
+
+
+def test_messages_of_topics_that_are_not_drawn_are_left_alone() -> None:
+    channels = FoxgloveChannels()
+    say(channels, COORDINATOR_STATE, TeamState(robots=[]))
+    channels.take(ROBOT_LOG, "key", b"{}")
+    assert told(channels, 0.0) == []
+
+
+def test_a_large_map_comes_less_often() -> None:
+    channels = FoxgloveChannels()
+    say(channels, ROBOT_MAP, patch(1, 1000))  # a million cells: each ten seconds
+    assert "/visual/map" in told(channels, 0.0)
+    at = []
+    for second in range(1, 25):
+        say(channels, ROBOT_MAP, patch(1 + second, 1000))
+        at += [second] * ("/visual/map" in told(channels, float(second)))
+    assert at == [2, 12, 22]  # how large it is was not known at first
+
+
+# -- served -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def wire() -> Iterator[Endpoint]:
+    with open_lockstep_session() as session:
+        endpoint = Endpoint(session, "default", VirtualClock(0), Drive.LOCKSTEP)
+        yield endpoint
+        endpoint.close()
+
+
+def test_a_robot_that_is_new_is_asked_once_for_the_map_that_it_knows(
+    wire: Endpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    drawn: list[str] = []
+
+    def answer(_: Any) -> MapPatch:
+        asked.append("r1")
+        return patch(1)
+
+    class Heard(FoxgloveChannels):
+        def take(self, topic: Topic, key: str, payload: bytes) -> None:
+            drawn.append(topic.name)
+            super().take(topic, key, payload)
+
+    monkeypatch.setattr("robrain.recording.foxglove.server.FoxgloveChannels", Heard)
+    server = FoxgloveServer(wire, "127.0.0.1", 0)
+    try:
+        wire.answer(ROBOT_MAP_WHOLE, answer, robot="r1")
+        states = wire.publisher(ROBOT_STATE, robot="r1")
+        for _ in range(2):
+            states.put(RobotState(robot="r1", pose=Pose2D(1.0, 2.0, 0.0)))
+            server.step()
+        server.step()
+    finally:
+        server.close()
+    assert asked == ["r1"]
+    assert sorted(drawn) == ["robot_map", "robot_state", "robot_state"]
+
+
+def test_all_is_said_again_every_five_seconds_for_viewers_that_have_come(
+    wire: Endpoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[float] = []
+    monkeypatch.setattr(FoxgloveChannels, "begin_anew", lambda _: begun.append(wire.clock.now_ns() / NS_PER_S))
+    server = FoxgloveServer(wire, "127.0.0.1", 0)
+    try:
+        for half_second in range(25):
+            assert isinstance(wire.clock, VirtualClock)
+            wire.clock.advance_to(half_second * NS_PER_S // 2)
+            server.step()
+    finally:
+        server.close()
+    assert begun == [5.0, 10.0]
+
+
+def test_a_port_that_is_taken_is_told_and_free_again_when_its_server_closes(wire: Endpoint) -> None:
+    server = FoxgloveServer(wire, "127.0.0.1", 0)
+    port = int(server.address.removeprefix("ws://127.0.0.1:"))
+    try:
+        with pytest.raises(WireError, match=f"cannot listen on 127.0.0.1:{port}"):
+            FoxgloveServer(wire, "127.0.0.1", port)
+    finally:
+        server.close()
+    until(lambda: not _listens(port), "the port is free again")  # the SDK closes its socket on a thread of its own
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0

@@ -1,0 +1,172 @@
+"""The map at a time of a recording: what does not fit is left out, and what was read once need not be read again."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message
+from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.wire.messages.maps.map_messages import MapPatch
+from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS
+from robrain.recording.drawing.map_view import MapView
+from robrain.recording.reader.chunked_file import ChunkedFile
+from robrain.recording.reader.map_at import MapAt, Place
+from robrain.recording.reader.reading import RecordedMessage
+from robrain.recording.replay.player import Player
+
+DECODER = msgspec.json.Decoder(MapPatch)
+GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 1000, 10)
+NS_PER_S = 1_000_000_000
+PATCHES = 30
+
+
+def payload(column: int, kind: np.int8 = FREE, geometry: GridGeometry = GEOMETRY) -> bytes:
+    """A patch of one cell in the first row, seen after all those of smaller columns."""
+    cells = PatchCells(0, column, np.full((1, 1), kind, np.int8), 100 + column)
+    return msgspec.json.encode(to_message("r1", geometry, cells))
+
+
+def known_columns(atlas: SubmapAtlas | None) -> list[int]:
+    return [] if atlas is None else columns_of(atlas.grid)
+
+
+def columns_of(grid: OccupancyGrid) -> list[int]:
+    return np.flatnonzero(grid.classes()[0] != UNKNOWN).tolist()
+
+
+@pytest.mark.parametrize("size", [(1 << 12, (1 << 12) + 1), (MAX_CELLS + 1, 1), (1, MAX_CELLS + 1)])
+def test_a_map_with_more_cells_than_any_listener_took_is_never_begun(size: tuple[int, int]) -> None:
+    view = MapView()
+    view.take(payload(0, geometry=GridGeometry(0.1, 0.0, 0.0, *size)))
+    assert view.atlas is None
+    view.take(payload(3))
+    assert known_columns(view.atlas) == [3]
+
+
+def test_the_largest_map_that_a_listener_took_is_begun() -> None:
+    geometry = GridGeometry(0.1, 0.0, 0.0, 1 << 12, 1 << 12)
+    view = MapView()
+    view.take(payload(5, geometry=geometry))
+    assert view.grid is not None
+    assert view.grid.geometry == geometry
+    assert known_columns(view.atlas) == [5]
+
+
+@pytest.mark.parametrize("broken", [b"", b"no json", b"\xff", payload(1, geometry=GridGeometry(0.2, 0, 0, 9, 9))])
+def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> None:
+    view = MapView()
+    view.take(payload(3, OCCUPIED))
+    view.take(payload(4))
+    before = view.atlas
+    view.take(broken)
+    assert view.atlas is before
+    assert known_columns(before) == [3, 4]
+    assert view.grid is not None
+    assert view.grid.classes()[0, 3] == OCCUPIED
+
+
+def test_a_patch_that_does_not_decode_begins_no_map() -> None:
+    view = MapView()
+    view.take(b"no json")
+    assert view.atlas is None
+
+
+def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robrain.recording.reader.map_at.PATCHES_BETWEEN", 10)
+    asked: list[tuple[Place, Place]] = []
+
+    def patches(start: Place, end: Place) -> Iterator[bytes]:
+        asked.append((start, end))
+        yield from (payload(column) for column in range(start[1], end[1]))
+
+    maps = MapAt(patches, PATCHES)
+    builder = maps.builder()
+    for column in range(PATCHES):
+        builder.take(payload(column), (0, column))
+    for end in (0, 1, 9, 10, 11, 19, 20, 25, PATCHES):
+        assert known_columns(maps.atlas_at((0, end))) == list(range(end))
+        start, told_end = asked.pop()
+        assert told_end == (0, end)
+        assert start == (0, end // 10 * 10 if end < PATCHES else 20)
+
+
+def test_copies_tell_where_submaps_lie_and_which_were_withdrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robrain.recording.reader.map_at.PATCHES_BETWEEN", 1)
+    said = [
+        payload(3),
+        msgspec.json.encode(pose_message("r1", GEOMETRY, 0, Pose2D(0.5, 0.0, 0.0))),
+        payload(4),
+        msgspec.json.encode(pose_message("r1", GEOMETRY, 0, Pose2D(0.0, 0.0, 0.0), withdrawn=True)),
+        payload(7),
+    ]
+    maps = MapAt(lambda start, end: iter(said[start[1] : end[1]]), len(said))
+    builder = maps.builder()
+    for number, each in enumerate(said):
+        builder.take(each, (0, number))
+    expected = [[], [3], [8], [3, 4], [], [7]]
+    assert [known_columns(maps.atlas_at((0, end))) for end in range(len(said) + 1)] == expected
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Patches of a map, one a second, in many chunks."""
+    path = tmp_path / "maps.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=400)
+        writer.start()
+        maps = writer.register_channel("robrain/t/robot/r1/map", "json", 0)
+        log = writer.register_channel("robrain/t/robot/r1/log", "json", 0)
+        for number in range(PATCHES):
+            writer.add_message(maps, number * NS_PER_S, payload(number), 0)
+            writer.add_message(log, number * NS_PER_S, bytes([number]), 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+def test_a_player_that_was_prepared_need_not_read_the_file_from_its_beginning(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robrain.recording.reader.map_at.PATCHES_BETWEEN", 3)
+    player = Player(recording)
+    player.prepare()
+    chunks_read: list[int] = []
+    read = ChunkedFile.read
+
+    def counted(file: ChunkedFile, number: int) -> list[RecordedMessage]:
+        chunks_read.append(number)
+        return read(file, number)
+
+    monkeypatch.setattr(ChunkedFile, "read", counted)
+    grid = player.map_at(PATCHES - 1.0)
+    assert grid is not None
+    assert columns_of(grid) == list(range(PATCHES))
+    assert min(chunks_read) > PATCHES / 4
+    player.close()
+
+
+def test_a_state_tells_the_map_once_and_before_everything_else(recording: Path) -> None:
+    player = Player(recording)
+    for is_prepared in (False, True):
+        if is_prepared:
+            player.prepare()
+        told = player.seek(12.0)
+        *maps, last = told
+        assert last.payload == bytes([12])
+        assert {message.topic_key for message in maps} == {"robrain/t/robot/r1/map"}
+        assert {message.log_time_ns for message in maps} == {12 * NS_PER_S}
+        patches = [DECODER.decode(message.payload) for message in maps]
+        assert {patch.stamp_ns for patch in patches} == {12 * NS_PER_S}
+        assert len(patches) == 1
+        (part,) = patches[0].parts
+        assert (part.robot, part.submap, part.observed_ms) == ("r1", 0, 112)
+        atlas = SubmapAtlas(GEOMETRY)
+        take_message(atlas, patches[0])
+        assert known_columns(atlas) == list(range(13))
+    player.close()

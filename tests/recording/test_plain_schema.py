@@ -1,0 +1,187 @@
+"""Schemas of channels in the one form that Foxglove and Lichtblick read: one type for each property, nothing else."""
+
+from enum import Enum, StrEnum
+from typing import Any, Literal
+
+import msgspec
+import pytest
+
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import PUBLISHED
+from robrain.recording.writer.plain_schema import SCALARS, plain_schema
+
+
+class Colour(StrEnum):
+    RED = "red"
+
+
+class Level(Enum):
+    LOW = 1
+
+
+class Point(msgspec.Struct):
+    x_m: float
+    label: str = ""
+
+
+class Left(msgspec.Struct, tag=True):
+    a: int
+    both: int
+
+
+class Right(msgspec.Struct, tag=True):
+    b: list[float]
+    both: float
+
+
+class Nest(msgspec.Struct):
+    inner: "Nest | None" = None
+
+
+class Everything(msgspec.Struct):
+    maybe: float | None
+    point: Point | None
+    points: list[Point]
+    colour: Colour
+    level: Level
+    word: Literal["a", "b"]
+    pair: tuple[float, float]
+    mixed: tuple[str, float]
+    grid: list[list[int]]
+    either: Left | Right
+    number_or_word: int | str
+    free: Any
+    by_name: dict[str, int]
+    nest: Nest
+
+
+def assert_plain(schema: dict[str, Any]) -> None:
+    """Raises AssertionError where a reader that knows no more than one type a property would give up."""
+    assert schema["type"] == "object"
+    assert set(schema["required"]) <= set(schema["properties"])
+    for value in schema["properties"].values():
+        inner = value["items"] if value["type"] == "array" else value
+        if inner["type"] == "object":
+            assert_plain(inner)
+        else:
+            assert inner["type"] in SCALARS
+
+
+def test_each_type_has_a_plain_form() -> None:
+    plain = plain_schema(msgspec.json.schema(Everything))
+    assert_plain(plain)
+    told = plain["properties"]
+    assert list(told) == list(Everything.__struct_fields__)
+    assert told["maybe"] == {"type": "number"}
+    assert told["point"]["properties"]["x_m"] == {"type": "number"}
+    assert told["point"]["required"] == ["x_m"]
+    assert told["points"]["items"]["properties"]["label"] == {"type": "string"}
+    assert (told["colour"]["type"], told["colour"]["enum"]) == ("string", ["red"])
+    assert told["level"]["type"] == "integer"
+    assert told["word"]["type"] == "string"
+    assert told["pair"]["items"] == {"type": "number"}
+    assert told["either"]["properties"]["both"] == {"type": "number"}
+    assert set(told["either"]["properties"]) == {"type", "a", "b", "both"}
+    for unknown in (told["mixed"]["items"], told["grid"]["items"], told["number_or_word"], told["free"]):
+        assert unknown == {"type": "object", "properties": {}, "required": []}
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [topic for topic in PUBLISHED if topic.recorded and topic.message is not None],
+    ids=lambda topic: topic.name,
+)
+def test_every_recorded_message_is_described_plainly(topic: Topic) -> None:
+    assert topic.message is not None
+    plain = plain_schema(topic.json_schema())
+    assert_plain(plain)
+    assert set(topic.message.__struct_fields__) <= set(plain["properties"])
+
+
+UNKNOWN = {"type": "object", "properties": {}, "required": []}
+
+
+def property_of(schema: Any, **definitions: Any) -> Any:
+    """The plain form of a property that has this schema."""
+    plain = plain_schema({"type": "object", "properties": {"it": schema}, "$defs": definitions})
+    assert_plain(plain)
+    return plain["properties"]["it"]
+
+
+@pytest.mark.parametrize(
+    ("schema", "kind"),
+    [
+        ({"const": "a"}, "string"),
+        ({"enum": [True, False]}, "boolean"),
+        ({"enum": [1, 2]}, "integer"),
+        ({"enum": [1.5]}, "number"),
+        ({"enum": [1, "a"]}, "object"),
+        ({"enum": []}, "object"),
+        ({"enum": [None]}, "object"),
+        ({}, "object"),
+        (True, "object"),
+        ({"type": "null"}, "object"),
+        ({"$ref": "#/$defs/Missing"}, "object"),
+    ],
+)
+def test_what_tells_no_type_has_that_of_its_values_if_they_are_of_one(schema: Any, kind: str) -> None:
+    assert property_of(schema)["type"] == kind
+
+
+@pytest.mark.parametrize(
+    ("options", "joined"),
+    [
+        ([], UNKNOWN),
+        ([{"type": "null"}], UNKNOWN),
+        ([{"type": "integer"}, {"type": "number"}], {"type": "number"}),
+        ([{"type": "string", "enum": ["a"]}, {"type": "string"}], {"type": "string"}),
+        ([{"type": "integer"}, {"type": "string"}], UNKNOWN),
+        ([{"type": "integer"}, {"type": "boolean"}, {"type": "number"}], UNKNOWN),
+        (
+            [{"type": "array", "items": {"type": "integer"}}, {"type": "array", "items": {"type": "number"}}],
+            {"type": "array", "items": {"type": "number"}},
+        ),
+    ],
+)
+def test_alternatives_are_joined_to_what_holds_for_all(options: list[Any], joined: Any) -> None:
+    assert property_of({"anyOf": options}) == joined
+
+
+def test_of_several_objects_what_all_require_is_required() -> None:
+    one = {"type": "object", "properties": {"a": {"type": "string"}, "b": {"type": "integer"}}, "required": ["a", "b"]}
+    two = {"type": "object", "properties": {"b": {"type": "number"}, "c": {"type": "string"}}, "required": ["b", "c"]}
+    assert property_of({"anyOf": [one, two]}) == {
+        "type": "object",
+        "properties": {"a": {"type": "string"}, "b": {"type": "number"}, "c": {"type": "string"}},
+        "required": ["b"],
+    }
+
+
+def nested(depth: int) -> Any:
+    return {"type": "object", "properties": {"inner": nested(depth - 1)}} if depth else {"type": "string"}
+
+
+def listed(depth: int) -> Any:
+    return {"type": "array", "items": {"type": "object", "properties": {"inner": listed(depth - 1)}}} if depth else {}
+
+
+def depth_of(plain: Any) -> int:
+    inner = plain["properties"].get("inner")
+    if inner is not None and inner["type"] == "array":
+        return 2 + depth_of(inner["items"])
+    return 0 if inner is None else 1 + depth_of(inner) if inner["type"] == "object" else 1
+
+
+@pytest.mark.parametrize(("depth", "told"), [(3, 3), (15, 15), (16, 16), (17, 16), (40, 16)])
+def test_objects_in_objects_are_told_down_to_a_depth(depth: int, told: int) -> None:
+    assert depth_of(plain_schema(nested(depth))) == told
+
+
+@pytest.mark.parametrize("described", ["$ref", "anyOf", "array"])
+def test_a_type_that_holds_itself_is_told_down_to_the_same_depth(described: str) -> None:
+    reference = {"$ref": "#/$defs/Nest"}
+    inner = {"$ref": reference, "anyOf": {"anyOf": [reference]}, "array": {"type": "array", "items": reference}}
+    nest = {"type": "object", "properties": {"inner": inner[described]}}
+    plain = plain_schema({**reference, "$defs": {"Nest": nest}})
+    assert_plain(plain)
+    assert depth_of(plain) == {"$ref": 8, "anyOf": 5, "array": 10}[described]

@@ -1,0 +1,212 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+from mcap.writer import Writer
+
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.topics import (
+    ARENA_SCAN,
+    COORDINATOR_ALIVE,
+    COORDINATOR_STATE,
+    PUBLISHED,
+    ROBOT_ALIVE,
+    ROBOT_LOG,
+    ROBOT_STATE,
+)
+from robrain.recording.errors import RecordingError
+from robrain.recording.reader.reading import read_messages
+from robrain.recording.replay.replay import Replay
+from robrain.recording.writer.provenance import Provenance
+from robrain.recording.writer.recorder import Recorder
+
+NS_PER_S = 1_000_000_000
+RECORDED_AT_NS = 50 * NS_PER_S
+SCAN = Scan(robot="r9", angle_min_rad=0.0, angle_increment_rad=0.1, range_max_m=5.0, ranges_mm=[])
+PROVENANCE = Provenance("office", "", 1, None, "lockstep", "default")
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[zenoh.Session]:
+    with open_lockstep_session() as session:
+        yield session
+
+
+class Audience:
+    """Hears all of team `again`, in which recordings are replayed."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.endpoint = Endpoint(session, "again", VirtualClock(), Drive.LOCKSTEP)
+        self.inbox = Inbox(capacity=100_000, every=True)
+        for topic in PUBLISHED:
+            self.endpoint.subscribe(self.inbox, topic)
+        self.stage = Endpoint(session, "again", VirtualClock(), Drive.LOCKSTEP)
+
+    def heard(self) -> list[tuple[str, bytes]]:
+        return [(key, payload) for _, key, payload in self.inbox.drain_raw()]
+
+    def close(self) -> None:
+        self.stage.close()
+        self.endpoint.close()
+
+
+@pytest.fixture
+def audience(session: zenoh.Session) -> Iterator[Audience]:
+    audience = Audience(session)
+    yield audience
+    audience.close()
+
+
+@pytest.fixture
+def recording(session: zenoh.Session, tmp_path: Path) -> Path:
+    """Ten seconds of two robots and a coordinator, once a second."""
+    path = tmp_path / "run.mcap"
+    clock = VirtualClock(RECORDED_AT_NS)
+    endpoint = Endpoint(session, "default", clock, Drive.LOCKSTEP)
+    recorder = Recorder(endpoint, path, PROVENANCE)
+    states = {robot: endpoint.publisher(ROBOT_STATE, robot=robot) for robot in ("r1", "r2")}
+    logs = endpoint.publisher(ROBOT_LOG, robot="r1")
+    team = endpoint.publisher(COORDINATOR_STATE)
+    scans = endpoint.publisher(ARENA_SCAN, robot="r9")
+    for second in range(11):
+        clock.advance_to(RECORDED_AT_NS + second * NS_PER_S)
+        for robot, publisher in states.items():
+            publisher.put(RobotState(robot=robot, pose=Pose2D(second, 0, 0)))
+        logs.put(LogRecord(robot="r1", level="info", source="test", text="ä\n" * second))
+        logs.put_bytes(b'{"text":"unstamped","robot":"r1","level":"info","source":"test"}')
+        scans.put(SCAN)
+        team.put(TeamState(robots=[]))
+        recorder.step()
+    recorder.close()
+    endpoint.close()
+    return path
+
+
+def expected(path: Path) -> list[tuple[str, bytes]]:
+    return [(key.replace("/default/", "/again/"), payload) for key, _, payload, *_ in read_messages(path)]
+
+
+def test_replay_says_the_same_bytes_under_the_same_keys_in_the_same_order(audience: Audience, recording: Path) -> None:
+    replay = Replay(audience.stage, recording)
+    put = sum(replay.step(step * NS_PER_S // 10) for step in range(200))
+    heard = audience.heard()
+    assert heard == expected(recording)
+    assert put == len(heard) == 66
+    assert replay.done
+
+
+@pytest.mark.parametrize(("speed", "elapsed_s", "seconds_said"), [(1.0, 3.5, 4), (2.0, 3.5, 8), (0.5, 3.5, 2)])
+def test_replay_puts_what_is_due_at_its_speed(
+    audience: Audience, recording: Path, speed: float, elapsed_s: float, seconds_said: int
+) -> None:
+    replay = Replay(audience.stage, recording, speed=speed)
+    started_ns = 777
+    replay.step(started_ns)
+    assert len(audience.heard()) == 6
+    replay.step(started_ns + round(elapsed_s * NS_PER_S))
+    assert len(audience.heard()) == 6 * (seconds_said - 1)
+    assert not replay.done
+    assert replay.progress == pytest.approx(elapsed_s * speed / 10)
+
+
+def test_progress_goes_from_zero_to_one(audience: Audience, recording: Path) -> None:
+    replay = Replay(audience.stage, recording)
+    assert (replay.progress, replay.done) == (0.0, False)
+    progress = []
+    for step in range(24):
+        replay.step(step * NS_PER_S // 2)
+        progress.append(replay.progress)
+    assert progress == sorted(progress)
+    assert (progress[0], progress[10], progress[-1]) == (0.0, 0.5, 1.0)
+    assert replay.step(100 * NS_PER_S) == 0
+
+
+def test_a_loop_begins_again_and_is_never_done(audience: Audience, recording: Path) -> None:
+    replay = Replay(audience.stage, recording, loop=True)
+    for step in range(33):
+        replay.step(step * NS_PER_S)
+        assert not replay.done
+        assert 0.0 <= replay.progress <= 1.0
+    assert audience.heard() == expected(recording) * 3
+
+
+def test_robots_and_coordinator_of_the_recording_are_shown_as_being_there(audience: Audience, recording: Path) -> None:
+    robots = audience.endpoint.watch(ROBOT_ALIVE)
+    coordinator = audience.endpoint.watch(COORDINATOR_ALIVE)
+    Replay(audience.stage, recording)
+    assert [(change.names["robot"], change.present) for change in robots.changes()] == [("r1", True), ("r2", True)]
+    assert [change.present for change in coordinator.changes()] == [True]
+    audience.stage.close()
+    assert [(change.names["robot"], change.present) for change in robots.changes()] == [("r1", False), ("r2", False)]
+
+
+def test_a_recording_without_messages_is_done_at_once(
+    session: zenoh.Session, audience: Audience, tmp_path: Path
+) -> None:
+    endpoint = Endpoint(session, "default", VirtualClock(), Drive.LOCKSTEP)
+    Recorder(endpoint, tmp_path / "run.mcap", PROVENANCE).close()
+    endpoint.close()
+    replay = Replay(audience.stage, tmp_path / "run.mcap", loop=True)
+    assert replay.done
+    assert replay.progress == 1.0
+    assert replay.step(0) == 0
+
+
+def test_keys_that_are_not_of_the_team_are_left_out(audience: Audience, tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        # Another tool's, a simulated robot's wheels, a name that cannot be, a query, and one of ours.
+        keys = (
+            "/chatter",
+            "robrain/x/arena/r1/can/0",
+            "robrain/x/robot/r 1/log",
+            "robrain/x/robot/r1/plugins",
+            "robrain/x/halt",
+        )
+        for key in keys:
+            writer.add_message(writer.register_channel(key, "json", 0), log_time=5, data=b"{}", publish_time=5)
+        writer.finish()  # type: ignore[no-untyped-call]
+    replay = Replay(audience.stage, path)
+    assert replay.step(0) == 1
+    assert replay.done
+    assert audience.heard() == [("robrain/again/halt", b"{}")]
+
+
+def test_closing_lets_go_of_the_file(audience: Audience, recording: Path) -> None:
+    replay = Replay(audience.stage, recording, loop=True)
+    replay.step(0)
+    replay.close()
+    assert replay.done
+    assert replay.step(100 * NS_PER_S) == 0
+
+
+def test_a_missing_file_is_refused_before_anything_is_declared(audience: Audience, tmp_path: Path) -> None:
+    robots = audience.endpoint.watch(ROBOT_ALIVE)
+    with pytest.raises(RecordingError, match="there is no file"):
+        Replay(audience.stage, tmp_path / "missing.mcap")
+    assert robots.changes() == []
+
+
+def test_damage_on_the_way_is_told_once(audience: Audience, recording: Path) -> None:
+    content = bytearray(recording.read_bytes())
+    last_chunk = content.rindex(b"\x28\xb5\x2f\xfd")  # a zstd frame
+    content[last_chunk + 20] ^= 0xFF
+    recording.write_bytes(content)
+    replay = Replay(audience.stage, recording)
+    with pytest.raises(RecordingError, match="damaged"):
+        replay.step(replay.step(0) + 100 * NS_PER_S)
+    heard = audience.heard()
+    assert 0 < len(heard) < 66
+    assert replay.step(200 * NS_PER_S) == 0
+    assert audience.heard() == []

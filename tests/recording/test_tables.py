@@ -1,0 +1,184 @@
+"""Notebook and tables: what is loaded and exported is what was recorded."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from mcap.writer import Writer
+
+import robrain
+from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.topics import PUBLISHED, ROBOT_STATE, topic_of
+from robrain.recording.errors import RecordingError
+from robrain.recording.export.exporting import export_tables
+from robrain.recording.export.tables import Table
+from robrain.recording.foxglove.visual_topics import is_visual
+from robrain.recording.reader.reading import RecordedMessage, read_messages
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("tables") / "run.mcap"
+    robrain.Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=8.0, record=path)
+    return path
+
+
+def recorded_states(path: Path) -> list[RobotState]:
+    found = (message for message in read_messages(path) if message.topic_key.endswith("/state"))
+    return [msgspec.json.decode(m.payload, type=RobotState) for m in found if "/robot/" in m.topic_key]
+
+
+def test_loaded_messages_are_typed_and_in_order(run: Path) -> None:
+    loaded = robrain.load(str(run))
+    told = list(loaded.messages("robot_state"))
+    assert [message.message for message in told] == recorded_states(run)
+    assert [message.t_s for message in told] == sorted(message.t_s for message in told)
+    only = list(loaded.messages("robot_state", robot="r2"))
+    assert only == [message for message in told if message.message.robot == "r2"]
+    assert 0 < len(only) < len(told)
+    assert "robot_state" in loaded.topics
+    assert loaded.provenance.scenario == "depot"
+    assert loaded.map_at(8.0) is not None
+
+
+def test_a_table_has_a_row_for_each_message_and_typed_columns(run: Path) -> None:
+    table = robrain.load(run).table("robot_state")
+    states = recorded_states(run)
+    assert len(table) == len(states)
+    assert list(table["robot"]) == [state.robot for state in states]
+    assert table["pose.x_m"].tolist() == [state.pose.x_m if state.pose else None for state in states]
+    assert table["pose.x_m"].dtype == "float64"
+    assert str(table["halted"].dtype) == "boolean"
+    assert str(table["seq"].dtype) == "Int64"
+
+
+def test_a_topic_that_there_is_not_is_told_with_those_that_there_are(run: Path) -> None:
+    loaded = robrain.load(run)
+    with pytest.raises(RecordingError, match="robot_state"):
+        loaded.table("robot_stat")
+    with pytest.raises(RecordingError, match="no topic"):
+        list(loaded.messages("nosuch"))
+
+
+def test_a_topic_without_messages_is_an_empty_table(run: Path) -> None:
+    table = robrain.load(run).table("halt")
+    assert len(table) == 0
+    assert {"t_s", "halted", "by"} <= set(table.columns)
+
+
+@pytest.mark.parametrize("topic", [topic for topic in PUBLISHED if topic.recorded], ids=lambda topic: topic.name)
+def test_every_recorded_topic_makes_a_table(topic: Topic) -> None:
+    columns = Table(topic, 0).columns
+    names = [column.name for column in columns]
+    assert len(set(names)) == len(names)
+    assert names[:2] == ["t_s", "wire_key"]
+
+
+@pytest.mark.slow
+def test_csv_and_parquet_hold_the_same_rows(run: Path, tmp_path: Path) -> None:
+    shares: list[float] = []
+    as_csv = export_tables(run, tmp_path / "csv", "csv", shares.append)
+    as_parquet = export_tables(run, tmp_path / "parquet", "parquet")
+    assert as_csv.keys() == as_parquet.keys()
+    assert shares[-1] == 1.0
+    rows = 0
+    for topic, path in as_csv.items():
+        one = pd.read_csv(path, keep_default_na=False)
+        two = pq.read_table(as_parquet[topic]).to_pandas()
+        assert list(one.columns) == list(two.columns)
+        assert len(one) == len(two)
+        rows += len(one)
+    assert rows == sum(not is_visual(message.topic_key) for message in read_messages(run))
+    states = pq.read_table(as_parquet["robot_state"])
+    assert states.column("pose.x_m").to_pylist() == [
+        state.pose.x_m if state.pose else None for state in recorded_states(run)
+    ]
+
+
+def test_nothing_is_overwritten_and_nothing_half_written_left(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "robot_state.csv").write_text("mine")
+    with pytest.raises(RecordingError, match="exists already"):
+        export_tables(run, tmp_path, "csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["robot_state.csv"]
+    assert (tmp_path / "robot_state.csv").read_text() == "mine"
+
+
+def test_a_text_that_a_spreadsheet_would_run_is_quoted(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    texts = ["=1+1", "+cmd", "-2", "@sum", "\t=1", "plain", "a,b\nc"]
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("robrain/default/robot/r1/log", "json", 0)
+        for text in texts:
+            record = LogRecord(robot="r1", level="info", source="x", text=text)
+            writer.add_message(channel, 1, msgspec.json.encode(record), 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    export_tables(path, tmp_path / "out", "csv")
+    with (tmp_path / "out" / "robot_log.csv").open(newline="") as stream:
+        found = [row["text"] for row in csv.DictReader(stream)]
+    assert found == ["'=1+1", "'+cmd", "'-2", "'@sum", "'\t=1", "plain", "a,b\nc"]
+
+
+def test_numbers_that_no_table_holds_and_messages_that_are_none_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("robrain/default/robot/r1/state", "json", 0)
+        done = {"id": "t", "epoch": 1, "state": "done", "result": {"huge": 2**80}}
+        for said in ({"robot": "r1", "task": done}, {"robot": "r1", "seq": 2**80}):
+            writer.add_message(channel, 1, json.dumps(said).encode(), 1)
+        for payload in (b"not json", b"[]"):
+            writer.add_message(channel, 1, payload, 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    exported = export_tables(path, tmp_path / "out", "parquet")
+    assert list(exported) == ["robot_state"]  # one row: what is out of range is no valid message
+    assert pq.read_table(exported["robot_state"]).column("seq").to_pylist() == [0]
+    found = topic_of("robrain/default/robot/r1/state")
+    assert found is not None
+    assert found[0] is ROBOT_STATE
+
+
+# -- one row ------------------------------------------------------------------------------------------------------
+
+
+def rows_of(
+    topic: Topic, payload: bytes, *, at_s: float = 1003.5, key: str = "robrain/default/robot/r7/state"
+) -> dict[str, Any] | None:
+    """The row of a message, by the names of its columns; the run began at second 1000 of its clock."""
+    table = Table(topic, 1_000 * 10**9)
+    row = table.row(RecordedMessage(key, round(at_s * 1e9), payload, "json"))
+    return None if row is None else dict(zip([column.name for column in table.columns], row, strict=True))
+
+
+def test_a_row_tells_the_seconds_since_the_run_began_and_the_key_it_came_by() -> None:
+    payload = msgspec.json.encode(RobotState(robot="r7", seq=5, halted=True))
+    row = rows_of(ROBOT_STATE, payload)
+    assert row is not None
+    assert (row["t_s"], row["wire_key"]) == (3.5, "robrain/default/robot/r7/state")
+    assert (row["robot"], row["seq"], row["halted"]) == ("r7", 5, True)
+    assert row["pose.x_m"] is None
+    at_first, before = rows_of(ROBOT_STATE, payload, at_s=1000.0), rows_of(ROBOT_STATE, payload, at_s=999.0)
+    assert at_first is not None
+    assert before is not None
+    assert (at_first["t_s"], before["t_s"]) == (0.0, -1.0)
+
+
+@pytest.mark.parametrize("payload", [b"", b"[]", b"not json", b"\xff\xff", b'{"robot": 7}', b"[" * 100_000])
+def test_a_message_that_is_not_what_its_topic_says_makes_no_row(payload: bytes) -> None:
+    assert rows_of(ROBOT_STATE, payload) is None
+
+
+def test_of_a_topic_without_a_message_type_a_row_tells_the_size_and_the_names_in_its_key() -> None:
+    topic = next(topic for topic in PUBLISHED if topic.recorded and topic.message is None)
+    names = {name: f"a{number}" for number, name in enumerate(topic.fields)}
+    row = rows_of(topic, b"12345", key=topic.key("default", **names))
+    assert row == {"t_s": 3.5, "wire_key": topic.key("default", **names), **names, "payload_bytes": 5}
