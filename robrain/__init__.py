@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from robrain.client.hand import Hand
     from robrain.client.team import Team
     from robrain.coordinator.planning.policy import PlanningPolicy
-    from robrain.deploy.fork.fork_api import fork
-    from robrain.deploy.fork.fork_result import ForkResult
-    from robrain.deploy.sweep.sweep import SweepResult, sweep
+    from robrain.lab.fork.fork_api import fork
+    from robrain.lab.fork.fork_result import ForkResult
     from robrain.lab.report.two_runs import TwoRuns, compare_runs
+    from robrain.lab.sweep.sweep import SweepResult, sweep
     from robrain.plugins.behavior.errand import Errand, Failed
     from robrain.plugins.device.scan.interface import ScanInterface
     from robrain.plugins.unit.driver.interface import DriverInterface
@@ -160,9 +160,9 @@ _NAMES = {
     "robrain.coordinator.planning.policy": ("PlanningPolicy",),
     "robrain.recording.reader.recording": ("Recording", "load"),
     "robrain.lab.report.two_runs": ("TwoRuns", "compare_runs"),
-    "robrain.deploy.fork.fork_api": ("fork",),
-    "robrain.deploy.fork.fork_result": ("ForkResult",),
-    "robrain.deploy.sweep.sweep": ("SweepResult", "sweep"),
+    "robrain.lab.fork.fork_api": ("fork",),
+    "robrain.lab.fork.fork_result": ("ForkResult",),
+    "robrain.lab.sweep.sweep": ("SweepResult", "sweep"),
     "robrain.protocol.model.geometry": ("Point2D", "Pose2D", "Twist2D"),
     "robrain.protocol.model.tasks.objective": ("Objective",),
     "robrain.plugins.behavior.errand": ("Errand", "Failed"),

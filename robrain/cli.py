@@ -13,7 +13,6 @@ import typer
 
 from robrain.deploy.agents.agent_words import agent_words
 from robrain.deploy.assistant.assistant_command import assistant
-from robrain.deploy.bench.commands import bench_app
 from robrain.deploy.bringup.command_line import bringup
 from robrain.deploy.commands.command_group import CommandGroup
 from robrain.deploy.commands.extras import missing_extra
@@ -42,7 +41,6 @@ from robrain.deploy.commands.scenario_options import (
 from robrain.deploy.commands.scenarios_command import scenarios
 from robrain.deploy.commands.team_commands import team_app
 from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, WireFormat, print_json
-from robrain.deploy.fork.fork_command import fork
 from robrain.deploy.machine.machine_files import machine_files
 from robrain.deploy.observability.json_logs import set_up_logs
 from robrain.deploy.pki.pki_commands import pki_app, router
@@ -50,10 +48,12 @@ from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.processes.standard_streams import guarded_streams
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.ros2.ros2_commands import ros2_app
-from robrain.deploy.soak.soak_commands import soak_app
 from robrain.deploy.supervision.supervision_commands import supervision_app
-from robrain.deploy.sweep.sweep_commands import sweep_app
 from robrain.deploy.tasks.task_commands import task_app
+from robrain.lab.bench.commands import bench_app
+from robrain.lab.fork.fork_command import fork
+from robrain.lab.soak.soak_commands import soak_app
+from robrain.lab.sweep.sweep_commands import sweep_app
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.border.safe_text import safe_lines

@@ -40,7 +40,7 @@ def dashboard_command(connect: str | None, team: str, port: int | None, replay: 
 def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_s: float = 0.0) -> None:
     """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed."""
     from robrain.dashboard import ReplaySource, run_dashboard
-    from robrain.deploy.fork.fork_child import ForkChild
+    from robrain.lab.fork.fork_child import ForkChild
 
     should_stop = LiveStop()
     source = ReplaySource(recording, speed=speed, start_s=start_s)

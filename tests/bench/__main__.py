@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from robrain.deploy.bench.figure import WIDTH, Figure, show_figures
+from robrain.lab.bench.figure import WIDTH, Figure, show_figures
 from tests.bench.judging import judge, read_known, verdict_lines
 from tests.bench.results import RESULTS, Results, ResultsError, SectionResult
 from tests.bench.section_process import SectionFailedError, measure_apart

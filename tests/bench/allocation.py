@@ -1,7 +1,7 @@
 """Allocation, as `robrain bench allocation` measures it.
 
 `python -m tests.bench.allocation best` looks for better plans of the large instances, two minutes of a core each. It
-writes them into `deploy/bench/allocation/allocation_best.json`; figures of ours are compared with what stands there.
+writes them into `lab/bench/allocation/allocation_best.json`; figures of ours are compared with what stands there.
 """
 
 import sys
@@ -13,7 +13,7 @@ from rich.console import Console
 from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Objective
-from robrain.deploy.bench.allocation.allocation import (
+from robrain.lab.bench.allocation.allocation import (
     BEST,
     GAP_BOUND,
     SIZES,
@@ -23,7 +23,7 @@ from robrain.deploy.bench.allocation.allocation import (
     name_of,
     read_best,
 )
-from robrain.deploy.bench.figure import WIDTH, show_figures
+from robrain.lab.bench.figure import WIDTH, show_figures
 
 __all__ = ["measure"]
 

@@ -17,7 +17,7 @@ from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotTable
 from robrain.agent.manifest import find_manifests
 from robrain.algorithms.warm_up import warm_up
-from robrain.deploy.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.plugins.behavior.monitor.monitor import changed_share, colors_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.planning.policy import Charging, PlanningPolicy
-from robrain.deploy.bench.figure import WIDTH, Figure, above, at_least, at_most, deterministic, show_figures
+from robrain.lab.bench.figure import WIDTH, Figure, above, at_least, at_most, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.firmware.battery import BatterySpec

@@ -19,9 +19,9 @@ import numpy as np
 import zenoh
 from rich.console import Console
 
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub, tell
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.clock import LiveClock

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from robrain.deploy.bench import consensus
-from robrain.deploy.bench.figure import Figure
+from robrain.lab.bench import consensus
+from robrain.lab.bench.figure import Figure
 
 SEEDS = range(41, 45)
 """The parameters of the rounds were chosen on 1 to 40."""

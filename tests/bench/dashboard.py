@@ -15,7 +15,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 from rich.console import Console
 
-from robrain.deploy.bench.figure import WIDTH, Figure, at_least, at_most, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, show_figures, timing
 from tests.bench.dashboard_team import MOTES, ROBOTS
 from tests.system.browser import ARGUMENTS, CHROMIUM, browser_processes, colors_in, picture_of
 

@@ -23,11 +23,11 @@ from robrain.agent.host.robot_file import RobotFile
 from robrain.client.hand import Hand
 from robrain.client.team import Team
 from robrain.deploy.agents.robot_files import write_robot_files
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
-from robrain.deploy.bench.live_team import await_ready
-from robrain.deploy.bench.responses import WheelMessages
 from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.live_team import await_ready
+from robrain.lab.bench.responses import WheelMessages
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario

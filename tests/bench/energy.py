@@ -22,7 +22,7 @@ from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimit
 from robrain.algorithms.energy.consumption import Consumption, Drawn
 from robrain.algorithms.energy.power_learner import PowerPrior
 from robrain.algorithms.energy.soc_filter import PackModel
-from robrain.deploy.bench.figure import Figure, at_least, at_most, between, deterministic
+from robrain.lab.bench.figure import Figure, at_least, at_most, between, deterministic
 from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate
 from robrain.sim.firmware.battery import Battery, BatterySpec
 from robrain.sim.firmware.battery_manager import Gauge, Load

@@ -12,7 +12,7 @@ import msgspec
 
 from robrain import RunResult, Scenario
 from robrain.algorithms.warm_up import warm_up
-from robrain.deploy.bench.figure import Figure, at_least, at_most, deterministic, timing
+from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic, timing
 from tests.bench.call_count import calls_per_robot_second
 from tests.real_maps import REAL_MAPS, require_real_maps
 

@@ -18,7 +18,7 @@ import numpy as np
 import zenoh
 from rich.console import Console
 
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.clock import LiveClock

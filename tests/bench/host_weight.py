@@ -20,7 +20,7 @@ from typing import NamedTuple
 import zenoh
 from rich.console import Console
 
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.system.plain_install import plain_size_mb
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from robrain.deploy.bench.figure import Figure, Kind
+from robrain.lab.bench.figure import Figure, Kind
 from tests.bench.results import RESULTS, Results, ResultsError
 
 KNOWN_MISSES = RESULTS.with_name("known_misses.toml")

@@ -29,7 +29,7 @@ from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Member, Snapshot
 from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState

@@ -26,7 +26,7 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.algorithms.slam.map_overlap import MapMatcher
 from robrain.algorithms.slam.submap import IDENTITY
-from robrain.deploy.bench.figure import Figure, at_most, deterministic
+from robrain.lab.bench.figure import Figure, at_most, deterministic
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.bench.localisation_world import (

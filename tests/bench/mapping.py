@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from robrain.deploy.bench.figure import Figure
-from robrain.deploy.bench.mapping import joining as bench_joining
-from robrain.deploy.bench.mapping import mapping as bench_mapping
-from robrain.deploy.bench.mapping.mapping_plan import choose
+from robrain.lab.bench.figure import Figure
+from robrain.lab.bench.mapping import joining as bench_joining
+from robrain.lab.bench.mapping import mapping as bench_mapping
+from robrain.lab.bench.mapping.mapping_plan import choose
 
 FLOORS = "clinic,warehouse"
 ROBOTS, SEEDS = "4", "1-2"

@@ -17,7 +17,7 @@ from robrain import Scenario
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.warm_up import warm_up
-from robrain.deploy.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import READING_TYPE, ReadingPayload

@@ -21,7 +21,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.warm_up import warm_up
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, deterministic, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, deterministic, show_figures, timing
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

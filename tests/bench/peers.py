@@ -14,7 +14,7 @@ import msgspec
 
 from robrain import Scenario
 from robrain.algorithms.warm_up import warm_up
-from robrain.deploy.bench.figure import Figure, timing
+from robrain.lab.bench.figure import Figure, timing
 from tests.bench.real_time_factor import whole_run_ms
 
 TEAMS = (10, 100)

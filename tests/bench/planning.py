@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.deploy.bench.figure import WIDTH, Figure, at_least, below, deterministic, show_figures
+from robrain.lab.bench.figure import WIDTH, Figure, at_least, below, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import TaskState

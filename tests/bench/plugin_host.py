@@ -20,7 +20,7 @@ import zenoh
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.deploy.bench.figure import Figure, at_least, at_most, timing
+from robrain.lab.bench.figure import Figure, at_least, at_most, timing
 from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.host_queries import HOST_LOAD

@@ -9,7 +9,7 @@ import pymunk
 
 from robrain import Scenario
 from robrain.algorithms.warm_up import warm_up
-from robrain.deploy.bench.figure import Figure, at_least, at_most, timing
+from robrain.lab.bench.figure import Figure, at_least, at_most, timing
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.wall_shapes import add_walls
 from robrain.sim.world.arena import TICK_S

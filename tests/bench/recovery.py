@@ -23,8 +23,8 @@ from urllib.parse import urlsplit
 
 from rich.console import Console
 
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.deploy.supervision.part import COORDINATOR, STAND_BY
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.access.identity import read_identity

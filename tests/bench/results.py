@@ -11,7 +11,7 @@ from typing import Self
 
 import msgspec
 
-from robrain.deploy.bench.figure import Figure
+from robrain.lab.bench.figure import Figure
 
 SCHEMA = 1
 ROOT = Path(__file__).parents[2]

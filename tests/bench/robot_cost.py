@@ -21,7 +21,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.algorithms.warm_up import warm_up
 from robrain.coordinator.coordinator import Coordinator
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.plugins.skill.planner.planner import Planner
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.inbox import Inbox

@@ -17,7 +17,7 @@ from typing import IO
 
 import msgspec
 
-from robrain.deploy.bench.figure import Figure
+from robrain.lab.bench.figure import Figure
 from tests.bench.results import ROOT, Conditions, Machine, SectionResult, Stopwatch, now_words, revision
 from tests.bench.sections import function_of
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import NamedTuple, cast
 
-from robrain.deploy.bench.figure import Figure
+from robrain.lab.bench.figure import Figure
 
 
 class Section(NamedTuple):
@@ -86,8 +86,8 @@ SECTIONS = {
     "allocation": Section(
         "Allocation",
         "`robrain bench allocation`; seconds of one core. Best known: searches of 60 and 120 s, "
-        "`deploy/bench/allocation/allocation_best.json`.",
-        "robrain.deploy.bench.allocation.allocation:measure",
+        "`lab/bench/allocation/allocation_best.json`.",
+        "robrain.lab.bench.allocation.allocation:measure",
     ),
     "consensus": Section(
         "Allocation without a coordinator",
@@ -166,12 +166,12 @@ SECTIONS = {
     "responses": Section(
         "Response time",
         "`robrain bench responses`: from an event to the wheels, a live team of processes on loopback.",
-        "robrain.deploy.bench.responses:measure",
+        "robrain.lab.bench.responses:measure",
     ),
     "agents": Section(
         "A thousand agents",
         "`robrain bench agents`: processes that stand in for agents, a real coordinator.",
-        "robrain.deploy.bench.agents:measure",
+        "robrain.lab.bench.agents:measure",
     ),
     "recovery": Section(
         "Recovery",

@@ -20,7 +20,7 @@ from playwright.sync_api import Browser, Page
 from rich.console import Console
 
 from robrain import Scenario
-from robrain.deploy.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.recording.drawing.palette import FREE, look_of
 from robrain.sim.lockstep.lockstep import LockstepRun
 from tests.bench.real_time_factor import calibration_ns

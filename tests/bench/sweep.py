@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from robrain import Scenario
-from robrain.deploy.bench.figure import Figure, at_least, at_most, deterministic, timing
 from robrain.deploy.run.kernels import prepare_kernels
-from robrain.deploy.sweep.plan import make_plan
-from robrain.deploy.sweep.sweep import TABLE, SweepOptions, run_sweep
+from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic, timing
+from robrain.lab.sweep.plan import make_plan
+from robrain.lab.sweep.sweep import TABLE, SweepOptions, run_sweep
 
 RUNS = 30
 SIMULATED_S = 60.0

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from robrain.deploy.bench.figure import Figure, Kind
+from robrain.lab.bench.figure import Figure, Kind
 from tests.bench.judging import Known, judge, read_known
 from tests.bench.results import ROOT, Conditions, Results, ResultsError
 from tests.bench.sections import SECTIONS

@@ -12,7 +12,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
-from robrain.deploy.bench.figure import Figure, at_most, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.clock import VirtualClock, to_ns

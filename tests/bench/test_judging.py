@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.bench.figure import at_most, deterministic, timing
+from robrain.lab.bench.figure import at_most, deterministic, timing
 from tests.bench.judging import Known, judge, read_known, untrue, verdict_lines
 from tests.bench.results import Conditions, Machine, Results, ResultsError, SectionResult
 

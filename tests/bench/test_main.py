@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.bench.figure import Figure, at_most, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from tests.bench import __main__ as bench
 from tests.bench.judging import Known
 from tests.bench.results import Conditions, Machine, Results, SectionResult

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.deploy.bench.figure import at_most, timing
+from robrain.lab.bench.figure import at_most, timing
 from tests.bench.results import Conditions, Machine, Results, ResultsError, SectionResult, Stopwatch
 
 

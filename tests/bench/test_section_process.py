@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.bench.figure import Figure
+from robrain.lab.bench.figure import Figure
 from tests.bench.section_process import SectionFailedError, measure_apart
 
 SAY = """

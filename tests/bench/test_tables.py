@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.deploy.bench.figure import at_most, timing
+from robrain.lab.bench.figure import at_most, timing
 from tests.bench.judging import Known, judge, read_known, untrue
 from tests.bench.results import ROOT, Conditions, Machine, Results, SectionResult
 from tests.bench.sections import SECTIONS

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robrain import Scenario
-from robrain.deploy.bench.figure import Figure, Kind
+from robrain.lab.bench.figure import Figure, Kind
 from robrain.plugins.unit.driver.driver import Driver
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.map_server import load_map

@@ -6,19 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-from tests.lab.report.drawn_runs import (
-    NAN,
-    axes_of,
-    bars,
-    curve,
-    legend_texts,
-    robot_of,
-    robots_of,
-    row_names,
-    run_of,
-    task_of,
-    texts,
-)
 
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.lab.report.figure_style import (
@@ -35,6 +22,19 @@ from robrain.lab.report.figures import energy_figure, explored_figure, task_figu
 from robrain.lab.report.run_data import MoteRun, RobotRun, RunData
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from tests.lab.report.drawn_runs import (
+    NAN,
+    axes_of,
+    bars,
+    curve,
+    legend_texts,
+    robot_of,
+    robots_of,
+    row_names,
+    run_of,
+    task_of,
+    texts,
+)
 
 
 @pytest.fixture(autouse=True)

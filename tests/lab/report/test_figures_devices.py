@@ -5,18 +5,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from tests.lab.report.drawn_runs import (
-    NAN,
-    axes_of,
-    bars,
-    curve,
-    legend_texts,
-    robot_of,
-    robots_of,
-    row_names,
-    run_of,
-    task_of,
-)
 
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.lab.report.figure_style import BAD, GOOD, INK, NEUTRAL, WARN, figure_style, line_look
@@ -33,6 +21,18 @@ from robrain.lab.report.run_data import Happening, MoteRun, RunData, TaskRun
 from robrain.lab.report.two_runs import outcome_of
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.recording.reader.contents import KeyContents
+from tests.lab.report.drawn_runs import (
+    NAN,
+    axes_of,
+    bars,
+    curve,
+    legend_texts,
+    robot_of,
+    robots_of,
+    row_names,
+    run_of,
+    task_of,
+)
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import msgspec
 import pytest
 
-from robrain.deploy.bench.exploration.leaderless import LeaderlessCase, run_case
+from robrain.lab.bench.exploration.leaderless import LeaderlessCase, run_case
 from robrain.plugins.behavior.explore.explore import ALONE
 from robrain.sim.lockstep.lockstep import LockstepRun
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.bench import agents, consensus
-from robrain.deploy.bench.mapping import live_mapping
+from robrain.lab.bench import agents, consensus
+from robrain.lab.bench.mapping import live_mapping
 
 R101 = Path(__file__).parents[2] / "coordinator" / "allocation" / "data" / "R101_25.txt"
 pytestmark = pytest.mark.system

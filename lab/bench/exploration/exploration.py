@@ -1,0 +1,363 @@
+"""Exploration by strategies, team sizes and floors: the full stack and ideal motion side by side."""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+from rich.table import Table
+
+from robrain.algorithms.exploration.strategies import STRATEGIES
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.deploy.commands.terminal import new_console, print_line, say
+from robrain.deploy.errors import UsageError
+from robrain.deploy.run.kernels import prepare_kernels
+from robrain.lab.bench.exploration.exploration_runs import (
+    FULL,
+    IDEAL,
+    MOTIONS,
+    ExplorationCase,
+    ExplorationRun,
+    run_case,
+)
+from robrain.lab.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
+from robrain.lab.bench.mapping.mapping_plan import (
+    SHARED_MAPS,
+    all_runs,
+    check_limits,
+    choose_maps,
+    names_of,
+    numbers_of,
+)
+from robrain.lab.report.mean_interval import mean_interval
+from robrain.protocol.registry import UnknownEntry
+from robrain.sim.scenarios.scenario import MAX_SEED
+from robrain.sim.scenarios.scenario_file import MAX_ROBOTS
+
+BLOCK = re.compile(
+    r"^<!-- exploration: (?P<motion>\w+) -->\n(?P<body>.*?)^<!-- /exploration -->$", re.DOTALL | re.MULTILINE
+)
+"""A part of a page that is replaced by the table of one motion."""
+
+
+def times_table(runs: Iterable[ExplorationRun], motion: str) -> str:
+    """Mean simulated seconds until 95 % of the floor was known: a row for each map and team, a column a strategy.
+
+    The shortest of a row is bold. Runs that did not come so far make a dash; runs that could not be made are left out.
+
+    Args:
+        runs: of any motion.
+        motion: whose runs are shown, of `MOTIONS`.
+
+    """
+    made = [run for run in runs if run.case.motion == motion and not run.why_not]
+    strategies = list(dict.fromkeys(run.case.strategy for run in made))
+    rows = dict.fromkeys((run.case.map, run.case.robots) for run in made)
+    lines = [
+        "| floor | robots | " + " | ".join(f"`{name}`" for name in strategies) + " |",
+        "|---|---|" + "---|" * len(strategies),
+    ]
+    for floor, robots in rows:
+        cells = []
+        for strategy in strategies:
+            group = floor, robots, strategy
+            alike = [run for run in made if (run.case.map, run.case.robots, run.case.strategy) == group]
+            cells.append(_mean_s(alike))
+        known = [cell for cell in cells if cell is not None]
+        told = ["–" if cell is None else f"**{cell:.1f}**" if cell == min(known) else f"{cell:.1f}" for cell in cells]
+        lines.append(f"| {floor} | {robots} | " + " | ".join(told) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def write_page(path: Path, runs: Sequence[ExplorationRun]) -> None:
+    """Write the tables to a page: into its blocks `<!-- exploration: MOTION -->` if it has some, else as a new file.
+
+    A block of a motion that was not run stays as it is.
+
+    Args:
+        path: of the page.
+        runs: what the tables tell.
+
+    Raises:
+        UsageError: the file cannot be read or written, or is there and has no block.
+
+    """
+    motions = [motion for motion in MOTIONS if any(run.case.motion == motion for run in runs)]
+    try:
+        if path.exists():
+            page = path.read_text(encoding="utf-8")
+            if not BLOCK.search(page):
+                raise UsageError(f"--page {path}: expected a block `<!-- exploration: {MOTIONS[0]} -->` or a new file")
+        else:
+            page = "\n".join(f"<!-- exploration: {motion} -->\n<!-- /exploration -->\n" for motion in motions)
+        for motion in motions:
+            page = _filled(page, motion, times_table(runs, motion))
+        path.write_text(page, encoding="utf-8")
+    except (OSError, UnicodeError) as error:
+        raise UsageError(f"--page {path}: {error}") from error
+
+
+def _filled(page: str, motion: str, table: str) -> str:
+    def block(found: re.Match[str]) -> str:
+        if found["motion"] != motion:
+            return found[0]
+        return f"<!-- exploration: {motion} -->\n{table}<!-- /exploration -->"
+
+    return BLOCK.sub(block, page)
+
+
+JUDGED_PERCENT = 95
+"""The share whose time is compared with the bounds."""
+SPEED_UPS = {2: 1.6, 4: 3.2, 8: 6.4}
+"""Least speed-up over the best strategy with one robot, by number of robots, unless the floor bounds the time."""
+OVER_BOUND = 1.5
+"""Factor on the floor's bound within which a speed-up is not asked for."""
+OVER_IDEAL = {1: 1.15, 4: 1.25}
+"""Largest time over that of ideal motion, by number of robots."""
+OVER_BEST = 1.03
+"""Largest time of the default strategy over that of the best."""
+WIDTH = 178
+
+
+class ExplorationPlan(msgspec.Struct, frozen=True, kw_only=True):
+    """All runs of the benchmark."""
+
+    cases: list[ExplorationCase]
+    jobs: int
+    absent: list[str]
+    """Default maps that are not on this computer."""
+
+
+class ExplorationReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Contents of the file of `--json`."""
+
+    bench: str
+    runs: list[ExplorationRun]
+    figures: list[Figure]
+    all_kept: bool
+
+
+class Group(NamedTuple):
+    """Runs that differ by their seed alone."""
+
+    map: str
+    robots: int
+    strategy: str
+    motion: str
+
+
+def choose(
+    maps: str | None,
+    robots: str,
+    seeds: str,
+    strategies: str | None,
+    motions: str,
+    near: tuple[float, float] | None,
+    jobs: int,
+    time_limit_s: float,
+    map_folder: Path | None = None,
+    *,
+    with_sight: bool = False,
+) -> ExplorationPlan:
+    """Make a plan from the options: each map with each number of robots, strategy, motion and seed.
+
+    Raises:
+        UsageError: an option is wrong; the text names it and what was expected.
+
+    """
+    chosen, absent = choose_maps(maps, map_folder)
+    names = STRATEGIES.names if strategies is None else names_of("--strategies", strategies)
+    for name in names:
+        try:
+            STRATEGIES.get(name)
+        except UnknownEntry as error:
+            raise UsageError(f"--strategies {name}: {error}") from error
+    moves = names_of("--motion", motions, MOTIONS)
+    counts = numbers_of("--robots", robots, 1, MAX_ROBOTS)
+    drawn = numbers_of("--seeds", seeds, 0, MAX_SEED)
+    check_limits(jobs, time_limit_s)
+    cases = [
+        ExplorationCase(
+            map=name,
+            path=path,
+            robots=count,
+            seed=seed,
+            strategy=strategy,
+            motion=motion,
+            near=near,
+            time_limit_s=time_limit_s,
+            with_sight=with_sight,
+        )
+        for name, path in chosen.items()
+        for count in counts
+        for motion in moves
+        for strategy in names
+        for seed in drawn
+    ]
+    return ExplorationPlan(cases=cases, jobs=jobs, absent=absent)
+
+
+def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path | None = None) -> None:
+    """Make all runs; prints a line for each group of seeds, and the figures at the end.
+
+    Args:
+        plan: the runs.
+        json_file: written after each group, so that what was measured is kept if the benchmark is interrupted.
+        page: a Markdown page whose tables of times are replaced after each group, too.
+
+    Raises:
+        UsageError: `json_file` or `page` cannot be written.
+
+    """
+    _write(json_file, [])
+    for name in plan.absent:
+        say(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
+    prepare_kernels()
+    runs: list[ExplorationRun] = []
+    for run in all_runs(run_case, plan.cases, plan.jobs):
+        runs.append(run)
+        if run.why_not:
+            print_line(f"{_words_of(_group_of(run))}, seed {run.case.seed}: not run: {run.why_not}")
+        is_last = len(runs) == len(plan.cases) or _group_of(run) != _key(plan.cases[len(runs)])
+        if is_last:
+            made = [one for one in runs if _group_of(one) == _group_of(run) and not one.why_not]
+            print_line(f"{_words_of(_group_of(run))}: {_percents(made)}")
+            _write(json_file, runs)
+            if page is not None:
+                write_page(page, runs)
+    console = new_console(width=WIDTH)
+    console.print(table(runs))
+    found = list(figures(runs))
+    if found:
+        show_figures("exploration, each figure beside the bound that it is to keep", found, console)
+
+
+def table(runs: Sequence[ExplorationRun]) -> Table:
+    """Means over the seeds, with their 95 % intervals where runs are judged; a row for each group."""
+    title = "Exploration: means over the seeds [95 % interval]; drive to stand are shares of the robots' time in %"
+    shown = Table(title=title, title_justify="left")
+    for heading in ("map", "motion", "strategy"):
+        shown.add_column(heading, no_wrap=True)
+    headings = ("N", "runs", "90 % s", "95 % s", "99 % s", "bound s", "sight s", "speed-up", "overlap", "m", "J/m²")
+    for heading in (*headings, "drive", "turn", "wait", "stand", "hits"):
+        shown.add_column(heading, justify="right", no_wrap=True)
+    groups = by_group(runs)
+    for group, made in groups.items():
+        one = _mean_s(groups.get(group._replace(robots=1), []))
+        own = _mean_s(made)
+        speed_up = "–" if one is None or not own else f"{one / own:.2f}"
+        spent = [run.time_use for run in made]
+        total_s = sum(sum(msgspec.structs.astuple(each)) for each in spent) or 1.0
+        shares = [
+            f"{100 * sum(getattr(each, name) for each in spent) / total_s:.0f}" for name in spent[0].__struct_fields__
+        ]
+        shown.add_row(
+            group.map,
+            group.motion,
+            group.strategy,
+            str(group.robots),
+            str(len(made)),
+            _mean(_times(made, 90)),
+            _interval(_times(made, JUDGED_PERCENT)),
+            _mean(_times(made, 99)),
+            f"{sum(run.bound_s for run in made) / len(made):.1f}",
+            _mean([run.sight_s for run in made]),
+            speed_up,
+            _mean([run.overlap for run in made], 2),
+            _mean([run.distance_m for run in made], 0),
+            _mean([None if run.energy_j is None else run.energy_j / run.explored_m2 for run in made]),
+            *shares,
+            str(sum(run.collisions for run in made)),
+        )
+    return shown
+
+
+def figures(runs: Sequence[ExplorationRun]) -> Iterator[Figure]:
+    """The default strategy's times of the full stack beside one robot's, ideal motion's, and the best strategy's."""
+    groups = by_group(runs)
+    default = PlanningPolicy().exploration
+    for group, made in groups.items():
+        if group.motion != FULL or group.strategy != default:
+            continue
+        name, own = f"{group.map}, {group.robots} robots", _mean_s(made)
+        alike = {other.strategy: found for other, found in groups.items() if other._replace(strategy=default) == group}
+        alone = [_mean_s(found) for other, found in groups.items() if _is_alone(other, group.map)]
+        least_s = min((each for each in alone if each is not None), default=None)
+        if (wanted := SPEED_UPS.get(group.robots)) is not None and least_s is not None:
+            floor_s = OVER_BOUND * sum(run.bound_s for run in made) / len(made)
+            bound = at_most(round(max(least_s / wanted, floor_s), 2))
+            yield deterministic(f"{name}: {JUDGED_PERCENT} % known", math.nan if own is None else own, "s", bound=bound)
+        ideal_s = _mean_s(groups.get(group._replace(motion=IDEAL), []))
+        if ideal_s and own:
+            over = OVER_IDEAL.get(group.robots)
+            limit = None if over is None else at_most(over)
+            yield deterministic(f"{name}: time over that of ideal motion", own / ideal_s, "×", bound=limit)
+        times = {strategy: time_s for strategy, found in alike.items() if (time_s := _mean_s(found)) is not None}
+        if len(times) > 1 and own:
+            best = min(times, key=times.__getitem__)
+            beside = f"best: {best}"
+            ratio = own / times[best]
+            yield deterministic(f"{name}: time over the best", ratio, "×", bound=at_most(OVER_BEST), beside=beside)
+
+
+def by_group(runs: Iterable[ExplorationRun]) -> dict[Group, list[ExplorationRun]]:
+    """The runs that could be made, by what they have in common but the seed."""
+    groups: dict[Group, list[ExplorationRun]] = {}
+    for run in runs:
+        if not run.why_not:
+            groups.setdefault(_group_of(run), []).append(run)
+    return groups
+
+
+def _is_alone(group: Group, name: str) -> bool:
+    return group.map == name and group.robots == 1 and group.motion == FULL
+
+
+def _key(case: ExplorationCase) -> Group:
+    return Group(case.map, case.robots, case.strategy, case.motion)
+
+
+def _group_of(run: ExplorationRun) -> Group:
+    return _key(run.case)
+
+
+def _words_of(group: Group) -> str:
+    return f"{group.map}, {group.robots} robots, {group.strategy}, {group.motion}"
+
+
+def _percents(runs: Sequence[ExplorationRun]) -> str:
+    told = [f"{percent} % after {_interval(_times(runs, percent))} s" for percent in (90, 95, 99)]
+    return ", ".join(told)
+
+
+def _times(runs: Iterable[ExplorationRun], percent: int) -> list[float | None]:
+    return [run.explored_percent_s.get(percent) for run in runs]
+
+
+def _mean_s(runs: Sequence[ExplorationRun]) -> float | None:
+    """Mean time of `JUDGED_PERCENT`; None if there is no run, or one did not come so far."""
+    times = _times(runs, JUDGED_PERCENT)
+    known = [time_s for time_s in times if time_s is not None]
+    return sum(known) / len(known) if known and len(known) == len(times) else None
+
+
+def _interval(values: Sequence[float | None], decimals: int = 1) -> str:
+    """`35.1 [33.2, 37.5]`; with `(8 of 10)` if some values are missing, and a dash if all are."""
+    known = [value for value in values if value is not None]
+    mean = mean_interval(known)
+    of = "" if len(known) == len(values) else f" ({len(known)} of {len(values)})"
+    return "–" if mean is None else mean.words(decimals) + of
+
+
+def _mean(values: Sequence[float | None], decimals: int = 1) -> str:
+    known = [value for value in values if value is not None]
+    of = "" if len(known) == len(values) else f" ({len(known)} of {len(values)})"
+    return f"{sum(known) / len(known):.{decimals}f}{of}" if known else "–"
+
+
+def _write(path: Path | None, runs: list[ExplorationRun]) -> None:
+    if path is not None:
+        found = list(figures(runs))
+        write_json(path, ExplorationReport(bench="exploration", runs=runs, figures=found, all_kept=are_kept(found)))

@@ -1,0 +1,311 @@
+"""Life of a mote field: a plain collection tree, energy-aware routes, and robots as mules, beside the bound."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from rich.table import Table
+from scipy.optimize import linprog
+from scipy.sparse import coo_array
+
+from robrain.algorithms.motes.mote_energy import DAY_S, MoteEnergy
+from robrain.algorithms.motes.radio_graph import RadioGraph
+from robrain.deploy.commands.terminal import new_console, print_line
+from robrain.deploy.errors import UsageError
+from robrain.lab.bench.figure import Figure, are_kept, at_least, deterministic, show_figures, write_json
+from robrain.lab.bench.mapping.mapping_plan import all_runs, names_of, numbers_of
+from robrain.lab.report.mean_interval import mean_interval
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, Routing
+from robrain.sim.mote_days.mote_days import FieldLife, FieldRun
+from robrain.sim.scenarios.scenario import MAX_SEED
+
+
+def lifetime_bound_days(graph: RadioGraph, left_j: list[float], energy: MoteEnergy, rate_hz: float) -> float:
+    """No routes let all motes live longer than this, if each sends `rate_hz` readings a second to the sink.
+
+    Maximum lifetime routing (Chang and Tassiulas, IEEE/ACM Transactions on Networking 12(4), 2004): maximise T such
+    that each mote sends on what it senses and receives in T, and has the energy for it. The unknowns are the packets of
+    each link in T, in thousands, and T in days.
+
+    Raises:
+        ValueError: a mote does not reach the sink.
+
+    """
+    if len(graph.reachable()) < graph.sink:
+        raise ValueError("expected motes that all reach the sink")
+    links = [(mote, other) for mote in range(graph.sink) for other in graph.neighbours[mote]]
+    last = len(links)
+    packets = 1000.0
+    flow: list[tuple[int, int, float]] = [(mote, last, -rate_hz * DAY_S / packets) for mote in range(graph.sink)]
+    spent: list[tuple[int, int, float]] = [
+        (mote, last, DAY_S * (energy.awake_w + rate_hz * energy.reading_j)) for mote in range(graph.sink)
+    ]
+    for column, (mote, other) in enumerate(links):
+        flow.append((mote, column, 1.0))
+        spent.append((mote, column, packets * energy.send_j))
+        if other != graph.sink:
+            flow.append((other, column, -1.0))
+            spent.append((other, column, packets * energy.receive_j))
+    size = (graph.sink, last + 1)
+    gain = np.zeros(last + 1)
+    gain[last] = -1.0
+    zeros = np.zeros(graph.sink)
+    limits, balances = _matrix(spent, size), _matrix(flow, size)
+    solved = linprog(gain, limits, left_j, balances, zeros, method="highs")  # type: ignore[call-overload]
+    if solved.x is None:
+        raise ValueError(f"the linear program has no solution: {solved.message}")
+    return float(solved.x[last])
+
+
+def _matrix(entries: list[tuple[int, int, float]], size: tuple[int, int]) -> coo_array:
+    rows, columns, values = zip(*entries, strict=True)
+    return coo_array((np.array(values), (np.array(rows), np.array(columns))), shape=size)
+
+
+SIZE_M = 100.0
+SINK = Point2D(0.0, 0.0)
+DRAWS_MAX = 10_000
+TREE, ROUTES, MULES, RELIEF, TURNS = "tree", "routes", "mules", "relief", "turns"
+WAYS = {
+    TREE: "a collection tree with the fewest hops, no robots",
+    ROUTES: "routes in turn that spare the weak motes, no robots",
+    MULES: "robots collect everything once a day",
+    RELIEF: "robots collect what would wear motes down before the goal; the rest travels at once",
+    TURNS: "the same, with only as many motes on duty as the coverage needs",
+}
+
+
+class MoteCase(msgspec.Struct, frozen=True, kw_only=True):
+    """One run."""
+
+    way: str
+    seed: int
+    motes: int
+    tours_per_day: float
+    goal_days: float
+
+    @property
+    def plan(self) -> FieldPlan:
+        """How its field is run."""
+        tours, goal = self.tours_per_day, self.goal_days
+        return {
+            TREE: FieldPlan(routing=Routing.TREE),
+            ROUTES: FieldPlan(routing=Routing.LIFETIME),
+            MULES: FieldPlan(routing=Routing.NONE, tours_per_day=tours),
+            RELIEF: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal),
+            TURNS: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal, takes_turns=True),
+        }[self.way]
+
+
+class MoteRun(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a field."""
+
+    case: MoteCase
+    bound_days: float
+    """First death at the latest, by the linear program for motes that all take readings and have no robots."""
+    first_days: float
+    half_days: float
+    last_days: float
+    delivery_ratio: float
+    coverage: float
+    age_h: float
+    news_age_h: float
+    robot_j_per_day: float
+    driven_m_per_day: float
+
+
+def run_case(case: MoteCase) -> MoteRun:
+    """Run one field to the last mote's death."""
+    site = site_of(case.seed, case.motes)
+    graph = RadioGraph(site.places, site.sink, site.range_m)
+    full_j = [site.energy.capacity_j] * case.motes
+    run = FieldRun(site, case.plan)
+    life: FieldLife = run.run()
+    return MoteRun(
+        case=case,
+        bound_days=lifetime_bound_days(graph, full_j, site.energy, 1.0 / site.period_s),
+        first_days=life.first_days,
+        half_days=life.half_days,
+        last_days=life.last_days,
+        delivery_ratio=life.delivery_ratio,
+        coverage=life.coverage,
+        age_h=life.age_h,
+        news_age_h=life.news_age_h,
+        robot_j_per_day=life.robot_j / run.horizon_days,
+        driven_m_per_day=life.driven_m / run.horizon_days,
+    )
+
+
+def site_of(seed: int, motes: int) -> MoteSite:
+    """Motes at random places of a square of 100 m, the sink in a corner; drawn again until all reach the sink.
+
+    Raises:
+        UsageError: so few motes do not connect.
+
+    """
+    rng = np.random.default_rng(seed)
+    for _ in range(DRAWS_MAX):
+        drawn = rng.uniform(0.0, SIZE_M, (motes, 2)).tolist()
+        site = MoteSite(places=tuple(Point2D(x_m, y_m) for x_m, y_m in drawn), sink=SINK, size_m=SIZE_M)
+        if len(RadioGraph(site.places, site.sink, site.range_m).reachable()) == motes:
+            return site
+    raise UsageError(f"--motes {motes}: {DRAWS_MAX} draws had no field in which all motes reach the sink; take more")
+
+
+OF_BOUND = 0.9
+"""Least lifetime over the linear program's, on every field."""
+OVER_TREE = 3.5
+"""Least mean lifetime with robots over that of the plain tree."""
+MOTES_MAX = 1000
+WIDTH = 132
+
+
+class MotePlan(msgspec.Struct, frozen=True, kw_only=True):
+    """All runs of the benchmark."""
+
+    cases: list[MoteCase]
+    jobs: int
+
+
+class MoteReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Contents of the file of `--json`."""
+
+    bench: str
+    runs: list[MoteRun]
+    figures: list[Figure]
+    all_kept: bool
+
+
+def choose(ways: str | None, seeds: str, motes: int, tours_per_day: float, goal_days: float, jobs: int) -> MotePlan:
+    """Make a plan from the options.
+
+    Raises:
+        UsageError: an option is wrong; the text names it and what was expected.
+
+    """
+    names = list(WAYS) if ways is None else names_of("--ways", ways, WAYS)
+    drawn = numbers_of("--seeds", seeds, 0, MAX_SEED)
+    if not 1 <= motes <= MOTES_MAX:
+        raise UsageError(f"--motes {motes}: expected 1 to {MOTES_MAX}")
+    if jobs < 1:
+        raise UsageError(f"--jobs {jobs}: expected at least 1")
+    for option, value in (("--tours-per-day", tours_per_day), ("--goal-days", goal_days)):
+        if not 0 < value <= 1e4:
+            raise UsageError(f"{option} {value:g}: expected a number above 0 and at most 10000")
+    cases = [
+        MoteCase(way=way, seed=seed, motes=motes, tours_per_day=tours_per_day, goal_days=goal_days)
+        for way in names
+        for seed in drawn
+    ]
+    return MotePlan(cases=cases, jobs=jobs)
+
+
+def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
+    """Make all runs; prints a line for each way of running the field, and table and figures at the end.
+
+    Raises:
+        UsageError: there is no such field, or `json_file` cannot be written.
+
+    """
+    _write(json_file, [])
+    runs: list[MoteRun] = []
+    for run in all_runs(run_case, plan.cases, plan.jobs):
+        runs.append(run)
+        made = [one for one in runs if one.case.way == run.case.way]
+        if len(runs) == len(plan.cases) or plan.cases[len(runs)].way != run.case.way:
+            print_line(f"{run.case.way}: first dead mote after {_interval([one.first_days for one in made])} days")
+            _write(json_file, runs)
+    console = new_console(width=WIDTH)
+    console.print(table(runs))
+    found = list(figures(runs))
+    if found:
+        show_figures("motes, each figure beside the bound that it is to keep", found, console)
+
+
+def table(runs: Sequence[MoteRun]) -> Table:
+    """Means over the seeds; a row for each way of running the field."""
+    count = runs[0].case.motes
+    title = (
+        f"{count} motes on 100 × 100 m: means over the seeds (± 95 % interval); from arrived to m/d in the first year"
+    )
+    shown = Table(title=title, title_justify="left")
+    shown.add_column("way", no_wrap=True)
+    headings = ("runs", "first dead d", "half d", "last d", "of bound", "× tree", "arrived", "covered", "age h")
+    for heading in (*headings, "newest h", "robot kJ/d", "m/d"):
+        shown.add_column(heading, justify="right", no_wrap=True)
+    tree_days = _mean([run.first_days for run in runs if run.case.way == TREE])
+    for way, made in _by_way(runs).items():
+        first_days = _mean([run.first_days for run in made])
+        shown.add_row(
+            way,
+            str(len(made)),
+            _interval([run.first_days for run in made]),
+            _words(_mean([run.half_days for run in made]), 0),
+            _words(_mean([run.last_days for run in made]), 0),
+            _words(_mean([run.first_days / run.bound_days for run in made]), 2),
+            _words(None if tree_days is None or first_days is None else first_days / tree_days, 2),
+            _percent(_mean([run.delivery_ratio for run in made])),
+            _percent(_mean([run.coverage for run in made])),
+            _words(_mean([run.age_h for run in made]), 1),
+            _words(_mean([run.news_age_h for run in made]), 1),
+            _words(_mean([run.robot_j_per_day / 1000.0 for run in made]), 1),
+            _words(_mean([run.driven_m_per_day for run in made]), 0),
+        )
+    return shown
+
+
+def figures(runs: Sequence[MoteRun]) -> Iterator[Figure]:
+    """What is judged: routes against the bound, and robots against the tree."""
+    ways = _by_way(runs)
+    routes = ways.get(ROUTES, [])
+    if routes:
+        shares = [run.first_days / run.bound_days for run in routes]
+        yield deterministic(
+            "lifetime with routes in turn over the linear-programming bound, least",
+            min(shares),
+            bound=at_least(OF_BOUND),
+            beside=f"mean {sum(shares) / len(shares):.3f} of {len(shares)} fields",
+        )
+    tree_days = _mean([run.first_days for run in ways.get(TREE, [])])
+    for way in (MULES, RELIEF):
+        made = ways.get(way, [])
+        first_days = _mean([run.first_days for run in made])
+        if first_days is not None and tree_days is not None:
+            age_h, news_h = _mean([run.age_h for run in made]), _mean([run.news_age_h for run in made])
+            energy_kj = _mean([run.robot_j_per_day / 1000.0 for run in made])
+            yield deterministic(
+                f"lifetime with {way} over that of the collection tree",
+                first_days / tree_days,
+                bound=at_least(OVER_TREE),
+                beside=f"data {_words(age_h, 1)} h old, newest {_words(news_h, 1)} h; {_words(energy_kj, 1)} kJ a day",
+            )
+
+
+def _by_way(runs: Sequence[MoteRun]) -> dict[str, list[MoteRun]]:
+    return {way: made for way in WAYS if (made := [run for run in runs if run.case.way == way])}
+
+
+def _mean(values: Iterable[float]) -> float | None:
+    known = list(values)
+    return sum(known) / len(known) if known else None
+
+
+def _words(value: float | None, decimals: int) -> str:
+    return "–" if value is None else f"{value:.{decimals}f}"
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f} %"
+
+
+def _interval(values: Sequence[float]) -> str:
+    found = mean_interval(values)
+    return "–" if found is None else found.words(0)
+
+
+def _write(path: Path | None, runs: list[MoteRun]) -> None:
+    if path is not None:
+        found = list(figures(runs))
+        write_json(path, MoteReport(bench="motes", runs=runs, figures=found, all_kept=are_kept(found)))

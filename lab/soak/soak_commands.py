@@ -1,0 +1,130 @@
+"""`robrain soak`. It reads its options and calls the code that does the work."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+
+from robrain.deploy.commands.team_options import JsonOption
+from robrain.protocol.wire.border.safe_text import safe_json
+
+soak_app = typer.Typer(rich_markup_mode=None)
+
+BROKEN = 1
+"""Exit status if an invariant was broken, or a planted bug was not found."""
+INTERRUPTED = 130
+
+
+@soak_app.command()
+def soak(
+    runs: Annotated[int | None, typer.Option(help="Number of scripts; default: 100.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the first script; the others follow.")] = 1,
+    jobs: Annotated[int | None, typer.Option(help="Number of processes; default: one for each core.")] = None,
+    minutes: Annotated[float | None, typer.Option(help="Begin no script after this time.")] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for the scripts that fail.", show_default=True)
+    ] = Path("runs/soak"),
+    shrink: Annotated[int, typer.Option(help="Trials to shrink a failing script; 0 leaves it as it is.")] = 300,
+    repeat: Annotated[Path | None, typer.Option(help="Run one script again, from its file.")] = None,
+    planted: Annotated[
+        bool, typer.Option("--planted", help="Run scripts with each of ten planted bugs until one finds it.")
+    ] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="Run the full stack with the stock plugins in a scenario, not the stand-in.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Run random fault scripts on the coordination code, judge them, and shrink those that break an invariant."""
+    from robrain.deploy.commands.process_options import above_zero
+    from robrain.deploy.errors import UsageError
+
+    for name, value, least in (("--runs", runs, 1), ("--jobs", jobs, 1), ("--seed", seed, 0), ("--shrink", shrink, 0)):
+        if value is not None and value < least:
+            raise UsageError(f"{name} {value}: expected at least {least}")
+    above_zero("--minutes", minutes)
+    if full and (planted or repeat is not None):
+        raise UsageError("--full: expected neither --planted nor --repeat with it; a script says what it is run with")
+    if repeat is not None:
+        _repeat(repeat, as_json=as_json)
+    elif planted:
+        _planted(seed, runs, jobs, as_json=as_json)
+    else:
+        _soak(seed, runs or 100, jobs, minutes, output, shrink, is_full=full, as_json=as_json)
+
+
+def _soak(
+    seed: int,
+    runs: int,
+    jobs: int | None,
+    minutes: float | None,
+    output: Path,
+    shrink: int,
+    *,
+    is_full: bool,
+    as_json: bool,
+) -> None:
+    from robrain.lab.soak.soak_display import show_soak, soak_display
+    from robrain.lab.soak.soaking import SoakOptions, soak
+
+    options = SoakOptions(
+        seeds=range(seed, seed + runs),
+        jobs=_jobs(jobs),
+        minutes=minutes,
+        output=output,
+        trials_max=shrink,
+        is_full=is_full,
+        quiet=as_json,
+    )
+    with soak_display(runs, quiet=as_json) as show:
+        result = soak(options, show)
+    if as_json:
+        _print_json(result)
+    else:
+        show_soak(result)
+    if result.interrupted:
+        raise typer.Exit(INTERRUPTED)
+    if result.failures or result.errors:
+        raise typer.Exit(BROKEN)
+
+
+def _repeat(file: Path, *, as_json: bool) -> None:
+    from robrain.deploy.run.kernels import prepare_kernels
+    from robrain.lab.soak.soak_display import show_script
+    from robrain.lab.soak.soaking import run_script
+    from robrain.sim.stand_in.fault_script import read_script
+
+    script = read_script(file)
+    prepare_kernels(quiet=as_json)
+    verdict = run_script(script)
+    if as_json:
+        _print_json(verdict)
+    else:
+        show_script(script, verdict)
+    if verdict.broken:
+        raise typer.Exit(BROKEN)
+
+
+def _planted(seed: int, runs: int | None, jobs: int | None, *, as_json: bool) -> None:
+    from robrain.lab.soak.soak_display import show_planted
+    from robrain.lab.soak.soaking import find_planted, known_bugs
+
+    finds = find_planted(known_bugs(), range(seed, seed + (runs or 200)), _jobs(jobs))
+    if as_json:
+        _print_json(finds)
+    else:
+        show_planted(finds)
+    if any(find.seed is None for find in finds):
+        raise typer.Exit(BROKEN)
+
+
+def _jobs(jobs: int | None) -> int:
+    from robrain.lab.sweep.sweep import cores
+
+    return jobs if jobs is not None else cores()
+
+
+def _print_json(value: object) -> None:
+    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
+    sys.stdout.flush()

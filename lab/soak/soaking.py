@@ -1,0 +1,412 @@
+"""The work of `robrain soak`: seeds of fault scripts, run and judged side by side, and the failing ones shrunk."""
+
+import gc
+import shlex
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, nullcontext
+from functools import cache
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from robrain.deploy.run.kernels import prepare_kernels
+from robrain.lab.bench.mapping.mapping_plan import errors_alone
+from robrain.lab.soak.full_trial import run_full_trial
+from robrain.lab.soak.planted import BUGS, planted
+from robrain.lab.soak.shrink import TRIALS_MAX, Shrinker, with_sides_of
+from robrain.lab.sweep.crew import LocalCrew
+from robrain.lab.sweep.execution import execute_all
+from robrain.lab.sweep.run_outcome import RunState
+from robrain.lab.sweep.worker import is_asked_to_stop
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from robrain.sim.lockstep.pacing import StopOnInterrupt
+from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.stand_in.fault_script import (
+    CancelOrder,
+    FaultScript,
+    HaltOrder,
+    PointRobot,
+    ScriptRadio,
+    TaskOrder,
+    script_json,
+)
+from robrain.sim.stand_in.judge import Broken
+from robrain.sim.stand_in.script_drawing import draw_script
+from robrain.sim.stand_in.trial import Verdict, run_trial
+
+SCENARIO = "arena_small"
+ROBOTS = 3
+TASKS = 7
+FASTER = 0.6
+"""Times of a stand-in's script are shortened to this share: ways are shorter."""
+ROOM_M = 0.45
+"""Between a drawn place and the nearest wall."""
+APART_M = 1.0
+"""Between two robots at the start."""
+HARDWARE_SHARE = 0.5
+"""Share of the scripts with a fault of hardware."""
+BROKEN_S = (4.0, 20.0)
+RADIO_SHARE = 0.3
+"""Share of the scripts whose components hear each other by radio."""
+RANGE_M = (12.0, 25.0)
+LOSS = (0.0, 0.1)
+DELAY_S = (0.0, 0.03)
+_RNG_OF_FULL = 17
+_RNG_OF_RADIO = 18
+_HARDWARE = (
+    FaultKind.CAN_CUT,
+    FaultKind.CAN_SHORTED,
+    FaultKind.MOTORS_FAIL,
+    FaultKind.LIDAR_FREEZES,
+    FaultKind.MOTE_BASE_FLOODS,
+    FaultKind.CARRIED_OFF,
+)
+KNOWS = "r1"
+"""Never killed: an agent that is started again finds its place by the maps of the others."""
+
+
+def draw_full_script(seed: int) -> FaultScript:
+    """The script of a seed: that of the stand-in, made smaller, on a floor with walls.
+
+    An agent's clock is never wrong, as sensors are stamped by the simulator's, and no battery is drained at once, as
+    energy would not balance.
+    """
+    base = draw_script(seed)
+    rng = np.random.default_rng([seed, _RNG_OF_FULL])
+    robots = _robots(rng, min(ROBOTS, len(base.robots)))
+    names = [robot.name for robot in robots]
+    tasks = tuple(_task(rng, order) for order in base.tasks[:TASKS])
+    ids = {order.task.id for order in tasks}
+    return FaultScript(
+        seed=seed,
+        scenario=SCENARIO,
+        robots=robots,
+        chargers=_places()[:: len(_places()) - 1],
+        method=base.method,
+        tasks=tasks,
+        cancels=tuple(
+            CancelOrder(at_s=_sooner(order.at_s), task=order.task) for order in base.cancels if order.task in ids
+        ),
+        halts=tuple(HaltOrder(at_s=_sooner(halt.at_s), until_s=_sooner(halt.until_s)) for halt in base.halts),
+        faults=(*_faults(base, names), *_hardware(rng, names)),
+        radio=_radio(seed),
+    )
+
+
+def _radio(seed: int) -> ScriptRadio | None:
+    """A radio that reaches across the floor, for some of the scripts."""
+    rng = np.random.default_rng([seed, _RNG_OF_RADIO])
+    if rng.random() >= RADIO_SHARE:
+        return None
+    range_m, loss, delay_s = rng.uniform(*RANGE_M), rng.uniform(*LOSS), rng.uniform(*DELAY_S)
+    return ScriptRadio(range_m=round(float(range_m), 1), loss=round(float(loss), 2), delay_s=round(float(delay_s), 3))
+
+
+def _robots(rng: np.random.Generator, count: int) -> tuple[PointRobot, ...]:
+    found: list[PointRobot] = []
+    while len(found) < count:
+        place = _place(rng)
+        if all(place.distance_m(other.place) >= APART_M for other in found):
+            soc = round(float(rng.uniform(0.3, 1.0)), 2)
+            found.append(PointRobot(name=f"r{len(found) + 1}", place=place, soc=soc))
+    return tuple(found)
+
+
+def _task(rng: np.random.Generator, order: TaskOrder) -> TaskOrder:
+    return TaskOrder(at_s=_sooner(order.at_s), task=msgspec.structs.replace(order.task, place=_place(rng)))
+
+
+def _faults(base: FaultScript, names: list[str]) -> Iterator[FaultSpec]:
+    for fault in with_sides_of(base, names):
+        is_agent = fault.robot != COORDINATOR
+        if fault.kind is FaultKind.DRAIN or (fault.kind is FaultKind.CLOCK_SKEW and is_agent):
+            continue
+        robot = fault.robot if not is_agent or fault.robot in names else names[-1]
+        if fault.kind is FaultKind.KILL and robot == KNOWS:
+            robot = names[1]
+        at_s = _sooner(fault.at_s)
+        until_s = None if fault.until_s is None else max(_sooner(fault.until_s), round(at_s + 0.1, 1))
+        yield msgspec.structs.replace(fault, robot=robot, at_s=at_s, until_s=until_s)
+
+
+def _hardware(rng: np.random.Generator, names: list[str]) -> Iterator[FaultSpec]:
+    if rng.random() >= HARDWARE_SHARE:
+        return
+    kind, robot = FaultKind(str(rng.choice(list(_HARDWARE)))), str(rng.choice(names))
+    at_s = round(float(rng.uniform(1.0, 25.0)), 1)
+    if kind is FaultKind.CARRIED_OFF:
+        place = _place(rng)
+        yield FaultSpec(robot=robot, kind=kind, at_s=at_s, place_m=(place.x_m, place.y_m))
+    else:
+        yield FaultSpec(robot=robot, kind=kind, at_s=at_s, until_s=round(at_s + float(rng.uniform(*BROKEN_S)), 1))
+
+
+def _sooner(at_s: float) -> float:
+    return round(FASTER * at_s, 1)
+
+
+def _place(rng: np.random.Generator) -> Point2D:
+    places = _places()
+    return places[int(rng.integers(len(places)))]
+
+
+@cache
+def _places() -> tuple[Point2D, ...]:
+    """Places of the floor with room for a robot."""
+    plan = Scenario.builtin(SCENARIO).plan()
+    rows, columns = np.nonzero(plan.clearance_m[::4, ::4] >= ROOM_M)
+    half_m = 0.5 * plan.resolution_m
+    return tuple(
+        Point2D(
+            round(plan.origin_x_m + 4 * int(column) * plan.resolution_m + half_m, 3),
+            round(plan.origin_y_m + 4 * int(row) * plan.resolution_m + half_m, 3),
+        )
+        for row, column in zip(rows, columns, strict=True)
+    )
+
+
+SEEDS_AT_ONCE = 4
+"""Scripts that are run with a planted bug before it is looked whether one has found it."""
+
+
+class SoakTask(msgspec.Struct, frozen=True, kw_only=True):
+    """What a worker is sent."""
+
+    seed: int
+    trials_max: int = TRIALS_MAX
+    """Trials to shrink a failing script; 0 leaves it as it is."""
+    bug: str = ""
+    """Name of a planted bug; empty for the product as it is."""
+    is_full: bool = False
+    """Whether the script is one for the full stack."""
+
+
+class SoakRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of a seed."""
+
+    seed: int
+    state: RunState
+    verdict: Verdict | None = None
+    script: FaultScript | None = None
+    """Of a failing seed: what it was shrunk to."""
+    trials: int = 0
+    """How often a smaller script was tried."""
+    cpu_s: float = 0.0
+    """Of the first run, without the shrinking."""
+    bug: str = ""
+    error: str = ""
+
+
+class SoakOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """How a soak is run."""
+
+    seeds: Sequence[int]
+    jobs: int
+    minutes: float | None = None
+    """No trial begins after this."""
+    output: Path
+    """Folder for the failing scripts."""
+    trials_max: int = TRIALS_MAX
+    is_full: bool = False
+    """Whether scripts are run with the full stack."""
+    quiet: bool = True
+
+
+class Failure(msgspec.Struct, frozen=True, kw_only=True):
+    """A seed whose script breaks an invariant."""
+
+    seed: int
+    broken: tuple[Broken, ...]
+    faults: int
+    """Number of faults of the shrunk script, and of its tasks."""
+    tasks: int
+    file: Path
+    """The shrunk script."""
+
+    @property
+    def repeat(self) -> str:
+        """The command that runs it again."""
+        return shlex.join(("robrain", "soak", "--repeat", str(self.file)))
+
+
+class SoakResult(msgspec.Struct, kw_only=True):
+    """What a soak has found so far."""
+
+    runs: int = 0
+    """Trials that have ended, without those that were interrupted."""
+    failures: list[Failure] = []
+    errors: list[str] = []
+    """Trials whose process died."""
+    sim_time_s: float = 0.0
+    cpu_s: float = 0.0
+    wall_time_s: float = 0.0
+    tasks_done: int = 0
+    lost: int = 0
+    """Messages that faults of the wire have lost."""
+    faults: dict[str, int] = {}
+    """Number of faults by kind."""
+    interrupted: bool = False
+
+    @property
+    def speed(self) -> float:
+        """Simulated time by CPU time."""
+        return self.sim_time_s / self.cpu_s if self.cpu_s else 0.0
+
+
+def draw(seed: int, *, is_full: bool) -> FaultScript:
+    """The script of a seed, for the full stack or for the stand-in."""
+    return draw_full_script(seed) if is_full else draw_script(seed)
+
+
+def run_script(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> Verdict:
+    """Run a script with what it is for, and judge it."""
+    return run_full_trial(script, should_stop) if script.scenario else run_trial(script, should_stop)
+
+
+def soak_one(task: SoakTask) -> SoakRecord:
+    """Run the script of a seed, and shrink it if it breaks an invariant; in a worker process."""
+    _freeze_code()
+    with errors_alone(), planted(task.bug) if task.bug else nullcontext():
+        script = draw(task.seed, is_full=task.is_full)
+        began_s = time.process_time()
+        verdict = run_script(script, is_asked_to_stop)
+        cpu_s = time.process_time() - began_s
+        if is_asked_to_stop():
+            return SoakRecord(seed=task.seed, state=RunState.INTERRUPTED, bug=task.bug)
+        if not verdict.broken:
+            return SoakRecord(seed=task.seed, state=RunState.DONE, verdict=verdict, cpu_s=cpu_s, bug=task.bug)
+        invariant = verdict.broken[0].invariant
+
+        def fails(smaller: FaultScript) -> bool:
+            if is_asked_to_stop():
+                return False
+            return any(one.invariant is invariant for one in run_script(smaller).broken)
+
+        shrinker = Shrinker(fails, task.trials_max)
+        shrunk = shrinker.shrink(script) if task.trials_max else script
+        return SoakRecord(
+            seed=task.seed, state=RunState.DONE, verdict=verdict, script=shrunk, trials=shrinker.trials, cpu_s=cpu_s,
+            bug=task.bug,
+        )  # fmt: skip
+
+
+@cache
+def _freeze_code() -> None:
+    """Have the garbage collector leave out what was loaded so far, in this process: a tenth less time for scripts."""
+    gc.collect()
+    gc.freeze()
+
+
+def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambda _result: None) -> SoakResult:
+    """Run all seeds, to the end, to the time limit or to Ctrl-C; write each failing script once it is shrunk."""
+    prepare_kernels(quiet=options.quiet)
+    result, began_s = SoakResult(), time.monotonic()
+    kinds: Counter[str] = Counter()
+
+    def take(record: SoakRecord) -> None:
+        if record.state is RunState.INTERRUPTED:
+            return
+        result.runs += 1
+        result.wall_time_s = time.monotonic() - began_s
+        if record.verdict is None:
+            result.errors.append(f"seed {record.seed}: {record.error}")
+        else:
+            _add(result, record, record.verdict, options.output)
+            kinds.update(fault.kind.value for fault in draw(record.seed, is_full=options.is_full).faults)
+            result.faults = dict(kinds.most_common())
+        on_progress(result)
+
+    with StopOnInterrupt() as interrupt, closing(_crew(options.jobs)) as crew:
+
+        def should_stop() -> bool:
+            is_late = options.minutes is not None and time.monotonic() - began_s > 60.0 * options.minutes
+            return interrupt.requested or is_late
+
+        tasks = [SoakTask(seed=seed, trials_max=options.trials_max, is_full=options.is_full) for seed in options.seeds]
+        execute_all(tasks, crew, take, without_result, should_stop)
+        result.interrupted = interrupt.requested
+    result.wall_time_s = time.monotonic() - began_s
+    return result
+
+
+class PlantedFind(msgspec.Struct, frozen=True, kw_only=True):
+    """How a planted bug was found, or was not."""
+
+    bug: str
+    seed: int | None
+    """The first seed that found it; None if none did."""
+    seeds: int
+    """Number of seeds that were run."""
+    wall_time_s: float
+    broken: tuple[Broken, ...] = ()
+
+
+def find_planted(bugs: Sequence[str], seeds: Sequence[int], jobs: int) -> list[PlantedFind]:
+    """Run seeds with each planted bug until one finds it; in order of the bugs."""
+    prepare_kernels(quiet=True)
+    finds: list[PlantedFind] = []
+    with StopOnInterrupt() as interrupt, closing(_crew(jobs)) as crew:
+        for bug in bugs:
+            if not interrupt.requested:
+                finds.append(_find(bug, seeds, crew, lambda: interrupt.requested))
+    return finds
+
+
+def _find(
+    bug: str, seeds: Sequence[int], crew: LocalCrew[SoakTask, SoakRecord], should_stop: Callable[[], bool]
+) -> PlantedFind:
+    """In chunks, so that few scripts are run needlessly once one has found the bug."""
+    began_s, records = time.monotonic(), list[SoakRecord]()
+    for start in range(0, len(seeds), SEEDS_AT_ONCE):
+        tasks = [SoakTask(seed=seed, trials_max=0, bug=bug) for seed in seeds[start : start + SEEDS_AT_ONCE]]
+        execute_all(tasks, crew, records.append, without_result, should_stop)
+        found = [record for record in records if record.verdict is not None and record.verdict.broken]
+        if found or should_stop():
+            break
+    first = min(found, key=lambda record: record.seed, default=None) if records else None
+    return PlantedFind(
+        bug=bug,
+        seed=None if first is None else first.seed,
+        seeds=len(records),
+        wall_time_s=round(time.monotonic() - began_s, 1),
+        broken=() if first is None or first.verdict is None else first.verdict.broken,
+    )
+
+
+def without_result(task: SoakTask, state: RunState, why: str) -> SoakRecord:
+    """The record of a trial that ended without one."""
+    return SoakRecord(seed=task.seed, state=state, error=why, bug=task.bug)
+
+
+def known_bugs() -> list[str]:
+    """Names of the planted bugs, in the order of their table."""
+    return list(BUGS)
+
+
+def _crew(jobs: int) -> LocalCrew[SoakTask, SoakRecord]:
+    return LocalCrew(jobs, soak_one)
+
+
+def _add(result: SoakResult, record: SoakRecord, verdict: Verdict, output: Path) -> None:
+    result.sim_time_s += verdict.sim_time_s
+    result.cpu_s += record.cpu_s
+    result.tasks_done += verdict.done
+    result.lost += verdict.lost
+    if record.script is None:
+        return
+    output.mkdir(parents=True, exist_ok=True)
+    file = output / f"seed-{record.seed}.json"
+    file.write_bytes(script_json(record.script))
+    result.failures.append(
+        Failure(
+            seed=record.seed,
+            broken=verdict.broken,
+            faults=len(record.script.faults) + len(record.script.halts),
+            tasks=len(record.script.tasks),
+            file=file,
+        )
+    )

@@ -1,0 +1,63 @@
+"""Each planted bug is found, and what finds it finds nothing in the product as it is."""
+
+import pytest
+
+from robrain.lab.soak.planted import BUGS, planted
+from robrain.lab.soak.soaking import SoakTask, soak_one
+from robrain.lab.sweep.run_outcome import RunState
+from robrain.sim.stand_in.script_drawing import draw_script
+from robrain.sim.stand_in.trial import run_trial
+
+FOUND_BY = {
+    "epoch_not_raised": 3,
+    "lease_not_kept": 3,
+    "journal_late": 1,
+    "requeued_without_order": 1,
+    "any_report_counts": 3,
+    "halt_forgotten": 11,
+    "offer_never_free": 4,
+    "strays_stay": 18,
+    "backoff_without_end": 11,
+    "cancelled_forgotten": 17,
+}
+"""The first seed that finds each; docs/how-to/soak.md has the same."""
+SHRUNK = "halt_forgotten"
+"""Is found by the test that shrinks its script."""
+
+
+pytestmark = pytest.mark.usefixtures("impatient")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bug", [bug for bug in BUGS if bug != SHRUNK])
+def test_a_planted_bug_is_found_by_the_seed_in_the_docs(bug):
+    record = soak_one(SoakTask(seed=FOUND_BY[bug], trials_max=0, bug=bug))
+    assert record.state is RunState.DONE
+    assert record.verdict.broken
+    assert record.cpu_s > 0
+
+
+@pytest.mark.slow
+def test_the_seeds_that_find_planted_bugs_find_nothing_in_the_product():
+    assert {seed: run_trial(draw_script(seed)).broken for seed in set(FOUND_BY.values())} == dict.fromkeys(
+        FOUND_BY.values(), ()
+    )
+
+
+def test_a_planted_bug_is_gone_after_its_block():
+    before = [getattr(owner, name) for bug in BUGS.values() for owner, name, _ in bug.patches()]
+    for name in BUGS:
+        with planted(name):
+            pass
+    assert before == [getattr(owner, name) for bug in BUGS.values() for owner, name, _ in bug.patches()]
+
+
+@pytest.mark.slow
+def test_a_script_that_finds_a_planted_bug_is_shrunk_and_fails_by_itself():
+    record = soak_one(SoakTask(seed=FOUND_BY[SHRUNK], trials_max=6, bug=SHRUNK))
+    script = draw_script(FOUND_BY[SHRUNK])
+    assert len(record.script.faults) < len(script.faults)
+    assert len(record.script.tasks) < len(script.tasks)
+    with planted(SHRUNK):
+        assert run_trial(record.script).broken[0].invariant is record.verdict.broken[0].invariant
+    assert run_trial(record.script).broken == ()

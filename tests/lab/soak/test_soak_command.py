@@ -1,0 +1,60 @@
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from robrain.cli import app
+from robrain.lab.soak.planted import planted
+from robrain.lab.soak.soaking import SoakOptions, soak
+from robrain.sim.stand_in.fault_script import script_json
+from robrain.sim.stand_in.script_drawing import draw_script
+
+SEED = 18
+"""Finds `strays_stay`."""
+
+
+def robrain(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.mark.slow
+def test_a_soak_of_the_product_breaks_nothing_and_says_what_it_ran(tmp_path):
+    result = soak(SoakOptions(seeds=range(1, 3), jobs=1, output=tmp_path / "out"))
+    assert (result.runs, result.failures, result.errors) == (2, [], [])
+    assert result.tasks_done > 10
+    assert sum(result.faults.values()) == sum(len(draw_script(seed).faults) for seed in range(1, 3))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_script_runs_again_from_its_file(tmp_path):
+    file = tmp_path / "s.json"
+    file.write_bytes(script_json(draw_script(SEED)))
+    ended = robrain("soak", "--repeat", file)
+    assert ended.exit_code == 0
+    assert "no invariant broken" in ended.output
+
+
+@pytest.mark.slow
+def test_a_script_that_fails_again_says_what_is_broken_and_exits_with_1(tmp_path):
+    file = tmp_path / "s.json"
+    file.write_bytes(script_json(draw_script(SEED)))
+    with planted("strays_stay"):
+        ended = robrain("soak", "--repeat", file, "--json")
+    assert ended.exit_code == 1
+    assert json.loads(ended.output)["broken"][0]["invariant"] == "done_twice"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--runs", 0), "--runs 0: expected at least 1"),
+        (("--jobs", 0), "--jobs 0: expected at least 1"),
+        (("--minutes", -1), "--minutes"),
+        (("--repeat", "nowhere.json"), "nowhere.json: cannot be read"),
+    ],
+)
+def test_bad_options_are_refused(words, told):
+    ended = robrain("soak", *words)
+    assert ended.exit_code != 0
+    assert told in f"{ended.output} {ended.exception}"

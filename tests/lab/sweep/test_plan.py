@@ -1,0 +1,220 @@
+"""The plan of a sweep: all combinations, each a scenario file of its own."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+import msgspec
+import pytest
+from msgspec import NODEFAULT
+
+from robrain import Scenario, ScenarioError
+from robrain.deploy.errors import UsageError
+from robrain.lab.sweep.plan import make_plan
+from robrain.lab.sweep.variables import NOT_VARIED, SHORT, full_key, value_at, with_values
+from robrain.sim.scenarios.scenario_file import ScenarioTables, builtin_folder, builtin_names, document_toml
+
+ROOT = Path(__file__).parents[3]
+DEPOT = Scenario.builtin("depot")
+CLINIC = ROOT / "examples" / "maps" / "clinic.yaml"
+
+
+def test_every_combination_runs_with_every_seed() -> None:
+    plan = make_plan(DEPOT, [3, 1], {"robots": [1, 2], "strategy": ["joint", "nearest"]})
+    assert [setting.values for setting in plan.settings] == [
+        {"robots": 1, "strategy": "joint"},
+        {"robots": 1, "strategy": "nearest"},
+        {"robots": 2, "strategy": "joint"},
+        {"robots": 2, "strategy": "nearest"},
+    ]
+    runs = plan.runs()
+    assert [(run.setting, run.seed) for run in runs] == [(k, seed) for k in range(4) for seed in (1, 3)]
+    assert len({run.name for run in runs}) == 8
+    assert runs[3].name == "2-robots=1,strategy=nearest-seed3"
+
+
+def test_a_setting_is_the_scenario_with_its_values() -> None:
+    [_, two] = make_plan(DEPOT, [1], {"team.robots": [1, 2]}).settings
+    assert Scenario.from_toml(two.toml).document() == DEPOT.replace(robots=2).document()
+    assert two.values == {"robots": 2}
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_a_scenario_survives_its_own_document(name: str) -> None:
+    scenario = Scenario.builtin(name)
+    again = Scenario.from_toml(document_toml(scenario.document()), base=builtin_folder())
+    assert again.document() == scenario.document()
+
+
+def test_without_keys_there_is_one_setting() -> None:
+    [setting] = make_plan(DEPOT, [1], {}).settings
+    assert (setting.label, setting.values) == ("depot", {})
+
+
+def test_a_map_can_be_varied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    plan = make_plan(DEPOT.replace(chargers=()), [1], {"map": ["examples/maps/clinic.yaml"]})
+    [setting] = plan.settings
+    assert setting.values == {"map": "examples/maps/clinic.yaml"}
+    assert Scenario.from_toml(setting.toml, base=tmp_path).floor == CLINIC.resolve()
+    assert list(plan.inputs) == [str(CLINIC.resolve())]
+
+
+@pytest.mark.parametrize(
+    ("vary", "why"),
+    [
+        ({"robots": ["two"]}, r"--vary robots=two: team.robots: Expected `int`"),
+        ({"robots": [0]}, "--vary robots=0: team: expected robots from 1 to 1000"),
+        ({"strategy": ["jiont"]}, "did you mean joint"),
+        ({"map": ["nix.yaml"]}, "--vary map=nix.yaml: .*nix.yaml: expected a map_server YAML file"),
+        ({"robots": [2, 2]}, "--vary robots: expected each value once, got 2, 2"),
+        ({"until": [0.9, 2]}, "until_explored above 0 and at most 1"),
+        ({"robots": [1], "team.robots": [2]}, "expected each key once"),
+    ],
+)
+def test_a_wrong_value_is_told_with_its_key(vary: dict[str, list[object]], why: str) -> None:
+    with pytest.raises(UsageError, match=why):
+        make_plan(DEPOT, [1], vary)
+
+
+def test_more_runs_than_the_limit_are_refused_with_their_number() -> None:
+    with pytest.raises(UsageError, match=r"--limit 5: these are 6 runs \(2 settings × 3 seeds\)"):
+        make_plan(DEPOT, [1, 2, 3], {"robots": [1, 2]}, limit=5)
+    assert len(make_plan(DEPOT, [1, 2, 3], {"robots": [1, 2]}, limit=6).runs()) == 6
+
+
+def test_a_floor_is_known_by_its_cells() -> None:
+    [(drawing, cells)] = make_plan(DEPOT, [1], {"robots": [1, 2]}).inputs.items()
+    coarse = make_plan(DEPOT, [1], {"floor.resolution_m": [0.1]}).inputs
+    assert drawing not in coarse
+    assert cells not in coarse.values()
+
+
+def test_text_that_is_no_scenario_is_told_with_its_name() -> None:
+    with pytest.raises(ScenarioError, match=r"mine: team\.robots: Expected `int`"):
+        Scenario.from_toml('[scenario]\nname = "a"\n[floor]\nsize_m = [2, 2]\n[team]\nrobots = "x"\n', "mine")
+
+
+FULL = """
+[scenario]
+name = "full"
+[floor]
+size_m = [8, 6]
+walls = [{ from_m = [5, 0], to_m = [5, 2] }]
+blocks = [{ x_m = 1, y_m = 4, width_m = 1, height_m = 1 }]
+pillars = [{ x_m = 6, y_m = 2, radius_m = 0.3 }]
+[[tasks]]
+kind = "visit"
+place_m = [2, 2]
+[[chargers]]
+place_m = [1, 1]
+[[robots]]
+type = "scout"
+"""
+
+
+ROOM = Scenario.from_toml(FULL, "full")
+
+
+def keys_of(hint: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Every key of a type, with a value that it may have: its default, or that of the full scenario."""
+    for field in msgspec.structs.fields(hint):
+        key = f"{path}.{field.encode_name}" if path else field.encode_name
+        inner = field.type
+        tables = [one for one in (inner, *get_args(inner)) if isinstance(one, type) and issubclass(one, msgspec.Struct)]
+        if field.default is not NODEFAULT and field.default is not None:
+            yield key, msgspec.to_builtins(field.default)
+        for table in tables:
+            is_list = get_origin(inner) is tuple
+            yield from keys_of(table, f"{key}.0" if is_list else key)
+
+
+KEYS = dict(keys_of(ScenarioTables, ""))
+
+
+@pytest.mark.parametrize("table", sorted({key.partition(".")[0] for key in KEYS}))
+def test_every_key_of_a_scenario_can_be_varied(table: str) -> None:
+    base = ROOM.document()
+    tried = 0
+    for key, value in KEYS.items():
+        if (
+            key.partition(".")[0] == table
+            and key not in (*NOT_VARIED, *SHORT)
+            and not (".0." in key and not base[table])
+        ):
+            assert refusal_of(with_values(base, {full_key(key): value})) == "", key
+            tried += 1
+    assert tried > 0
+
+
+def without_none(value: Any) -> Any:
+    """As TOML has it."""
+    if isinstance(value, dict):
+        return {key: without_none(item) for key, item in value.items() if item is not None}
+    return [without_none(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def refusal_of(document: dict[str, Any]) -> str:
+    """Why a document is no scenario; empty if it is one, or if a table that was made needs other keys as well."""
+    try:
+        msgspec.convert(without_none(document), ScenarioTables)
+    except msgspec.ValidationError as error:
+        return "" if "missing required field" in str(error) else str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("links.range_m", [6.0, 12.0]),
+        ("links.loss", [0.0, 0.1]),
+        ("tasks.0.priority", [1.0, 5.0]),
+        ("robots.0.type", ["scout", "carrier"]),
+        ("planning.mote_field.watch", [True, False]),
+        ("planning.passes", [["stability"], ["early_start"]]),
+        ("disturbance.scan.late_s", [[0.0, 0.0], [0.1, 0.2]]),
+    ],
+)
+def test_a_key_of_a_table_that_the_scenario_has_not_can_be_varied(key: str, values: list[Any]) -> None:
+    plan = make_plan(ROOM, [1], {key: values})
+    settings = [Scenario.from_toml(setting.toml).document() for setting in plan.settings]
+    assert [msgspec.json.encode(value_at(found, key)) for found in settings] == [
+        msgspec.json.encode(value_at(with_values(found, {key: value}), key))
+        for found, value in zip(settings, values, strict=True)
+    ]
+    assert len(plan.settings) == len(values)
+
+
+@pytest.mark.parametrize(
+    ("key", "why"),
+    [
+        ("links.rang_m", r"links: unknown key `rang_m` \(did you mean `range_m`\?\)"),
+        ("planning.metod", r"planning: unknown key `metod` \(did you mean `method`\?\)"),
+        ("tasks.3.priority", "expected a number below 1 where 3 is"),
+        ("tasks.x", "expected a number below 1 where x is"),
+        ("scenario.time_limit_s.x", "expected no more keys where x is"),
+    ],
+)
+def test_a_key_that_a_scenario_cannot_have_is_refused(key: str, why: str) -> None:
+    with pytest.raises(UsageError, match=why):
+        make_plan(ROOM, [1], {key: [1.0]})
+
+
+def test_a_sweep_keeps_rules_and_radio_of_its_scenario() -> None:
+    for name in ("plume", "relay_chain", "no_centre"):
+        scenario = Scenario.builtin(name)
+        [setting] = make_plan(scenario, [1], {"time_limit": [20.0]}).settings
+        again = Scenario.from_toml(setting.toml)
+        assert (again.links, again.rules) == (scenario.links, scenario.rules)
+
+
+def test_a_strategy_of_a_file_is_an_input_of_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text("from robrain.algorithms.exploration.joint import joint as choose\n")
+    first = make_plan(ROOM, [1], {"strategy": ["joint", "mine.py:choose"]})
+    assert [setting.label for setting in first.settings] == ["strategy=joint", "strategy=mine.py:choose"]
+    assert Scenario.from_toml(first.settings[1].toml).planning.exploration == f"{tmp_path}/mine.py:choose"
+    Path("mine.py").write_text("from robrain.algorithms.exploration.baselines import nearest as choose\n")
+    assert make_plan(ROOM, [1], {"strategy": ["joint", "mine.py:choose"]}).inputs != first.inputs
+    with pytest.raises(UsageError, match=r"--vary strategy=mine.py:absent: .*mine.py has no function absent"):
+        make_plan(ROOM, [1], {"strategy": ["mine.py:absent"]})

@@ -1,0 +1,158 @@
+"""The exploration benchmark: which runs its options ask for, what it tells of them, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.deploy.errors import UsageError
+from robrain.lab.bench.exploration.exploration import ExplorationPlan, by_group, choose, figures, run_bench, table
+from robrain.lab.bench.exploration.exploration_runs import (
+    FULL,
+    IDEAL,
+    ExplorationCase,
+    ExplorationRun,
+    bound_s,
+    run_case,
+)
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.maps.floor_plan import FloorPlan
+
+DEFAULT = PlanningPolicy().exploration
+SMALL = ExplorationCase(
+    map="arena_small", path="", robots=2, seed=3, strategy=DEFAULT, motion=IDEAL, time_limit_s=120.0
+)
+
+
+def chosen(**options: object) -> ExplorationPlan:
+    words = {
+        "maps": "arena_small",
+        "robots": "2",
+        "seeds": "3",
+        "strategies": DEFAULT,
+        "motions": IDEAL,
+        "near": None,
+        "jobs": 1,
+        "time_limit_s": 120.0,
+    }
+    return choose(**(words | options))
+
+
+def run_of(time_s: float | None, **case: object) -> ExplorationRun:
+    """A run of the whole stack that has seen 95 % at a time."""
+    reached = {} if time_s is None else {90: time_s - 1.0, 95: time_s}
+    asked = msgspec.structs.replace(SMALL, **({"motion": FULL} | case))
+    return ExplorationRun(case=asked, explored_percent_s=reached, bound_s=10.0, distance_m=5.0, explored_m2=20.0)
+
+
+def bounds_of(runs: list[ExplorationRun]) -> dict[str, tuple[float | None, bool | None]]:
+    return {figure.name: (figure.value, figure.kept) for figure in figures(runs)}
+
+
+def test_every_map_comes_with_every_team_strategy_motion_and_seed() -> None:
+    plan = chosen(maps="clinic,arena_small", robots="1,4", seeds="1-3", strategies="joint,minpos", motions="full,ideal")
+    assert len(plan.cases) == len(set(plan.cases)) == 2 * 2 * 3 * 2 * 2
+
+
+def test_by_default_all_strategies_are_compared() -> None:
+    assert {case.strategy for case in chosen(strategies=None).cases} >= {
+        "nearest",
+        "minpos",
+        "burgard",
+        "joint",
+        "tours",
+        "auto",
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"maps": "moon"}, "--maps moon: there is no such map"),
+        ({"strategies": "best"}, "--strategies best: expected "),
+        ({"motions": "fast"}, "--motion fast: expected full or ideal"),
+        ({"robots": "0"}, "--robots 0: expected numbers from 1"),
+        ({"seeds": "a"}, "--seeds a: expected whole numbers"),
+        ({"jobs": 0}, "--jobs 0: expected at least 1"),
+        ({"time_limit_s": float("nan")}, "--time-limit-s nan: expected a number above 0"),
+    ],
+)
+def test_a_wrong_option_is_refused_in_words(options: dict[str, object], told: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        chosen(**options)
+    assert str(caught.value).startswith(told)
+
+
+@pytest.mark.slow
+def test_ideal_motion_and_the_full_stack_explore_the_same_floor_from_the_same_place() -> None:
+    ideal, full = (run_case(msgspec.structs.replace(SMALL, motion=motion, near=(2.0, 2.0))) for motion in (IDEAL, FULL))
+    assert ideal.explored_m2 == pytest.approx(full.explored_m2, rel=0.03)
+    assert ideal.bound_s == full.bound_s > 0
+    assert full.bound_s <= ideal.explored_percent_s[95] <= 1.1 * full.explored_percent_s[95]
+    assert full.energy_j is not None
+    assert ideal.energy_j is None
+    assert full.overlap is not None
+
+
+@pytest.mark.parametrize("near", [None, (2.0, 2.0)])
+def test_teams_of_all_sizes_start_at_the_same_spot(near: tuple[float, float] | None) -> None:
+    one, eight = (
+        msgspec.structs.replace(SMALL, robots=robots, near=near).scenario().world().robots[0].start for robots in (1, 8)
+    )
+    assert (one.x_m, one.y_m) == (eight.x_m, eight.y_m)
+
+
+def test_a_run_that_cannot_be_made_says_why() -> None:
+    assert "robots" in run_case(msgspec.structs.replace(SMALL, robots=400)).why_not
+
+
+def test_the_bound_is_the_way_to_the_farthest_floor_less_the_sight() -> None:
+    corridor = np.ones((14, 404), dtype=np.bool_)
+    corridor[2:12, 2:402] = False
+    plan = FloorPlan(corridor, 0.1, 0.0, 0.0, "corridor")
+    assert bound_s(plan, Point2D(1.0, 0.7), 0.2, 6.0, speed_m_s=0.5) == pytest.approx((37.0 - 6.0) / 0.5, rel=0.03)
+    assert bound_s(plan, Point2D(1.0, 0.7), 0.2, 60.0) == 0.0
+
+
+def test_a_team_is_judged_by_the_best_strategy_of_one_robot() -> None:
+    runs = [run_of(96.0, robots=1), run_of(80.0, robots=1, strategy="minpos"), run_of(30.0, robots=4)]
+    bounds = {figure.name: figure.bound for figure in figures(runs)}
+    assert bounds["arena_small, 4 robots: 95 % known"].at_most == pytest.approx(80.0 / 3.2)
+    assert bounds_of(runs)["arena_small, 4 robots: 95 % known"] == (30.0, False)
+
+
+def test_no_speed_up_is_asked_for_that_the_floor_does_not_allow() -> None:
+    runs = [run_of(40.0, robots=1), run_of(14.9, robots=8)]
+    assert bounds_of(runs)["arena_small, 8 robots: 95 % known"] == (14.9, True)
+
+
+def test_a_run_that_did_not_come_so_far_misses_its_bound() -> None:
+    runs = [run_of(40.0, robots=1), run_of(14.0, robots=8), run_of(None, robots=8, seed=4)]
+    assert bounds_of(runs)["arena_small, 8 robots: 95 % known"] == (None, False)
+
+
+def test_the_stack_is_judged_beside_ideal_motion_and_the_default_beside_the_best() -> None:
+    runs = [run_of(24.0, robots=1), run_of(20.0, robots=1, motion=IDEAL), run_of(23.0, robots=1, strategy="minpos")]
+    told = bounds_of(runs)
+    assert told["arena_small, 1 robots: time over that of ideal motion"] == (pytest.approx(1.2), False)
+    assert told["arena_small, 1 robots: time over the best"] == (pytest.approx(24 / 23), False)
+
+
+def test_the_table_has_a_row_for_each_group_with_its_speed_up() -> None:
+    runs = [run_of(40.0, robots=1), run_of(42.0, robots=1, seed=4), run_of(20.5, robots=2)]
+    shown = table(runs)
+    assert shown.row_count == len(by_group(runs)) == 2
+    cells = {str(column.header): list(column.cells) for column in shown.columns}
+    assert cells["speed-up"] == ["1.00", "2.00"]
+    assert cells["95 % s"] == ["41.0 [40.0, 42.0]", "20.5"]
+
+
+def test_the_file_has_all_runs_and_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = chosen(robots="1,2")
+    run_bench(plan, tmp_path / "out.json")
+    told = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    assert [run["case"]["robots"] for run in told["runs"]] == [1, 2]
+    assert f"arena_small, 2 robots, {DEFAULT}, ideal: 90 % after" in capsys.readouterr().out
