@@ -28,7 +28,6 @@ from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.standing.mandate import Mandate
 from robrain.coordinator.standing.offer_fence import OfferFence
 from robrain.coordinator.tasks.dry_run import DryRuns
-from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
@@ -40,7 +39,7 @@ from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode, most_refused

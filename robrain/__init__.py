@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from robrain.coordinator.planning.policy import PlanningPolicy
     from robrain.lab.fork.fork_api import fork
     from robrain.lab.fork.fork_result import ForkResult
-    from robrain.lab.report.two_runs import TwoRuns, compare_runs
     from robrain.lab.sweep.sweep import SweepResult, sweep
     from robrain.plugins.behavior.errand import Errand, Failed
     from robrain.plugins.device.scan.interface import ScanInterface
@@ -45,6 +44,7 @@ if TYPE_CHECKING:
     from robrain.protocol.wire.messages.tasks.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
     from robrain.protocol.wire.messages.team.team_messages import TeamState
     from robrain.recording.reader.recording import Recording, load
+    from robrain.recording.reader.two_runs import TwoRuns, compare_runs
     from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
@@ -159,7 +159,7 @@ _NAMES = {
     "robrain.client.team": ("Team",),
     "robrain.coordinator.planning.policy": ("PlanningPolicy",),
     "robrain.recording.reader.recording": ("Recording", "load"),
-    "robrain.lab.report.two_runs": ("TwoRuns", "compare_runs"),
+    "robrain.recording.reader.two_runs": ("TwoRuns", "compare_runs"),
     "robrain.lab.fork.fork_api": ("fork",),
     "robrain.lab.fork.fork_result": ("ForkResult",),
     "robrain.lab.sweep.sweep": ("SweepResult", "sweep"),

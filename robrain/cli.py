@@ -52,6 +52,7 @@ from robrain.deploy.supervision.supervision_commands import supervision_app
 from robrain.deploy.tasks.task_commands import task_app
 from robrain.lab.bench.commands import bench_app
 from robrain.lab.fork.fork_command import fork
+from robrain.lab.report.report_command import report
 from robrain.lab.soak.soak_commands import soak_app
 from robrain.lab.sweep.sweep_commands import sweep_app
 from robrain.protocol.model.tasks.objective import Objective
@@ -260,9 +261,14 @@ def dashboard(
     replay: Annotated[Path | None, typer.Option(help="Show this recording instead of a live team.")] = None,
 ) -> None:
     """Show a team, or a recording, in a browser page on 127.0.0.1."""
-    from robrain.deploy.processes.live_commands import dashboard_command
+    from robrain.deploy.processes.live_commands import dashboard_command, show_recording
 
-    dashboard_command(connect, check_name("team", team), port, replay)
+    if replay is not None:
+        from robrain.lab.fork.fork_child import ForkChild
+
+        show_recording(replay, ForkChild(replay), port)
+    else:
+        dashboard_command(connect, check_name("team", team), port)
 
 
 @app.command()
@@ -297,7 +303,9 @@ def replay(
     }
     check_replay(speed, start, [option for option, given in for_the_wire.items() if given and dashboard])
     if dashboard:
-        show_recording(recording, port, speed, start)
+        from robrain.lab.fork.fork_child import ForkChild
+
+        show_recording(recording, ForkChild(recording), port, speed, start)
         return
     where = given_endpoints(connect)
     replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start, paused=paused)
@@ -305,6 +313,7 @@ def replay(
 
 app.command()(assistant)
 app.command()(fork)
+app.command()(report)
 app.command()(bringup)
 app.command()(machine_files)
 app.command()(router)

@@ -27,14 +27,14 @@ from robrain.algorithms.motes.mote_energy import (
     SENSE_A,
     SENSE_S,
 )
-from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX, Mote, MoteTable
+from robrain.coordinator.motes.mote_registry import Mote, MoteTable
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
-from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
+from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, Task, TaskState, parameters_of
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import taken_at_ns
 from robrain.protocol.wire.border.record_guard import RecordGuard

@@ -7,8 +7,6 @@ from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.reasons.robots import CarrierOut, MoteSilent, RobotReason
 
-MEMBER_PREFIX = "mote:"
-"""What the robot of a task is called that a mote does; no robot's name can begin so."""
 MOTES_MAX = 4096
 PERIODS = 3.0
 """A mote that has been silent for so many of its periods, and for `SILENT_S`, is out of reach (chosen)."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import (
     COLLECT,
@@ -37,6 +36,7 @@ from robrain.protocol.wire.reasons.tasks import (
     TeamLacks,
     TooFewRobots,
 )
+from robrain.protocol.wire.schema.announced_parameters import check_announced
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid

@@ -21,19 +21,14 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.team.roster import LOST_AFTER_S, Robot
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.coordinator.team.roster import Robot
+from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import NotHeard
 from robrain.protocol.wire.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
 
-LEASE_S = 1.5
-"""Silence of the coordinator after which a robot releases its task (chosen: three summaries)."""
-FREE_AFTER_S = 2.0
-"""Silence after which a robot's task is free. The difference to the lease is the guard time: the robot's host steps
-every 20 ms, its last state may be 100 ms old, and a summary may be in flight (chosen)."""
 FORGOTTEN_S = 1.0
 """A robot that does not report its assigned task for this long has lost it, for example in a restart."""
 

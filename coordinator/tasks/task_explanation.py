@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.admission import needed_plugins, why_nobody_can
 from robrain.coordinator.tasks.backoff import Backoff
@@ -13,7 +12,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import MEMBER_PREFIX, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord, TaskWhy
 from robrain.protocol.wire.reasons.reason import told

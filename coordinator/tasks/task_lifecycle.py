@@ -11,11 +11,10 @@ from contextlib import AbstractContextManager
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
 from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
 from robrain.coordinator.tasks.backoff import Backoff
 from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
-from robrain.coordinator.tasks.reconcile import LEASE_S, reconcile, strays
+from robrain.coordinator.tasks.reconcile import reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.capabilities import Capabilities
@@ -23,7 +22,7 @@ from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import LEASE_S, MEMBER_PREFIX, TaskState
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.model.tasks.task import LOST_AFTER_S
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
@@ -26,9 +27,6 @@ ROBOTS_UNSEEN_MAX = 32
 """Maximum number of names without a token so far (chosen: tokens arrive with the first state)."""
 FORGET_UNSEEN_NS = to_ns(10.0)
 """Such a name is forgotten after this much silence (chosen)."""
-LOST_AFTER_S = 0.8
-"""A robot that has said nothing for this long, eight states, is not counted on, whatever its token says (chosen: with
-the time that its last state was under way, everybody knows within a second)."""
 _LOST_AFTER_NS = to_ns(LOST_AFTER_S)
 FOUND_NS = to_ns(1.0)
 """A restarted coordinator finds every robot that is there within this time."""

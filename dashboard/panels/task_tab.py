@@ -7,7 +7,6 @@ import msgspec
 
 from robrain.client.errors import BadTask
 from robrain.client.submission import submission_of
-from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.dashboard.html.gantt_html import gantt_html
 from robrain.dashboard.html.html_words import CLOSE_MARK, text
 from robrain.dashboard.html.task_html import queue_html, why_html
@@ -29,6 +28,7 @@ from robrain.protocol.wire.messages.tasks.task_messages import (
     TaskSubmission,
     TaskWhy,
 )
+from robrain.protocol.wire.schema.announced_parameters import check_announced
 from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 
 HIDDEN = {"id", "kind", "parameters", "earliest_ns", "deadline_ns", "needs", "after", "robots"}

@@ -12,8 +12,8 @@ import viser
 from robrain.dashboard.html.html_words import clock_text, text
 from robrain.dashboard.panels.gui_values import set_html, set_visible
 from robrain.dashboard.replay.replay_source import ReplaySource
-from robrain.lab.report.two_runs import TwoRuns, words_of
 from robrain.protocol.wire.clock import to_seconds
+from robrain.recording.reader.two_runs import TwoRuns, words_of
 
 TICKED_MAX = 12
 """Robots that have a box to tick each; of a larger team, names are typed."""

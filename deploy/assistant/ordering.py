@@ -6,7 +6,6 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.client.team import Team
-from robrain.coordinator.tasks.announced_parameters import check_announced
 from robrain.deploy.assistant.answer import Answer, Verdict, answer
 from robrain.deploy.assistant.arguments import CallPlugin, CancelTask, HaltRobots, SubmitTask
 from robrain.deploy.assistant.errors import Refused
@@ -17,6 +16,7 @@ from robrain.protocol.model.tasks.task import BadParameters
 from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
+from robrain.protocol.wire.schema.announced_parameters import check_announced
 
 CALL_TIMEOUT_S = 10.0
 

@@ -3,6 +3,7 @@
 import socket
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robrain.deploy.processes.dashboard_process import READY_PREFIX
 from robrain.deploy.processes.live_process import (
@@ -17,16 +18,16 @@ from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.session import listening_at, open_session
 
+if TYPE_CHECKING:
+    from robrain.dashboard.replay.what_if import ForkRunner
+
 DEFAULT_DASHBOARD_PORT = 8080
 
 
-def dashboard_command(connect: str | None, team: str, port: int | None, replay: Path | None = None) -> None:
-    """Show a team, or a recording, until Ctrl-C."""
+def dashboard_command(connect: str | None, team: str, port: int | None) -> None:
+    """Show a team until Ctrl-C."""
     from robrain.dashboard import run_dashboard
 
-    if replay is not None:
-        show_recording(replay, port)
-        return
     should_stop = LiveStop()
     with client_session(connect) as session, live_endpoint(session, team) as wire:
 
@@ -37,14 +38,18 @@ def dashboard_command(connect: str | None, team: str, port: int | None, replay: 
         run_dashboard(wire, "127.0.0.1", _page_port(port), ready, should_stop)
 
 
-def show_recording(recording: Path, port: int | None, speed: float = 1.0, start_s: float = 0.0) -> None:
-    """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed."""
+def show_recording(
+    recording: Path, what_if: "ForkRunner", port: int | None, speed: float = 1.0, start_s: float = 0.0
+) -> None:
+    """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed.
+
+    `what_if` runs it again from a moment, with changes.
+    """
     from robrain.dashboard import ReplaySource, run_dashboard
-    from robrain.lab.fork.fork_child import ForkChild
 
     should_stop = LiveStop()
     source = ReplaySource(recording, speed=speed, start_s=start_s)
-    run_dashboard(source, "127.0.0.1", _page_port(port), _tell_url, should_stop, ForkChild(recording))
+    run_dashboard(source, "127.0.0.1", _page_port(port), _tell_url, should_stop, what_if)
 
 
 def replay_on_wire(

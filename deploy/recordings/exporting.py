@@ -32,7 +32,7 @@ def export_recording(
         folder = output if output is not None else recording.with_name(f"{recording.stem}_{form}")
         return list(export_tables(recording, folder, form, on_progress).values())
     if form == "html":
-        from robrain.recording.replay.html_player import write_html
+        from robrain.dashboard.replay.html_player import write_html
 
         path = output if output is not None else recording.with_suffix(".html")
         write_html(recording, path, on_progress)

@@ -6,11 +6,9 @@ from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption
-from robrain.protocol.wire.border.safe_text import safe_json
+from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, print_json
 from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
 recording_app = typer.Typer(rich_markup_mode=None)
@@ -146,8 +144,8 @@ def diff(
     """Print the first message in which two runs differ, and both beside each other. Exit status 1 if they differ."""
     from robrain.deploy.recordings.recording_display import progress, show_difference
     from robrain.deploy.recordings.two_runs_display import show_two_runs
-    from robrain.lab.report.two_runs import compare_runs
     from robrain.recording.reader.comparing import first_difference
+    from robrain.recording.reader.two_runs import compare_runs
 
     with progress("comparing", quiet=as_json) as show:
         difference, same = first_difference(first, second, show)
@@ -183,28 +181,6 @@ def recover(
     with progress("recovering", quiet=as_json) as show:
         recovery = recover_recording(recording, path, show)
     _tell(recovery, lambda: show_recovery(recovery), as_json=as_json)
-
-
-@recording_app.command()
-def report(
-    recordings: Annotated[list[Path], typer.Argument(help="A recording, or several to compare.")],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder to write to; default: NAME_report beside the first recording."),
-    ] = None,
-    forms: Annotated[
-        str, typer.Option("--figures", help="Formats of the figures' files, such as svg,pdf,png.")
-    ] = "svg",
-    as_json: JsonOption = False,
-) -> None:
-    """Write a page of plots of a run, or compare several; those of several seeds by mean and interval."""
-    from robrain.deploy.recordings.recording_display import progress, show_report
-    from robrain.lab.report.report import write_report
-
-    folder = output if output is not None else recordings[0].with_name(f"{recordings[0].stem}_report")
-    with progress("reading and drawing", quiet=as_json) as show:
-        written = write_report(recordings, folder, show, forms=[form.strip() for form in forms.split(",")])
-    _tell(written, lambda: show_report(written.page, written.figures), as_json=as_json)
 
 
 @recording_app.command()
@@ -247,8 +223,7 @@ def export(
 
 def _tell(value: object, show: Callable[[], None], *, as_json: bool) -> None:
     """Print a value as JSON, or else show it."""
-    if not as_json:
+    if as_json:
+        print_json(value)
+    else:
         show()
-        return
-    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
-    sys.stdout.flush()

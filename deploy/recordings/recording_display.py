@@ -129,11 +129,6 @@ def show_recovery(recovery: Recovery) -> None:
     )
 
 
-def show_report(page: Path, figures: list[Path]) -> None:
-    """Where a report is."""
-    results().print(f"{said(page)}, and {len(figures)} figures beside it", soft_wrap=True)
-
-
 def show_files(files: list[Path]) -> None:
     """What was written."""
     console = results()

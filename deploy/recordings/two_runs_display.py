@@ -4,7 +4,7 @@ from rich.table import Table
 
 from robrain.deploy.commands.terminal import results
 from robrain.deploy.recordings.recording_display import said
-from robrain.lab.report.two_runs import ComparedRow, TwoRuns, words_of
+from robrain.recording.reader.two_runs import ComparedRow, TwoRuns, words_of
 
 NAME_SHOWN = 40
 

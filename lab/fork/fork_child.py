@@ -12,10 +12,10 @@ from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.dashboard_process import StartingPage
 from robrain.lab.fork.fork_result import ForkResult, fork_name
 from robrain.lab.fork.repeatable import repeatable
-from robrain.lab.report.two_runs import TwoRuns
 from robrain.protocol.wire.clock import to_seconds
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import recording_info
+from robrain.recording.reader.two_runs import TwoRuns
 
 
 class ForkProgress(msgspec.Struct, frozen=True):

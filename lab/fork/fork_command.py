@@ -60,7 +60,7 @@ def fork(
     from robrain.lab.fork.fork_result import fork_name
     from robrain.lab.fork.forking import fork_run
     from robrain.lab.fork.recorded_run import recorded_run
-    from robrain.lab.report.two_runs import compare_runs
+    from robrain.recording.reader.two_runs import compare_runs
 
     at_s = moment_s(at)
     path = output if output is not None else fork_name(recording, at_s)

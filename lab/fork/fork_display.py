@@ -9,7 +9,7 @@ from robrain.deploy.commands.terminal import clock_of, console, own_command, pri
 from robrain.deploy.recordings.recording_display import where_different
 from robrain.deploy.recordings.two_runs_display import show_two_runs
 from robrain.lab.fork.fork_result import ForkResult
-from robrain.lab.report.two_runs import TwoRuns
+from robrain.recording.reader.two_runs import TwoRuns
 from robrain.sim.scenarios.driving import Progress as RunProgress
 
 WHY_ENDED = {

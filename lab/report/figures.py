@@ -25,9 +25,9 @@ from robrain.lab.report.figure_style import (
     new_figure,
     time_axis,
 )
-from robrain.lab.report.run_data import RobotRun, RunData, TaskRun
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
 from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.reader.run_data import RobotRun, RunData, TaskRun
 
 BARS_MAX = 40
 """Rows of a figure at the most."""

@@ -12,10 +12,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from robrain.coordinator.motes.mote_registry import MEMBER_PREFIX
-from robrain.coordinator.team.roster import LOST_AFTER_S
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import LOST_AFTER_S, MEMBER_PREFIX, TaskState
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState

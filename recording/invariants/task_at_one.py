@@ -5,8 +5,7 @@ A task for several robots has a part for each, with an id of its own; so each id
 
 from collections.abc import Mapping
 
-from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.recording.invariants.findings import Invariant, Missing, TaskAtTwo

@@ -10,8 +10,7 @@ from enum import StrEnum
 
 import msgspec
 
-from robrain.coordinator.tasks.reconcile import LEASE_S
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.wire.border.border import Border
 from robrain.protocol.wire.border.refusals import RefusalCode, Refused
 from robrain.protocol.wire.clock import to_ns, to_seconds

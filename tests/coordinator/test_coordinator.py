@@ -11,10 +11,9 @@ from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.tasks.reconcile import LEASE_S
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.wire.answers.trace import trace_of
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.clock import to_ns

@@ -4,9 +4,8 @@ import msgspec
 import numpy as np
 
 from robrain.coordinator.coordinator import Coordinator
-from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.protocol.model.grid_geometry import FREE
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.topics import (
     ROBOT_ALIVE,

@@ -3,9 +3,8 @@
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.tasks.reconcile import FREE_AFTER_S
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.wire.topics import TASK_CANCEL
 

@@ -13,7 +13,6 @@ from robrain.lab.fork.changes import AddFault, AddTask, Change, SetPolicy, Witho
 from robrain.lab.fork.fork_result import ForkResult
 from robrain.lab.fork.forking import fork_run
 from robrain.lab.fork.recorded_run import recorded_run
-from robrain.lab.report.two_runs import compare_runs
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_lockstep_session
@@ -21,6 +20,7 @@ from robrain.protocol.wire.topics import ROBOT_CALL
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.comparing import first_difference
 from robrain.recording.reader.reading import read_messages, recording_info
+from robrain.recording.reader.two_runs import compare_runs
 from robrain.recording.writer.provenance import RunSetup
 from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec

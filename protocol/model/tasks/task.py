@@ -20,6 +20,16 @@ Team = Annotated[int, Meta(ge=1, le=1000)]
 Parameters = Annotated[dict[str, Any], Meta(max_length=64)]
 """A JSON object."""
 P = TypeVar("P", bound=msgspec.Struct)
+LOST_AFTER_S = 0.8
+"""A robot that is silent for this long has lost contact, whatever its token says: eight states (chosen: with the time
+that its last state was under way, everybody knows within a second)."""
+LEASE_S = 1.5
+"""Silence of the coordinator after which a robot releases its task (chosen: three summaries)."""
+FREE_AFTER_S = 2.0
+"""Silence after which a robot's task is free. The difference to the lease is the guard time: the robot's host steps
+every 20 ms, its last state may be 100 ms old, and a summary may be in flight (chosen)."""
+MEMBER_PREFIX = "mote:"
+"""Begins the `robot` of a task that a mote does; no robot's name can begin so."""
 
 
 class TaskState(StrEnum):

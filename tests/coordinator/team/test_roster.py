@@ -1,7 +1,7 @@
 import pytest
 
-from robrain.coordinator.team.roster import LOST_AFTER_S, Roster
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.model.tasks.task import LOST_AFTER_S, TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.wire.presence import Change

@@ -7,9 +7,9 @@ from typing import Any
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from robrain.lab.report.run_data import RobotRun, RunData, TaskRun
 from robrain.recording.reader.contents import RecordingContents
 from robrain.recording.reader.reading import RecordingInfo
+from robrain.recording.reader.run_data import RobotRun, RunData, TaskRun
 
 NAN = float("nan")
 

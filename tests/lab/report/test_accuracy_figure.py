@@ -8,8 +8,8 @@ import pytest
 
 from robrain.lab.report.figure_style import BAD, figure_style, line_look
 from robrain.lab.report.figures import SILENT_WIDTH, accuracy_figure
-from robrain.lab.report.run_data import RobotRun
 from robrain.protocol.model.accuracy import MapAccuracy
+from robrain.recording.reader.run_data import RobotRun
 from tests.lab.report.drawn_runs import NAN, axes_of, curve, legend_texts, robot_of, robots_of, run_of
 
 

@@ -19,9 +19,9 @@ from robrain.lab.report.figure_style import (
     line_look,
 )
 from robrain.lab.report.figures import energy_figure, explored_figure, task_figure, trajectory_figure
-from robrain.lab.report.run_data import MoteRun, RobotRun, RunData
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.recording.reader.run_data import MoteRun, RobotRun, RunData
 from tests.lab.report.drawn_runs import (
     NAN,
     axes_of,

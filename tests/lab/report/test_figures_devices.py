@@ -17,10 +17,10 @@ from robrain.lab.report.figures import (
     traffic_figure,
 )
 from robrain.lab.report.report import comparison_figure, totals
-from robrain.lab.report.run_data import Happening, MoteRun, RunData, TaskRun
-from robrain.lab.report.two_runs import outcome_of
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.recording.reader.contents import KeyContents
+from robrain.recording.reader.run_data import Happening, MoteRun, RunData, TaskRun
+from robrain.recording.reader.two_runs import outcome_of
 from tests.lab.report.drawn_runs import (
     NAN,
     axes_of,

@@ -10,9 +10,9 @@ import pytest
 from mcap.writer import Writer
 from PIL import Image
 
+from robrain.dashboard.replay.html_player import write_html
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.lab.report.report import FIGURES, group_runs, totals, write_report
-from robrain.lab.report.run_data import Happenings, read_run
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
@@ -24,7 +24,7 @@ from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.recording.errors import RecordingError
-from robrain.recording.replay.html_player import write_html
+from robrain.recording.reader.run_data import Happenings, read_run
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.scenario import Scenario
 from tests.recording.test_commands import HOSTILE

@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page
 
+from robrain.dashboard.replay.html_player import write_html
 from robrain.lab.report.report import write_report
 from robrain.recording.drawing.palette import FREE, UNKNOWN
-from robrain.recording.replay.html_player import write_html
 from tests.lab.report.test_report import hostile_said, write
 from tests.system.browser import colors_in, keep, share_of, wait_for, window
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.coordinator.tasks.announced_parameters import PARTS_MAX, check_announced, why_unusable
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, Relay, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
+from robrain.protocol.wire.schema.announced_parameters import PARTS_MAX, check_announced, why_unusable
 from robrain.protocol.wire.schema.struct_schema import parameters_schema
 
 SCHEMAS = {kind: parameters_schema(type_) for kind, type_ in STOCK_KINDS.items()}

@@ -13,7 +13,6 @@ from mcap.writer import Writer
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.lab.report.report import totals
-from robrain.lab.report.run_data import RunData, read_run
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
@@ -27,6 +26,7 @@ from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.recording.drawing.robot_history import model_power_w
+from robrain.recording.reader.run_data import RunData, read_run
 from tests.coordinator.planning.worlds import model
 
 NS_PER_S = 1_000_000_000

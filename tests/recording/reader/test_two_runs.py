@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain import Scenario, Team, compare_runs
-from robrain.lab.report.two_runs import ComparedRow, words_of
+from robrain.recording.reader.two_runs import ComparedRow, words_of
 
 
 def record(path: Path, *, places: int) -> Path:

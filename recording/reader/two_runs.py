@@ -5,10 +5,10 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.lab.report.run_data import OWN_KINDS, RunData, TaskRun, read_run
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.reader.run_data import OWN_KINDS, RunData, TaskRun, read_run
 
 SHARES = (0.25, 0.5, 0.75, 0.9, 0.95)
 """Explored shares whose times are told."""
