@@ -80,7 +80,7 @@ class _Said(NamedTuple):
     result: dict[str, Any]
 
 
-class Standing(NamedTuple):
+class TaskSituation(NamedTuple):
     """How the robot stands to its tasks."""
 
     task: TaskStatus | None
@@ -142,11 +142,11 @@ class TaskDesk:
         return self._status
 
     @property
-    def facts(self) -> Standing:
+    def facts(self) -> TaskSituation:
         """How all tasks stand; for the host's own thread. What differs from the last is worth telling at once."""
-        return Standing(self.status, self.held.status if self.held is not None else None, self._before)
+        return TaskSituation(self.status, self.held.status if self.held is not None else None, self._before)
 
-    def differs_from(self, told: Standing) -> bool:
+    def differs_from(self, told: TaskSituation) -> bool:
         """Whether any task stands otherwise than in `told`, an earlier `facts`; as that, and in less time."""
         if self._said:
             return self.facts != told
@@ -154,7 +154,7 @@ class TaskDesk:
         is_same = self._status is told.task and held is told.next_task and self._before is told.before
         return not is_same and self.facts != told
 
-    def standing(self, now_ns: int) -> Standing:
+    def standing(self, now_ns: int) -> TaskSituation:
         """The same, with what is known of when the running task ends."""
         facts, foreseen = self.facts, self._foreseen
         status = facts.task

@@ -41,9 +41,9 @@ from robrain.algorithms.navigation.path_planning import (
     shorten_path,
 )
 from robrain.algorithms.navigation.right_of_way import (
+    DrivenPath,
     Margins,
     Track,
-    Way,
     any_within,
     meet,
     pass_on,
@@ -73,7 +73,7 @@ CIRCLES = np.array([[0.6, 0.6, 0.05]])
 SENSOR = Pose2D(0.4, 0.4, 0.0)
 
 
-class Part(NamedTuple):
+class KernelPart(NamedTuple):
     """A part of the kernels that is compiled at a time."""
 
     warm_up: Callable[[], None]
@@ -161,7 +161,7 @@ def _giving_way() -> None:
     release(positions, 0.6, [mate], Margins())
     meet(positions, mate, 0.1)
     pass_on([positions], [0], positions[:1])
-    Way(positions).ahead(0.35, 0.35, 1.0)
+    DrivenPath(positions).ahead(0.35, 0.35, 1.0)
     any_within([mate], Point2D(0.0, 0.0), 1.0)
 
 
@@ -259,24 +259,24 @@ def _small_kernels() -> None:
     arctan2(ones, ones)
 
 
-PARTS: dict[str, Part] = {
-    "battery": Part(_battery, at_start=True),
-    "small kernels": Part(_small_kernels, at_start=True),
-    "pose filter": Part(_pose_filter, at_start=True),
-    "scans": Part(_scans, at_start=True),
-    "surface match": Part(_surface_match, at_start=True),
-    "paths": Part(_paths, at_start=True),
-    "pose graph": Part(_pose_graph, at_start=True),
-    "submaps": Part(_submaps, at_start=True),
-    "navigation grid": Part(_navigation_grid, at_start=True),
-    "frontiers": Part(_frontiers, at_start=True),
-    "giving way": Part(_giving_way, at_start=True),
-    "scans on the map": Part(_scans_on_map, at_start=True),
-    "obstacles": Part(_obstacles, at_start=True),
-    "finding by motes": Part(_finding_by_motes, at_start=True),
-    "scan matches": Part(_scan_matches, at_start=False),
-    "place search": Part(_place_search, at_start=False),
-    "escapes": Part(_escapes, at_start=False),
-    "map overlap": Part(_map_overlap, at_start=False),
+PARTS: dict[str, KernelPart] = {
+    "battery": KernelPart(_battery, at_start=True),
+    "small kernels": KernelPart(_small_kernels, at_start=True),
+    "pose filter": KernelPart(_pose_filter, at_start=True),
+    "scans": KernelPart(_scans, at_start=True),
+    "surface match": KernelPart(_surface_match, at_start=True),
+    "paths": KernelPart(_paths, at_start=True),
+    "pose graph": KernelPart(_pose_graph, at_start=True),
+    "submaps": KernelPart(_submaps, at_start=True),
+    "navigation grid": KernelPart(_navigation_grid, at_start=True),
+    "frontiers": KernelPart(_frontiers, at_start=True),
+    "giving way": KernelPart(_giving_way, at_start=True),
+    "scans on the map": KernelPart(_scans_on_map, at_start=True),
+    "obstacles": KernelPart(_obstacles, at_start=True),
+    "finding by motes": KernelPart(_finding_by_motes, at_start=True),
+    "scan matches": KernelPart(_scan_matches, at_start=False),
+    "place search": KernelPart(_place_search, at_start=False),
+    "escapes": KernelPart(_escapes, at_start=False),
+    "map overlap": KernelPart(_map_overlap, at_start=False),
 }
 """All parts, those at the start first: two short ones, so that progress is soon seen, then the longest."""

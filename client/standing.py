@@ -18,7 +18,7 @@ WAIT_S = 2.0
 POLL_S = 0.02
 
 
-class Standing:
+class LastStates:
     """Keeps the last states. Live it listens from the first question on: a large team's states are much traffic.
 
     Args:

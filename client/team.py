@@ -23,7 +23,7 @@ from robrain.client.listening import Listening
 from robrain.client.members import team_found
 from robrain.client.requests import Requests
 from robrain.client.robot_calls import RobotCalls
-from robrain.client.standing import Standing
+from robrain.client.standing import LastStates
 from robrain.client.submission import TaskName, asked_task, id_of
 from robrain.client.transport import PATIENCE_S, LiveTransport, Transport, operator_name
 from robrain.protocol.model.geometry import Point2D
@@ -199,7 +199,7 @@ class Team(CoordinatorAnswers, RobotCalls):
             self.by = str(self._wire.member)
         self._requests = Requests(transport, self._wire)
         self._halts = self._wire.publisher(HALT)  # a halt then need not wait for its declaration
-        self._standing = Standing(transport, self._wire)
+        self._standing = LastStates(transport, self._wire)
         self._fresh_ids = FreshIds(self._known_ids, self._is_known)
         self._held: set[tuple[str, str]] = set()
 

@@ -8,7 +8,7 @@ from robrain.algorithms.exploration.situation import Busy, Choice
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.coordinator.charging.explorer_reach import reach_m
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.tasks.backoff import Backoff
+from robrain.coordinator.tasks.backoff import TaskBackoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
@@ -47,7 +47,7 @@ class FrontierDesk:
         tasks: TaskBook,
         roster: Roster,
         planning: Planning,
-        backoff: Backoff,
+        backoff: TaskBackoff,
         now_ns: int,
     ) -> None:
         self._explorer, self._team_map, self._tasks, self._roster = explorer, team_map, tasks, roster

@@ -244,12 +244,12 @@ def coordinator(
     lead_anyway: LeadAnywayOption = False,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
-    from robrain.deploy.coordination.coordinator_command import Standing, coordinator_command
+    from robrain.deploy.coordination.coordinator_command import LeadershipOptions, coordinator_command
     from robrain.deploy.processes.live_process import place_of
 
     where = place_of(connect, listen)
     team = check_name("team", team)
-    standing = Standing.of(witnesses, stands_by=stand_by, leads_anyway=lead_anyway)
+    standing = LeadershipOptions.of(witnesses, stands_by=stand_by, leads_anyway=lead_anyway)
     coordinator_command(where, team, journal, objective, planning, rules, standing)
 
 

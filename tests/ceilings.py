@@ -76,8 +76,11 @@ def lines_of_code(source: str) -> int:
 
 
 def class_names_defined_twice(trees: Mapping[Path, ast.Module]) -> int:
-    """Number of public names that more than one class of the product has."""
-    nodes = (node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    """Number of public names that more than one module of the product gives a class.
+
+    Classes within classes, such as the `Parameters` of a plugin, are named with the outer one.
+    """
+    nodes = (node for tree in trees.values() for node in tree.body if isinstance(node, ast.ClassDef))
     names = Counter(node.name for node in nodes if not node.name.startswith("_"))
     return sum(count > 1 for count in names.values())
 

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from robrain.agent.access.exclusive_use import ExclusiveUse, User
 from robrain.agent.access.external_function import ExternalFunction
-from robrain.agent.access.turn import Turn
+from robrain.agent.access.turn import PluginLock
 from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, ForeignError, PluginError
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest
@@ -36,7 +36,7 @@ class Callee(User, Protocol):
         """Its manifest."""
 
     @property
-    def turn(self) -> Turn:
+    def turn(self) -> PluginLock:
         """Its lock."""
 
     @property

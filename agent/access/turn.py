@@ -11,7 +11,7 @@ from robrain.protocol.wire.clock import Clock, to_ns
 COMPILER = "numba.core.dispatcher"
 
 
-class Turn:
+class PluginLock:
     """The lock of one plugin; may be taken again by the thread that has it.
 
     Locks are only ever taken downwards: whoever waits here is of a higher level, or comes from outside.
@@ -87,7 +87,7 @@ class Turn:
         self._lock.release()
 
 
-class LockstepTurn(Turn):
+class LockstepTurn(PluginLock):
     """The turn of a plugin in a lockstep run, whose one thread needs no lock: only the depth is counted."""
 
     @property

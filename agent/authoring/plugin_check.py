@@ -164,7 +164,7 @@ def _word(kind: Any) -> str:
     return kind.__name__ if isinstance(kind, type) and not get_args(kind) else str(kind)
 
 
-class Finding(msgspec.Struct, frozen=True):
+class PluginFinding(msgspec.Struct, frozen=True):
     """One mistake, or something that is worth a look."""
 
     path: Path
@@ -179,7 +179,7 @@ class Finding(msgspec.Struct, frozen=True):
         return f"{self.path}: {self.key}: {'warning: ' if self.is_warning else ''}{self.message}"
 
 
-def check_plugins(folder: Path) -> list[Finding]:
+def check_plugins(folder: Path) -> list[PluginFinding]:
     """What is wrong with the plugins of a folder, in the order of their files.
 
     The plugins are imported, but not created. What they require is looked for in the folder, among the stock plugins
@@ -202,12 +202,12 @@ class _Check:
         self._codes: dict[Path, PluginCode | None] = {}
         self._modules: set[tuple[Path, str]] = set()
 
-    def findings(self) -> list[Finding]:
+    def findings(self) -> list[PluginFinding]:
         """All that is found, once each."""
         found = [*self._read(), *self._look(), *self._cycles()]
         return sorted(dict.fromkeys(found), key=lambda finding: finding.path)
 
-    def _read(self) -> Iterator[Finding]:
+    def _read(self) -> Iterator[PluginFinding]:
         for place in (stock_place(), *(place for place, _ in entry_point_places())):
             for path in find_manifests(place):
                 try:
@@ -223,25 +223,25 @@ class _Check:
                 yield _of_manifest(error)
                 continue
             if path.stem in self._own:
-                yield Finding(path, "file name", f"{self._own[path.stem].path} has the same: only one is loaded")
+                yield PluginFinding(path, "file name", f"{self._own[path.stem].path} has the same: only one is loaded")
             elif path.stem in others and others[path.stem].path.resolve() != path.resolve():
                 taken = others[path.stem].path
-                yield Finding(path, "file name", f"takes the place of {path.stem} in {taken}", is_warning=True)
+                yield PluginFinding(path, "file name", f"takes the place of {path.stem} in {taken}", is_warning=True)
             self._own[path.stem] = self._all[path.stem] = manifest
         yield from self._without_plugin_table()
         if not find_manifests(self._folder):
-            yield Finding(self._folder, "folder", "no manifest in it: expected a TOML file with a [plugin] table")
+            yield PluginFinding(self._folder, "folder", "no manifest in it: expected a TOML file with a [plugin] table")
 
-    def _without_plugin_table(self) -> Iterator[Finding]:
+    def _without_plugin_table(self) -> Iterator[PluginFinding]:
         for path in sorted(set(self._folder.rglob("*.toml")) - set(find_manifests(self._folder))):
             try:
                 tables = read_toml(path)
             except (BadToml, FileNotFoundError):
                 continue  # data too large for a manifest, or a dangling link
             if "tag" in tables or path.with_suffix(".py").is_file():
-                yield Finding(path, "file", "expected a table [plugin]; without one it is passed over")
+                yield PluginFinding(path, "file", "expected a table [plugin]; without one it is passed over")
 
-    def _look(self) -> Iterator[Finding]:
+    def _look(self) -> Iterator[PluginFinding]:
         for manifest in self._own.values():
             try:
                 code = self._import(manifest)
@@ -280,24 +280,24 @@ class _Check:
                 return None  # it is told where that plugin itself is looked at
         return self._codes[manifest.path]
 
-    def _role(self, manifest: Manifest) -> Iterator[Finding]:
+    def _role(self, manifest: Manifest) -> Iterator[PluginFinding]:
         if manifest.name not in self._roles and manifest.name not in self._all:
             why = f"there is no plugin {manifest.name} whose place it could take{self._meant(manifest.name)}"
-            yield Finding(manifest.path, "[plugin] role", why)
+            yield PluginFinding(manifest.path, "[plugin] role", why)
 
-    def _visibility(self, manifest: Manifest) -> Iterator[Finding]:
+    def _visibility(self, manifest: Manifest) -> Iterator[PluginFinding]:
         for name in manifest.tag.visibility:
             if name not in (ANYBODY, COMMAND) and name not in self._all:
-                yield Finding(manifest.path, "[tag] visibility", f"there is no plugin {name}{self._meant(name)}")
+                yield PluginFinding(manifest.path, "[tag] visibility", f"there is no plugin {name}{self._meant(name)}")
 
-    def _requirement(self, manifest: Manifest, required: str) -> Iterator[Finding]:
+    def _requirement(self, manifest: Manifest, required: str) -> Iterator[PluginFinding]:
         key = "[tag] requires"
         if required not in self._all:
-            yield Finding(manifest.path, key, f"nobody provides {required}{self._meant(required)}")
+            yield PluginFinding(manifest.path, key, f"nobody provides {required}{self._meant(required)}")
             return
         other = self._all[required]
         if manifest.name not in other.tag.visibility and ANYBODY not in other.tag.visibility:
-            yield Finding(
+            yield PluginFinding(
                 manifest.path, key, f"{manifest.name} is not in the visibility of {required}: add it in {other.path}"
             )
         # Of two plugins for one role, only one is loaded.
@@ -305,21 +305,21 @@ class _Check:
         rivals = [name for name in dict.fromkeys(rivals) if name != manifest.name]
         if not other.tag.shared and rivals:
             held = f"{required} is not shared, and {', '.join(rivals)} may hold it"
-            yield Finding(manifest.path, key, held, is_warning=True)
+            yield PluginFinding(manifest.path, key, held, is_warning=True)
         own_code, code = self._code(manifest), self._code(other)
         if own_code is None or code is None or required == manifest.name:
             return
         own_level, level = own_code.plugin_class.level, code.plugin_class.level
         if level >= own_level:
-            yield Finding(
+            yield PluginFinding(
                 manifest.path,
                 key,
                 level_refusal(manifest.name, own_level, required, level),
             )
         elif code.plugin_class.interface is None:
-            yield Finding(manifest.path, key, f"{required} has no interface to call it by", is_warning=True)
+            yield PluginFinding(manifest.path, key, f"{required} has no interface to call it by", is_warning=True)
 
-    def _cycles(self) -> Iterator[Finding]:
+    def _cycles(self) -> Iterator[PluginFinding]:
         graph = {
             name: [required for required in manifest.tag.requires if required in self._all]
             for name, manifest in sorted(self._all.items())
@@ -333,7 +333,7 @@ class _Check:
                 path = [*circle[first:], *circle[:first]]
                 way = " → ".join([*path, path[0]])
                 if path[0] in self._own:
-                    yield Finding(self._own[path[0]].path, "[tag] requires", f"{path[0]} requires itself: {way}")
+                    yield PluginFinding(self._own[path[0]].path, "[tag] requires", f"{path[0]} requires itself: {way}")
                 for name in circle:
                     graph[name] = []
             else:
@@ -344,8 +344,8 @@ class _Check:
         return f"; is {near[0]} meant?" if near else f"; there are: {', '.join(sorted(self._all))}"
 
 
-def _of_manifest(error: ManifestError) -> Finding:
-    return Finding(error.path, error.key, str(error).removeprefix(f"{error.path}: {error.key}: "))
+def _of_manifest(error: ManifestError) -> PluginFinding:
+    return PluginFinding(error.path, error.key, str(error).removeprefix(f"{error.path}: {error.key}: "))
 
 
 def _with_line(error: ManifestError, folder: Path) -> ManifestError:
@@ -359,64 +359,66 @@ def _with_line(error: ManifestError, folder: Path) -> ManifestError:
     return ManifestError(error.path, error.key, f"{what} ({Path(own[-1].filename).name}, line {own[-1].lineno})")
 
 
-def _parameters(manifest: Manifest, code: PluginCode) -> Iterator[Finding]:
+def _parameters(manifest: Manifest, code: PluginCode) -> Iterator[PluginFinding]:
     kind = code.plugin_class.Parameters
     try:
         fields = msgspec.structs.fields(kind)
     except TypeError:
-        yield Finding(_source(code.plugin_class), f"{code.plugin_class.__name__}.Parameters", "expected a struct")
+        yield PluginFinding(_source(code.plugin_class), f"{code.plugin_class.__name__}.Parameters", "expected a struct")
         return
     missing = [each.encode_name for each in fields if each.required and each.encode_name not in manifest.parameters]
     if missing:
         for name in missing:
             expected = "no value and no default: each robot's file must set it"
-            yield Finding(manifest.path, f"[parameters] {name}", expected, is_warning=True)
+            yield PluginFinding(manifest.path, f"[parameters] {name}", expected, is_warning=True)
         return
     try:
         check_parameters(manifest, code, {})
     except ManifestError as error:
         yield _of_manifest(error)
     except Exception as error:  # noqa: BLE001 - the struct's own checks are foreign plugin code
-        yield Finding(manifest.path, "[parameters]", f"{type(error).__name__}: {error}")
+        yield PluginFinding(manifest.path, "[parameters]", f"{type(error).__name__}: {error}")
 
 
-def _class(plugin_class: type[Plugin]) -> Iterator[Finding]:
+def _class(plugin_class: type[Plugin]) -> Iterator[PluginFinding]:
     path, name = _source(plugin_class), plugin_class.__name__
     if not inspect.cleandoc(plugin_class.__doc__ or ""):
-        yield Finding(path, name, "no docstring: expected a line on what the plugin does", is_warning=True)
+        yield PluginFinding(path, name, "no docstring: expected a line on what the plugin does", is_warning=True)
     period_s: object = plugin_class.period_s
     if period_s is not None and not (isinstance(period_s, (int, float)) and period_s > 0):
-        yield Finding(path, f"{name}.period_s", f"expected a number of seconds above 0, or None, got {period_s!r}")
+        yield PluginFinding(
+            path, f"{name}.period_s", f"expected a number of seconds above 0, or None, got {period_s!r}"
+        )
     has_step = plugin_class.step is not Plugin.step
     if has_step and period_s is None and not sets_attribute(plugin_class, "period_s"):
-        yield Finding(path, f"{name}.step", "is never called: the class has no period_s", is_warning=True)
+        yield PluginFinding(path, f"{name}.step", "is never called: the class has no period_s", is_warning=True)
     if period_s is not None and not has_step:
-        yield Finding(path, f"{name}.period_s", "there is no step to call so often", is_warning=True)
+        yield PluginFinding(path, f"{name}.period_s", "there is no step to call so often", is_warning=True)
     for function, what in interface_differences(plugin_class):
-        yield Finding(path, f"{name}.{function}", what)
+        yield PluginFinding(path, f"{name}.{function}", what)
 
 
-def _external(plugin_class: type[Plugin]) -> Iterator[Finding]:
+def _external(plugin_class: type[Plugin]) -> Iterator[PluginFinding]:
     path = _source(plugin_class)
     for name, function in inspect.getmembers(plugin_class, inspect.isfunction):
         if not getattr(function, EXTERNAL_MARK, None):
             continue
         key = f"{plugin_class.__name__}.{name}"
         if not inspect.getdoc(function):
-            yield Finding(path, key, "no docstring: expected a line for whoever calls it", is_warning=True)
+            yield PluginFinding(path, key, "no docstring: expected a line for whoever calls it", is_warning=True)
         bare = [
             each for each in list(inspect.signature(function).parameters)[1:] if each not in function.__annotations__
         ]
         if bare:
             text = f"no type hint for {', '.join(bare)}: anything is accepted"
-            yield Finding(path, key, text, is_warning=True)
+            yield PluginFinding(path, key, text, is_warning=True)
 
 
-def _used(manifest: Manifest, plugin_class: type[Plugin]) -> Iterator[Finding]:
+def _used(manifest: Manifest, plugin_class: type[Plugin]) -> Iterator[PluginFinding]:
     for function, used in used_plugins(plugin_class):
         if used not in manifest.tag.requires:
             what = f"uses {used}: name it in [tag] requires of {manifest.path.name}"
-            yield Finding(_source(plugin_class), f"{plugin_class.__name__}.{function}", what)
+            yield PluginFinding(_source(plugin_class), f"{plugin_class.__name__}.{function}", what)
 
 
 def _source(plugin_class: type[Plugin]) -> Path:

@@ -31,7 +31,7 @@ from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.lifecycle.plugin_info import plugin_faults, plugin_info
-from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
@@ -126,7 +126,7 @@ class AgentHost:
         self.board = Board()
         self.desk = TaskDesk()
         self.witness = Witness(memory or WitnessInMemory(), clock.now_ns())
-        self._registry = Registry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
+        self._registry = PluginRegistry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
         self._registry.has_one_thread = has_one_thread
         self.manager = PluginManager(self._registry)
         self._schedule = LockstepSchedule(has_one_thread=has_one_thread) if drive is Drive.LOCKSTEP else None

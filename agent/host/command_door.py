@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from robrain.agent.errors import PluginError, PluginMissing
 from robrain.agent.host.text_command import Question, parse_command
 from robrain.agent.lifecycle.plugin_info import plugin_info
-from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.manifest import COMMAND
 from robrain.agent.transform import Transform
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -22,7 +22,7 @@ class TextCommandDoor:
 
     """
 
-    def __init__(self, registry: Registry) -> None:
+    def __init__(self, registry: PluginRegistry) -> None:
         self._registry = registry
 
     def plugins(self) -> list[PluginInfo]:

@@ -8,7 +8,7 @@ import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS, PluginError, PluginHung
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import PluginState
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
@@ -44,7 +44,10 @@ class FaultDesk:
     """
 
     def __init__(
-        self, registry: Registry, begin: Callable[[ManagedPlugin], None], later: Callable[[Callable[[], None]], None]
+        self,
+        registry: PluginRegistry,
+        begin: Callable[[ManagedPlugin], None],
+        later: Callable[[Callable[[], None]], None],
     ) -> None:
         self._registry = registry
         self._begin = begin

@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 Infos = list[PluginInfo]
 
 
-class Host(Protocol):
+class VerbHost(Protocol):
     """What a verb may use of its robot's host."""
 
     name: str
@@ -58,7 +58,7 @@ class HostVerb(Generic[Q, R]):
 
     query: Query[Q, R]
     """Its row, with the types of request and reply; made by `host_query`."""
-    run: Callable[[Host, Request[Q]], R]
+    run: Callable[[VerbHost, Request[Q]], R]
     """Does it. A PluginError or CallError refuses it in words; anything else is logged, and answered `failed`."""
 
     @property
@@ -67,7 +67,7 @@ class HostVerb(Generic[Q, R]):
         return self.query.chunks[-1]
 
 
-def answer_verb(host: Host, wire: Endpoint, request: Request[bytes]) -> bytes:
+def answer_verb(host: VerbHost, wire: Endpoint, request: Request[bytes]) -> bytes:
     """Run the verb in a query's key; the reply, encoded.
 
     Raises:
@@ -106,27 +106,27 @@ def _imported(name: str) -> "HostVerb[Any, Any]":
     return verb
 
 
-def _load(host: Host, request: Request[ask.LoadRequest]) -> Infos:
+def _load(host: VerbHost, request: Request[ask.LoadRequest]) -> Infos:
     try:
         return [host.info(plugin) for plugin in host.manager.load(request.asked.plugin, host.loadable)]
     except ManifestError as error:
         raise error.for_outside() from error
 
 
-def _unload(host: Host, request: Request[ask.UnloadRequest]) -> Infos:
+def _unload(host: VerbHost, request: Request[ask.UnloadRequest]) -> Infos:
     asked = request.asked
     return [host.info(plugin) for plugin in host.manager.unload(asked.plugin, cascade=asked.cascade)]
 
 
-def _reload(host: Host, request: Request[ask.ReloadRequest]) -> Infos:
+def _reload(host: VerbHost, request: Request[ask.ReloadRequest]) -> Infos:
     return [host.info(host.manager.reload(request.asked.plugin))]
 
 
-def _command(host: Host, request: Request[ask.CommandRequest]) -> str:
+def _command(host: VerbHost, request: Request[ask.CommandRequest]) -> str:
     return host.door.call_text(request.asked.text, by=request.asked.by or request.by)
 
 
-def _hold(host: Host, request: Request[ask.HoldRequest]) -> ask.Lease:
+def _hold(host: VerbHost, request: Request[ask.HoldRequest]) -> ask.Lease:
     asked = request.asked
     try:
         return host.manager.get(asked.plugin).hold(asked.by, asked.lease_s)
@@ -134,16 +134,16 @@ def _hold(host: Host, request: Request[ask.HoldRequest]) -> ask.Lease:
         raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
 
 
-def _release(host: Host, request: Request[ask.ReleaseRequest]) -> bool:
+def _release(host: VerbHost, request: Request[ask.ReleaseRequest]) -> bool:
     plugin = host.manager.get(request.asked.plugin)
     return host.manager.registry.leases.release(plugin.name, request.asked.by)
 
 
-def _halt(host: Host, request: Request[ask.HaltRequest]) -> ask.HaltAnswer:
+def _halt(host: VerbHost, request: Request[ask.HaltRequest]) -> ask.HaltAnswer:
     return host.halting.halt(request.asked.by or request.by, request.asked.reason)
 
 
-def _resume(host: Host, request: Request[ask.ResumeRequest]) -> ask.HaltAnswer:
+def _resume(host: VerbHost, request: Request[ask.ResumeRequest]) -> ask.HaltAnswer:
     return host.halting.resume(request.asked.by or request.by)
 
 

@@ -22,7 +22,7 @@ SWITCH_INTERVAL_S = 0.0002
 """How long a thread that is busy in Python may keep the others waiting: a halt passes through several of them."""
 
 
-class Member:
+class DrivenPlugin:
     """What the threads know of one plugin.
 
     Args:
@@ -84,7 +84,7 @@ class PluginThreads:
 
     def __init__(self, host: AgentHost) -> None:
         self._host = host
-        self._members: dict[tuple[str, int, int], Member] = {}
+        self._members: dict[tuple[str, int, int], DrivenPlugin] = {}
         self._changed = threading.Condition()
         self._threads: set[threading.Thread] = set()
         self._waiting = self._begun = 0
@@ -103,7 +103,7 @@ class PluginThreads:
                 self._members.pop(key).has_gone = True
             for key, plugin in wanted.items():
                 if key not in self._members:
-                    member = self._members[key] = Member(plugin)
+                    member = self._members[key] = DrivenPlugin(plugin)
                     plugin.mailbox.wake = partial(self._want, member)
             if self._waiting:
                 self._changed.notify_all()
@@ -124,7 +124,7 @@ class PluginThreads:
         for thread in threads:
             thread.join(max(deadline_s - time.monotonic(), 0.0))
 
-    def _want(self, member: Member) -> None:
+    def _want(self, member: DrivenPlugin) -> None:
         if member.is_wanted:
             return  # whoever comes to it next sees to this as well
         with self._changed:
@@ -154,7 +154,7 @@ class PluginThreads:
                 break  # it may have hung in there, and has been replaced
         self._threads.discard(thread)
 
-    def _take(self) -> Member | None:
+    def _take(self) -> DrivenPlugin | None:
         """Wait for a plugin whose turn is due; None if this thread is to end."""
         with self._changed:
             if self._waiting >= SPARE:
@@ -188,7 +188,7 @@ class PluginThreads:
     def _watched_s(self) -> float:
         return min(self._watches, default=math.inf)
 
-    def _next(self) -> Member | None:
+    def _next(self) -> DrivenPlugin | None:
         """The plugin whose turn is due first, among those in which nobody is."""
         first, first_s = None, math.inf
         for member in self._members.values():

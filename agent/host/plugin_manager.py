@@ -24,7 +24,7 @@ from robrain.agent.errors import (
 from robrain.agent.host.fault_desk import FaultDesk
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
-from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.starter import Starter
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.lifecycle.worker_pool import WorkerPool, run_in_turn
@@ -45,7 +45,7 @@ class PluginManager:
 
     """
 
-    def __init__(self, registry: Registry) -> None:
+    def __init__(self, registry: PluginRegistry) -> None:
         self.robot = registry.robot
         self.registry = registry
         self._starter = Starter(self.registry)
@@ -357,7 +357,7 @@ class PluginManager:
         self.registry.remove(plugin)
 
 
-def _halt_again(plugin: ManagedPlugin, registry: Registry) -> None:
+def _halt_again(plugin: ManagedPlugin, registry: PluginRegistry) -> None:
     """Once more, when whoever was in the plugin has left: what they did last may have undone the halt."""
     turn, generation = plugin.turn, plugin.generation
     if not turn.acquire(plugin.manifest.tag.hang_s):

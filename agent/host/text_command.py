@@ -19,7 +19,7 @@ _QUESTION = re.compile(r"(list)|help(?:\s+([^\s()]+))?")
 _CLOSING = {"(": ")", "[": "]", "{": "}"}
 
 
-class Call(NamedTuple):
+class TextCall(NamedTuple):
     """`call PLUGIN FUNCTION(ARGUMENTS)`, taken apart."""
 
     plugin: str
@@ -36,7 +36,7 @@ class Question(NamedTuple):
     plugin: str = ""
 
 
-def parse_command(text: str) -> Call | Question:
+def parse_command(text: str) -> TextCall | Question:
     """Take any command apart.
 
     Raises:
@@ -49,7 +49,7 @@ def parse_command(text: str) -> Call | Question:
     return Question("list") if found[1] else Question("help", found[2] or "")
 
 
-def parse_call(text: str) -> Call:
+def parse_call(text: str) -> TextCall:
     """Take a call apart; without brackets it has no arguments.
 
     Raises:
@@ -64,7 +64,7 @@ def parse_call(text: str) -> Call:
     plugin, function, rest = found.groups()
     if rest and not rest.startswith("("):
         raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected ( after {function}, got {shown(rest)}")
-    return Call(plugin, function, _split(rest) if rest else [])
+    return TextCall(plugin, function, _split(rest) if rest else [])
 
 
 def _split(text: str) -> list[str]:

@@ -20,7 +20,18 @@ from robrain.agent.event import Event, Mailbox
 from robrain.agent.hung_thread import traceback_in
 from robrain.agent.isolation.child_environment import ChildEnvironment, Parent
 from robrain.agent.isolation.contract import Contract, contract_of
-from robrain.agent.isolation.messages import OWN, WHERE, Begin, Call, Do, Get, Log, Notify, Request, Told
+from robrain.agent.isolation.messages import (
+    OWN,
+    WHERE,
+    Begin,
+    CallRequest,
+    Do,
+    Get,
+    Log,
+    Notify,
+    ObservedEvent,
+    Request,
+)
 from robrain.agent.isolation.peer import Peer, PeerLost
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.manifest import Manifest, TagTable
@@ -32,7 +43,7 @@ from robrain.protocol.wire.clock import LiveClock
 BYTES_PER_MB = 1_000_000
 
 
-class Child:
+class PluginChild:
     """Holds the real plugin, and does what the parent asks."""
 
     def __init__(self, name: str, calls: socket.socket, halts: socket.socket, asides: socket.socket) -> None:
@@ -65,12 +76,12 @@ class Child:
                         self._end_actions("the plugin is deactivated")
                     getattr(self._plugin, function)()
                     return encode(self._plugin.period_s)
-                case Call(handle, function, arguments) if handle == OWN:
+                case CallRequest(handle, function, arguments) if handle == OWN:
                     args, kwargs = self._contract.functions[function].read_arguments(arguments)
                     return encode(getattr(self._plugin, function)(*args, **kwargs))
                 case Get(handle, attribute) if handle == OWN:
                     return encode(getattr(self._plugin, attribute))
-                case Told(subscription, value) if self._env is not None:
+                case ObservedEvent(subscription, value) if self._env is not None:
                     self._env.told(subscription, value)
                 case _:
                     raise PluginError(self._name, f"{type(request).__name__} is not for this end")
@@ -146,7 +157,7 @@ def main() -> None:
     faulthandler.enable()
     _end_with_parent(lifeline)
     _die_first()
-    Child(name, *(socket.socket(fileno=number) for number in (calls, halts, asides))).run()
+    PluginChild(name, *(socket.socket(fileno=number) for number in (calls, halts, asides))).run()
     os._exit(0)  # threads that the plugin has started do not hold up the end
 
 

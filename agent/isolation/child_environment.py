@@ -13,7 +13,7 @@ from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.contract import Contract
-from robrain.agent.isolation.messages import Begin, Call, Get, Observe, ReadBoard, Request, Use, WriteBoard
+from robrain.agent.isolation.messages import Begin, CallRequest, Get, Observe, ReadBoard, Request, Use, WriteBoard
 from robrain.agent.isolation.parent_desk import BOARD_TYPES
 from robrain.agent.isolation.peer import Peer
 from robrain.agent.isolation.plain_data import decoder, encode
@@ -88,7 +88,7 @@ class RemoteHandle:
         signature = contract.functions[name]
 
         def call(*args: Any, **kwargs: Any) -> Any:
-            return signature.read_result(parent.ask(Call(number, name, signature.write_arguments(args, kwargs))))
+            return signature.read_result(parent.ask(CallRequest(number, name, signature.write_arguments(args, kwargs))))
 
         setattr(self, name, call)
         return call

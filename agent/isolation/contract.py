@@ -16,7 +16,7 @@ _RAW_ARGUMENTS = msgspec.msgpack.Decoder(tuple[list[msgspec.Raw], dict[str, msgs
 _ANY = decoder(Any)
 
 
-class Signature:
+class WireSignature:
     """How one function's arguments and result are written and read.
 
     Args:
@@ -87,7 +87,7 @@ class Contract:
     """
 
     def __init__(self, interface: type | None, implementation: type | None = None) -> None:
-        self.functions: dict[str, Signature] = {}
+        self.functions: dict[str, WireSignature] = {}
         self.attributes: dict[str, msgspec.msgpack.Decoder[Any]] = {}
         self.events: dict[str, msgspec.msgpack.Decoder[Any]] = {}
         if interface is None:
@@ -105,12 +105,12 @@ class Contract:
                     self.attributes[name] = decoder(get_type_hints(value.fget).get("return", Any))
                 elif inspect.isfunction(value):
                     own = inspect.getattr_static(implementation, name, None)
-                    self.functions[name] = Signature(name, own if inspect.isfunction(own) else value, value)
+                    self.functions[name] = WireSignature(name, own if inspect.isfunction(own) else value, value)
 
     def add(self, name: str, function: Callable[..., Any]) -> None:
         """One more function, unless the interface has it already."""
         if name not in self.functions:
-            self.functions[name] = Signature(name, function)
+            self.functions[name] = WireSignature(name, function)
 
     def add_event(self, name: str, event: Event[Any]) -> None:
         """One more event, as a class declares it: `Event[int]()`."""

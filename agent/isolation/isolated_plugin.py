@@ -24,7 +24,7 @@ from robrain.agent.errors import PluginCrashed, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.child_process import ChildProcess
 from robrain.agent.isolation.contract import Contract, contract_of
-from robrain.agent.isolation.messages import OWN, WHERE, Begin, Call, Do, Get, Request, Told
+from robrain.agent.isolation.messages import OWN, WHERE, Begin, CallRequest, Do, Get, ObservedEvent, Request
 from robrain.agent.isolation.parent_desk import ParentDesk
 from robrain.agent.isolation.peer import PeerLate, PeerLost
 from robrain.agent.isolation.plain_data import decoder, encode
@@ -147,7 +147,7 @@ class IsolatedPlugin(Plugin):
 
     def _call(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         signature = self._contract.functions[name]
-        request = Call(OWN, name, signature.write_arguments(args, kwargs))
+        request = CallRequest(OWN, name, signature.write_arguments(args, kwargs))
         return signature.read_result(self._ask(request, self._limits.call_s))
 
     def _get(self, name: str) -> Any:
@@ -205,7 +205,7 @@ class IsolatedPlugin(Plugin):
 
     def _hear(self, subscription: int, value: Any) -> None:
         """An event that the plugin observes has happened; in its turn."""
-        self._ask(Told(subscription, encode(value)), self._limits.call_s)
+        self._ask(ObservedEvent(subscription, encode(value)), self._limits.call_s)
 
     def _end(self, why: str) -> None:
         child, self._child = self._child, None
@@ -294,11 +294,11 @@ def _where(child: ChildProcess) -> Raised:
 
 def _what(request: Request) -> str:
     match request:
-        case Do(function) | Call(_, function, _):
+        case Do(function) | CallRequest(_, function, _):
             return function
         case Get(_, attribute):
             return attribute
-        case Told():
+        case ObservedEvent():
             return "an event that it observes"
         case _:
             return "its start"

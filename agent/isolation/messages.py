@@ -8,11 +8,11 @@ WHERE = "where"
 """In `Do`: report the line that the plugin is at."""
 
 
-class Message(msgspec.Struct, frozen=True, tag=True, array_like=True):
+class PipeMessage(msgspec.Struct, frozen=True, tag=True, array_like=True):
     """One frame."""
 
 
-class Begin(Message, frozen=True):
+class Begin(PipeMessage, frozen=True):
     """Create the plugin; nothing of it is called yet."""
 
     robot: str
@@ -31,20 +31,20 @@ class Begin(Message, frozen=True):
     memory_mb: int
 
 
-class Do(Message, frozen=True):
+class Do(PipeMessage, frozen=True):
     """Run a lifecycle function; the answer is the plugin's period."""
 
     function: str
 
 
-class Told(Message, frozen=True):
+class ObservedEvent(PipeMessage, frozen=True):
     """An event that the plugin observes has happened."""
 
     subscription: int
     value: bytes
 
 
-class Call(Message, frozen=True):
+class CallRequest(PipeMessage, frozen=True):
     """Call a function of the plugin, or of one that it has a handle on."""
 
     handle: int
@@ -52,14 +52,14 @@ class Call(Message, frozen=True):
     arguments: bytes
 
 
-class Get(Message, frozen=True):
+class Get(PipeMessage, frozen=True):
     """Read an attribute that an interface offers."""
 
     handle: int
     attribute: str
 
 
-class Use(Message, frozen=True):
+class Use(PipeMessage, frozen=True):
     """Get hold of another plugin; the answer is the number of the handle."""
 
     plugin: str
@@ -68,7 +68,7 @@ class Use(Message, frozen=True):
     interface: str
 
 
-class Observe(Message, frozen=True):
+class Observe(PipeMessage, frozen=True):
     """Be told of an event."""
 
     handle: int
@@ -76,40 +76,40 @@ class Observe(Message, frozen=True):
     subscription: int
 
 
-class ReadBoard(Message, frozen=True):
+class ReadBoard(PipeMessage, frozen=True):
     """Read a fact about the robot."""
 
     name: str
 
 
-class WriteBoard(Message, frozen=True):
+class WriteBoard(PipeMessage, frozen=True):
     """Write a fact about the robot; not answered."""
 
     name: str
     value: bytes
 
 
-class Notify(Message, frozen=True):
+class Notify(PipeMessage, frozen=True):
     """The plugin notifies one of its events; not answered."""
 
     event: str
     value: bytes
 
 
-class Log(Message, frozen=True):
+class Log(PipeMessage, frozen=True):
     """A log record; not answered."""
 
     level: str
     text: str
 
 
-class Answer(Message, frozen=True):
+class CallReply(PipeMessage, frozen=True):
     """What was asked for."""
 
     value: bytes = b""
 
 
-class Failure(Message, frozen=True):
+class CallFailure(PipeMessage, frozen=True):
     """What was asked for has raised."""
 
     kind: str
@@ -122,7 +122,7 @@ class Failure(Message, frozen=True):
     """The traceback, as in `Raised`."""
 
 
-Request = Begin | Do | Told | Call | Get | Use | Observe | ReadBoard | WriteBoard | Notify | Log
-Frame = Request | Answer | Failure
+Request = Begin | Do | ObservedEvent | CallRequest | Get | Use | Observe | ReadBoard | WriteBoard | Notify | Log
+Frame = Request | CallReply | CallFailure
 
 UNANSWERED = (WriteBoard, Notify, Log)

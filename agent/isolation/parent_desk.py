@@ -13,7 +13,7 @@ import msgspec
 from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, PluginError
 from robrain.agent.isolation.contract import Contract
-from robrain.agent.isolation.messages import Call, Get, Log, Notify, Observe, ReadBoard, Request, Use, WriteBoard
+from robrain.agent.isolation.messages import CallRequest, Get, Log, Notify, Observe, ReadBoard, Request, Use, WriteBoard
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.plugin import Plugin
 from robrain.protocol.model.geometry import Pose2D
@@ -72,7 +72,7 @@ class ParentDesk:
 
         """
         match request:
-            case Call(number, function, arguments):
+            case CallRequest(number, function, arguments):
                 held = self._get(number)
                 args, kwargs = held.contract.functions[function].read_arguments(arguments)
                 return encode(getattr(held.handle, function)(*args, **kwargs))

@@ -14,7 +14,7 @@ from contextlib import suppress
 
 import msgspec
 
-from robrain.agent.isolation.messages import UNANSWERED, Answer, Failure, Frame, Request
+from robrain.agent.isolation.messages import UNANSWERED, CallFailure, CallReply, Frame, Request
 from robrain.agent.isolation.plain_data import error_of, failure_of
 
 LARGEST_FRAME = 1 << 28
@@ -72,9 +72,9 @@ class Peer:
                 frame = self._receive(limit_s)
                 if limit_s is not None:
                     limit_s -= time.monotonic() - began_s
-                if isinstance(frame, Answer):
+                if isinstance(frame, CallReply):
                     return frame.value
-                if isinstance(frame, Failure):
+                if isinstance(frame, CallFailure):
                     raise error_of(frame, self._plugin)
                 if limit_s is not None and limit_s <= 0.0:  # however soon its next question would come
                     raise PeerLate
@@ -90,7 +90,7 @@ class Peer:
         while True:
             try:
                 frame = self._receive(None)
-                if not isinstance(frame, Answer | Failure):
+                if not isinstance(frame, CallReply | CallFailure):
                     self._answer(frame, None)
             except PeerLost:
                 return
@@ -107,9 +107,9 @@ class Peer:
             self._connection.close()
 
     def _answer(self, request: Request, limit_s: float | None) -> None:
-        answer: Answer | Failure
+        answer: CallReply | CallFailure
         try:
-            answer = Answer(self._serve(request))
+            answer = CallReply(self._serve(request))
         except (PeerLost, PeerLate):
             raise
         except Exception as error:  # noqa: BLE001 - foreign plugin code; the error is the answer

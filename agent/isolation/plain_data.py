@@ -8,7 +8,7 @@ import msgspec
 
 from robrain.agent import errors as agent_errors
 from robrain.agent.errors import PluginError
-from robrain.agent.isolation.messages import Failure
+from robrain.agent.isolation.messages import CallFailure
 from robrain.agent.plugin_traceback import Raised, raised, raised_elsewhere
 from robrain.protocol.wire import errors as wire_errors
 from robrain.protocol.wire.errors import ErrorCode, RobrainError
@@ -35,13 +35,13 @@ def decoder(kind: Any) -> "msgspec.msgpack.Decoder[Any]":
     return msgspec.msgpack.Decoder(kind, dec_hook=_from_plain)
 
 
-def failure_of(error: Exception) -> Failure:
+def failure_of(error: Exception) -> CallFailure:
     """An exception as it travels."""
     kept = {name: str(value) for name, value in vars(error).items() if isinstance(value, str)}
-    return Failure(type(error).__name__, str(error), kept, *raised(error))
+    return CallFailure(type(error).__name__, str(error), kept, *raised(error))
 
 
-def error_of(failure: Failure, plugin: str) -> Exception:
+def error_of(failure: CallFailure, plugin: str) -> Exception:
     """The exception again, if it is one of Python's or of robrain's own; else a PluginError of the plugin."""
     kind = _exception_class(failure.kind)
     if kind is None:

@@ -14,7 +14,7 @@ from robrain.agent.access.exclusive_use import ExclusiveUse
 from robrain.agent.access.external_function import ExternalFunction
 from robrain.agent.access.handle import Handle
 from robrain.agent.access.incoming_calls import call_from_outside, external_function, query_handler, task_handlers
-from robrain.agent.access.turn import LockstepTurn, Turn
+from robrain.agent.access.turn import LockstepTurn, PluginLock
 from robrain.agent.environment import Environment
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
@@ -32,7 +32,7 @@ from robrain.agent.hung_thread import end_thread, traceback_in
 from robrain.agent.lifecycle.instance import Holdings, Instance
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
 from robrain.agent.lifecycle.robot_context import RobotContext
-from robrain.agent.lifecycle.transitions import Step, Trigger, transition
+from robrain.agent.lifecycle.transitions import TransitionStep, Trigger, transition
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import raised
@@ -47,7 +47,7 @@ logger = logging.getLogger(__name__)
 InterfaceT = TypeVar("InterfaceT")
 
 NEVER_NS = 1 << 63
-WAITS_S = {Step.ASK: 2.0, Step.ASK_FAILED: 0.1}
+WAITS_S = {TransitionStep.ASK: 2.0, TransitionStep.ASK_FAILED: 0.1}
 """How long the end of a plugin waits for whoever is in it; then the plugin is abandoned."""
 
 
@@ -226,25 +226,25 @@ class ManagedPlugin:
         instance, failure = self.instance, None
         for step in steps:
             match step:
-                case Step.ASK if instance is not None:
+                case TransitionStep.ASK if instance is not None:
                     try:
                         instance.plugin.deactivate()
                     except BaseException as raised_error:  # noqa: BLE001 - raised again when all is done
                         failure = raised_error
-                case Step.ASK_FAILED if instance is not None:
+                case TransitionStep.ASK_FAILED if instance is not None:
                     self._ask_failed(instance)
-                case Step.LEAVE:
+                case TransitionStep.LEAVE:
                     self._leave()
-                case Step.RELEASE:
+                case TransitionStep.RELEASE:
                     self._release()
-                case Step.END_ACTIONS if instance is not None:
+                case TransitionStep.END_ACTIONS if instance is not None:
                     instance.environment.end_actions("emergency halt")
-                case Step.END_WIRE if instance is not None:
+                case TransitionStep.END_WIRE if instance is not None:
                     instance.end_wire()
-                case Step.DISCARD if instance is not None:
+                case TransitionStep.DISCARD if instance is not None:
                     self.instance = self.callable = None
                     instance.close()
-                case Step.REPORT:
+                case TransitionStep.REPORT:
                     logger.error("%s: plugin %s faulted: %s", self._context.robot, self.name, error, exc_info=error)
                     self._context.note_fault(self)
         if failure is not None:
@@ -372,8 +372,8 @@ class ManagedPlugin:
         instance = self.instance if self.state is PluginState.ACTIVE else None
         self.callable = instance.plugin if instance is not None else None
 
-    def _new_turn(self) -> Turn:
-        kind = LockstepTurn if self._context.has_one_thread else Turn
+    def _new_turn(self) -> PluginLock:
+        kind = LockstepTurn if self._context.has_one_thread else PluginLock
         return kind(self.name, self.manifest.tag.hang_s, self._context.clock)
 
     def _there(self) -> Instance:

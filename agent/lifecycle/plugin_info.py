@@ -7,7 +7,7 @@ import msgspec
 
 from robrain.agent.errors import PluginError
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.plugin import PluginState
 from robrain.agent.plugin_traceback import where_raised
 from robrain.protocol.model.ranges import cut
@@ -15,7 +15,7 @@ from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo, Ta
 from robrain.protocol.wire.messages.robots.robot_messages import PluginFault
 
 
-def plugin_faults(registry: Registry) -> list[PluginFault]:
+def plugin_faults(registry: PluginRegistry) -> list[PluginFault]:
     """The causes for which plugins of a robot do not run, once each, with the plugins that each one affects."""
     causes: dict[ManagedPlugin, list[str]] = defaultdict(list)
     for plugin in registry.plugins.values():
@@ -28,7 +28,7 @@ def plugin_faults(registry: Registry) -> list[PluginFault]:
     ]
 
 
-def plugin_info(plugin: ManagedPlugin, registry: Registry) -> PluginInfo:
+def plugin_info(plugin: ManagedPlugin, registry: PluginRegistry) -> PluginInfo:
     """A plugin as `robot/ROBOT/plugins` lists it."""
     code, root_cause = plugin.imported_code, registry.root_cause(plugin)
     return PluginInfo(

@@ -23,7 +23,7 @@ from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 MakeEnvironment = Callable[[PluginRequests], Environment]
 
 
-class Registry:
+class PluginRegistry:
     """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock.
 
     Args:

@@ -18,7 +18,7 @@ from robrain.agent.errors import (
 from robrain.agent.lifecycle.instance import Instance
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_code import import_code
-from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.requirements import start_order
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
@@ -159,7 +159,7 @@ GiveUp = Callable[[str], Callable[[], None] | None]
 class Starter:
     """Starts the plugins of one robot."""
 
-    def __init__(self, registry: Registry) -> None:
+    def __init__(self, registry: PluginRegistry) -> None:
         self._registry = registry
 
     def start_all(self) -> None:

@@ -19,7 +19,7 @@ from robrain.algorithms.allocation.insertion import (
     BY_ENERGY,
     BY_FINISH,
     BY_LEAST_LEFT,
-    Routes,
+    RouteBatch,
     cheapest_insertion,
     empty_routes,
     insert,
@@ -127,7 +127,7 @@ class GreedyAllocator:
         return reasons(problem, make_arrays(problem), plan, _by_id(problem, why))
 
 
-def plan_of(problem: Problem, arrays: ProblemArrays, routes: Routes, objective: Objective) -> Plan:
+def plan_of(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, objective: Objective) -> Plan:
     """The plan with these routes."""
     jobs = arrays.visits.job
     orders = [
@@ -152,7 +152,7 @@ def _indispensable(problem: Problem) -> set[int]:
 
 @njit(cache=True, nogil=True)
 def hold_auction(
-    team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], rule: int, choice: int
+    team: TeamArrays, visits: VisitArrays, routes: RouteBatch, open_visits: NDArray[np.bool_], rule: int, choice: int
 ) -> None:
     """Assign one visit per round until no bid is left; changes `routes` and `open_visits` in place.
 
@@ -208,7 +208,7 @@ def hold_auction(
 def _bid_again(
     team: TeamArrays,
     visits: VisitArrays,
-    routes: Routes,
+    routes: RouteBatch,
     worker: int,
     visit: int,
     rule: int,
@@ -236,7 +236,7 @@ def _bid_again(
 
 @njit(cache=True, nogil=True)
 def drop_unprofitable(
-    team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], kept: NDArray[np.bool_]
+    team: TeamArrays, visits: VisitArrays, routes: RouteBatch, open_visits: NDArray[np.bool_], kept: NDArray[np.bool_]
 ) -> None:
     """Remove visits, and whole routes, that cost more than their prize.
 
@@ -290,7 +290,7 @@ def _is_less(bids: NDArray[np.float64], more_j: NDArray[np.float64], visit: int,
 
 @njit(cache=True, nogil=True)
 def queue_nearest(
-    team: TeamArrays, visits: VisitArrays, routes: Routes, open_visits: NDArray[np.bool_], rule: int
+    team: TeamArrays, visits: VisitArrays, routes: RouteBatch, open_visits: NDArray[np.bool_], rule: int
 ) -> None:
     """The greedy baseline: the worker that is free first takes the open visit that it reaches with least energy.
 

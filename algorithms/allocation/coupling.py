@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from robrain.algorithms.allocation.insertion import (
     BY_ENERGY,
     BY_FINISH,
-    Routes,
+    RouteBatch,
     cheapest_insertion,
     insert,
     refresh,
@@ -36,7 +36,7 @@ HORIZON_SHARE = 1.25
 def place_coupled(
     problem: Problem,
     arrays: ProblemArrays,
-    routes: Routes,
+    routes: RouteBatch,
     open_visits: NDArray[np.bool_],
     rule: int,
     rng: np.random.Generator | None = None,
@@ -121,7 +121,7 @@ def _chain_worth(problem: Problem, waiting: dict[int, list[int]]) -> dict[int, f
 
 def _place(
     arrays: ProblemArrays,
-    routes: Routes,
+    routes: RouteBatch,
     visits: list[int],
     rule: int,
     worth_j: float,

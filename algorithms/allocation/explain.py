@@ -8,7 +8,7 @@ import msgspec
 from numba import njit
 
 from robrain.algorithms.allocation.coupling import windows_of
-from robrain.algorithms.allocation.insertion import BY_ENERGY, Routes, empty_routes, insertion_at, refresh, remove
+from robrain.algorithms.allocation.insertion import BY_ENERGY, RouteBatch, empty_routes, insertion_at, refresh, remove
 from robrain.algorithms.allocation.plan import Plan, Stop, Unassigned
 from robrain.algorithms.allocation.problem import (
     Job,
@@ -129,7 +129,7 @@ def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArr
     return arrays
 
 
-def _take_out(problem: Problem, arrays: ProblemArrays, routes: Routes, index: int) -> dict[int, list[int]]:
+def _take_out(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int) -> dict[int, list[int]]:
     """Remove a job's visits from their routes; returns the former routes."""
     taken: dict[int, list[int]] = {}
     for worker in range(len(problem.workers)):
@@ -142,7 +142,7 @@ def _take_out(problem: Problem, arrays: ProblemArrays, routes: Routes, index: in
     return taken
 
 
-def _option(problem: Problem, arrays: ProblemArrays, routes: Routes, index: int, job: Job, visit: int) -> Option:
+def _option(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int, job: Job, visit: int) -> Option:
     worker = problem.workers[index]
     judged = judge(arrays, routes, index, visit)
     if judged.code != FITS:
@@ -184,7 +184,7 @@ class Judgement(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def judge_visit(
-    team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int
+    team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, visit: int
 ) -> tuple[int, float, float, float, float, int]:
     """Compute the fields of a `Judgement`."""
     profile = team.profile[worker]
@@ -225,7 +225,7 @@ def judge_visit(
     return code, best_j, end_s - routes.end_s[worker], start_s, left_j, position
 
 
-def judge(arrays: ProblemArrays, routes: Routes, worker: int, visit: int) -> Judgement:
+def judge(arrays: ProblemArrays, routes: RouteBatch, worker: int, visit: int) -> Judgement:
     """Evaluate a visit for a worker's route."""
     return Judgement(*judge_visit(arrays.team, arrays.visits, routes, worker, visit))
 
@@ -259,7 +259,7 @@ def _figure(value: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _nearest_to_it(team: TeamArrays, visits: VisitArrays, routes: Routes, visit: int) -> int:
+def _nearest_to_it(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, visit: int) -> int:
     """The worker that could do it at least cost; if none can, the one whose code in the list above is highest."""
     best, best_code, best_more_j = -1, -1, math.inf
     for worker in range(len(team.ready_s)):
@@ -297,7 +297,7 @@ def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, known: Mapping[
     return msgspec.structs.replace(plan, unassigned=tuple(found))
 
 
-def _reason(problem: Problem, arrays: ProblemArrays, routes: Routes, job: Job, visit: int) -> LeftOut:
+def _reason(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, job: Job, visit: int) -> LeftOut:
     if not problem.workers:
         return NoRobots()
     nearest = int(_nearest_to_it(arrays.team, arrays.visits, routes, visit))
@@ -314,7 +314,7 @@ def _reason(problem: Problem, arrays: ProblemArrays, routes: Routes, job: Job, v
     return NotWorthIt(_figure(job.prize_j), worker.name, _figure(best.more_j))
 
 
-def routes_of(problem: Problem, arrays: ProblemArrays, plan: Plan) -> Routes:
+def routes_of(problem: Problem, arrays: ProblemArrays, plan: Plan) -> RouteBatch:
     """A plan's routes in the kernels' form, without pinned jobs."""
     rows: dict[str, list[int]] = {}
     for visit, index in enumerate(arrays.visits.job):

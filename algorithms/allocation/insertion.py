@@ -16,7 +16,7 @@ SLACK_S = 1e-6
 BY_ENERGY, BY_FINISH, BY_LEAST_LEFT = 0, 1, 2
 
 
-class Routes(NamedTuple):
+class RouteBatch(NamedTuple):
     """W routes of up to V visits."""
 
     order: NDArray[np.int32]
@@ -34,10 +34,10 @@ class Routes(NamedTuple):
     """(W,) arrival at the charger; `ready_s` for an empty route."""
 
 
-def empty_routes(team: TeamArrays, visits: VisitArrays) -> Routes:
+def empty_routes(team: TeamArrays, visits: VisitArrays) -> RouteBatch:
     """Routes without visits."""
     workers, count = visits.allowed.shape
-    routes = Routes(
+    routes = RouteBatch(
         np.zeros((workers, count), np.int32),
         np.zeros(workers, np.int64),
         np.zeros((workers, count + 1)),
@@ -52,7 +52,7 @@ def empty_routes(team: TeamArrays, visits: VisitArrays) -> Routes:
 
 
 @njit(cache=True, nogil=True)
-def refresh(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int) -> None:
+def refresh(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int) -> None:
     """Recompute one route's times and energy."""
     profile = team.profile[worker]
     length = routes.length[worker]
@@ -91,7 +91,7 @@ def refresh(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int) 
 
 
 @njit(cache=True, nogil=True)
-def insert(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int, position: int) -> None:
+def insert(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, visit: int, position: int) -> None:
     """Insert a visit into a route."""
     for index in range(routes.length[worker], position, -1):
         routes.order[worker, index] = routes.order[worker, index - 1]
@@ -102,7 +102,7 @@ def insert(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, v
 
 @njit(cache=True, nogil=True)
 def _finish(
-    team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, place: int, now_s: float, position: int
+    team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, place: int, now_s: float, position: int
 ) -> tuple[float, float]:
     """Arrival at the charger, and seconds of waiting, for a worker that leaves `place` for the visit at `position`."""
     profile = team.profile[worker]
@@ -120,7 +120,7 @@ def _finish(
 
 @njit(cache=True, nogil=True)
 def insertion_at(
-    team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int, position: int, rule: int
+    team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, visit: int, position: int, rule: int
 ) -> tuple[float, float]:
     """Cost of inserting a visit at a position of a worker's route.
 
@@ -177,7 +177,7 @@ def insertion_at(
 
 @njit(cache=True, nogil=True)
 def cheapest_insertion(
-    team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, visit: int, rule: int
+    team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, visit: int, rule: int
 ) -> tuple[float, float, int]:
     """The best position of a visit in a worker's route: bid, additional joules, position; −1 if there is none."""
     best_bid, best_more_j, best_position = math.inf, math.inf, -1
@@ -190,7 +190,7 @@ def cheapest_insertion(
 
 
 @njit(cache=True, nogil=True)
-def _arrival(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, position: int) -> float:
+def _arrival(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, position: int) -> float:
     visit = routes.order[worker, position]
     place = team.start[worker] if position == 0 else visits.place[routes.order[worker, position - 1]]
     arrive_s: float = routes.leave_s[worker, position] + team.time_s[team.profile[worker], place, visits.place[visit]]
@@ -198,7 +198,7 @@ def _arrival(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int,
 
 
 @njit(cache=True, nogil=True)
-def remove(team: TeamArrays, visits: VisitArrays, routes: Routes, worker: int, position: int) -> None:
+def remove(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, position: int) -> None:
     """Remove the visit at a position from a route."""
     for index in range(position, routes.length[worker] - 1):
         routes.order[worker, index] = routes.order[worker, index + 1]

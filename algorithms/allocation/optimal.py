@@ -77,7 +77,7 @@ COLD = SearchParameters(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParam
 two sometimes finds what the other does not."""
 
 
-class Search:
+class VrpSearch:
     """Searches of one model, each with its own limits.
 
     Args:
@@ -144,7 +144,7 @@ class _Watch(IteratedLocalSearchCallbacks):
 
     def __init__(
         self,
-        search: Search,
+        search: VrpSearch,
         effort: Effort,
         end_left_s: float,
         iterations: float,
@@ -248,7 +248,7 @@ class _Improvement:
         self._auction_s = auction_s
         self._searches = 0
         self._auction = AuctionAllocator(first.objective)
-        self._kept_model: tuple[Windows, VrpModel, Search] | None = None
+        self._kept_model: tuple[Windows, VrpModel, VrpSearch] | None = None
 
     def run(self) -> Plan:
         """Search until the effort is spent."""
@@ -292,14 +292,14 @@ class _Improvement:
         rng = np.random.default_rng((self._seed, self._searches))
         return self._auction.hold(self._problem, rule, choice, rng)[0]
 
-    def _model(self, base: Plan, room_s: float) -> tuple[Windows, VrpModel, Search]:
+    def _model(self, base: Plan, room_s: float) -> tuple[Windows, VrpModel, VrpSearch]:
         """Model around the best plan so far; without coupled jobs, one model serves all plans."""
         if self._kept_model is not None:
             return self._kept_model
         share = SHARES[self._searches % len(SHARES)]
         windows = windows_of(self._problem, self._arrays, base, share, room_s)
         model = VrpModel(self._problem, self._arrays, windows.visits, windows.required, self.best.objective)
-        made = windows, model, Search(model.data)
+        made = windows, model, VrpSearch(model.data)
         if not self._is_coupled:
             self._kept_model = made
         return made

@@ -18,7 +18,7 @@ IsNewer = Callable[[str], bool]
 """Whether the sender knows a later ballot of a robot than the receiver does."""
 
 
-class Action(StrEnum):
+class BidAction(StrEnum):
     """What the receiver does with its own opinion."""
 
     UPDATE = "update"
@@ -28,7 +28,7 @@ class Action(StrEnum):
     LEAVE = "leave"
 
 
-def action_for(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None, is_newer: IsNewer) -> Action:
+def action_for(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None, is_newer: IsNewer) -> BidAction:
     """Action of the receiver of a ballot for one task.
 
     Args:
@@ -49,37 +49,39 @@ def action_for(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None,
     return _sender_says_another(receiver, sender, mine, theirs, is_newer)
 
 
-def _sender_says_itself(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None, is_newer: IsNewer) -> Action:
+def _sender_says_itself(
+    receiver: str, sender: str, mine: Bid | None, theirs: Bid | None, is_newer: IsNewer
+) -> BidAction:
     if mine is None or mine.robot == sender or (theirs is not None and theirs.beats(mine)):
-        return Action.UPDATE
+        return BidAction.UPDATE
     if mine.robot != receiver and is_newer(mine.robot):
-        return Action.UPDATE
-    return Action.LEAVE
+        return BidAction.UPDATE
+    return BidAction.LEAVE
 
 
-def _sender_says_receiver(receiver: str, sender: str, mine: Bid | None, is_newer: IsNewer) -> Action:
+def _sender_says_receiver(receiver: str, sender: str, mine: Bid | None, is_newer: IsNewer) -> BidAction:
     if mine is None or mine.robot == receiver:
-        return Action.LEAVE
-    return Action.RESET if mine.robot == sender or is_newer(mine.robot) else Action.LEAVE
+        return BidAction.LEAVE
+    return BidAction.RESET if mine.robot == sender or is_newer(mine.robot) else BidAction.LEAVE
 
 
-def _sender_says_another(receiver: str, sender: str, mine: Bid | None, theirs: Bid, is_newer: IsNewer) -> Action:
+def _sender_says_another(receiver: str, sender: str, mine: Bid | None, theirs: Bid, is_newer: IsNewer) -> BidAction:
     is_fresh = is_newer(theirs.robot)
     if mine is None or mine.robot == theirs.robot:
-        return Action.UPDATE if is_fresh else Action.LEAVE
+        return BidAction.UPDATE if is_fresh else BidAction.LEAVE
     if mine.robot == receiver:
-        return Action.UPDATE if is_fresh and theirs.beats(mine) else Action.LEAVE
+        return BidAction.UPDATE if is_fresh and theirs.beats(mine) else BidAction.LEAVE
     if mine.robot == sender:
-        return Action.UPDATE if is_fresh else Action.RESET
+        return BidAction.UPDATE if is_fresh else BidAction.RESET
     if is_fresh and (is_newer(mine.robot) or theirs.beats(mine)):
-        return Action.UPDATE
-    return Action.RESET if is_newer(mine.robot) else Action.LEAVE
+        return BidAction.UPDATE
+    return BidAction.RESET if is_newer(mine.robot) else BidAction.LEAVE
 
 
-def _sender_says_nobody(receiver: str, sender: str, mine: Bid | None, is_newer: IsNewer) -> Action:
+def _sender_says_nobody(receiver: str, sender: str, mine: Bid | None, is_newer: IsNewer) -> BidAction:
     if mine is None or mine.robot == receiver:
-        return Action.LEAVE
-    return Action.UPDATE if mine.robot == sender or is_newer(mine.robot) else Action.LEAVE
+        return BidAction.LEAVE
+    return BidAction.UPDATE if mine.robot == sender or is_newer(mine.robot) else BidAction.LEAVE
 
 
 class Insertion(NamedTuple):
@@ -257,11 +259,11 @@ class Bidder:
         for task in sorted({*self.winning, *theirs}):
             mine, said = self.winning.get(task), theirs.get(task)
             match action_for(self.robot, sender, mine, said, is_newer):
-                case Action.UPDATE if said is not None:
+                case BidAction.UPDATE if said is not None:
                     self.winning[task] = said
-                case Action.UPDATE | Action.RESET:
+                case BidAction.UPDATE | BidAction.RESET:
                     self.winning.pop(task, None)
-                case Action.LEAVE:
+                case BidAction.LEAVE:
                     continue
             if self.winning.get(task) != mine:
                 changed.append(task)

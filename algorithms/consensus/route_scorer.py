@@ -31,7 +31,7 @@ Costs = Sequence[Sequence[float]]
 """From a row's place to a column's; infinite where there is no way."""
 
 
-class Stop(NamedTuple):
+class RouteStop(NamedTuple):
     """A task as a route sees it."""
 
     place: int
@@ -46,7 +46,7 @@ class Stop(NamedTuple):
     """Latest end."""
 
 
-class Drive(NamedTuple):
+class DriveCost(NamedTuple):
     """What a robot's driving takes, and from where."""
 
     energy_j: Costs
@@ -73,7 +73,7 @@ class RouteScorer:
 
     """
 
-    def __init__(self, drive: Drive, stops: Mapping[str, Stop], noise: float = NOISE) -> None:
+    def __init__(self, drive: DriveCost, stops: Mapping[str, RouteStop], noise: float = NOISE) -> None:
         self._drive, self._noise = drive, noise
         self._stops = stops
         places = range(len(drive.energy_j))
@@ -167,7 +167,7 @@ class RouteScorer:
             return best
         return best._replace(gain=self._varied(task, stop.prize_j, best.gain + (0.0 if path else self._not_counted_j)))
 
-    def _reserve_j(self, position: int, stop: Stop) -> float:
+    def _reserve_j(self, position: int, stop: RouteStop) -> float:
         """Energy to be kept for the way to the charger, beside what counts, with a stop at a position."""
         if self._drive.counts_end:
             return 0.0
@@ -185,7 +185,7 @@ class RouteScorer:
     def _places(self, path: Sequence[str]) -> list[int]:
         return [self._drive.start, *(self._stops[task].place for task in path)]
 
-    def _by_energy(self, places: list[int], stop: Stop) -> list[tuple[int, float]]:
+    def _by_energy(self, places: list[int], stop: RouteStop) -> list[tuple[int, float]]:
         """Each position with the energy of driving and service that an insertion there takes more, waiting aside."""
         legs_j, there_j, service_j = self._legs_j, self._legs_j[stop.place], stop.service_j
         found = []
@@ -303,14 +303,14 @@ def task_scorer(
     for index, task in enumerate(tasks):
         work = work_of(task)
         service = None if model is None else estimate(model, work)
-        stops[task.id] = Stop(
+        stops[task.id] = RouteStop(
             index,
             worth_j * task.priority + (0.0 if service is None else service.high_j(CONFIDENCE)),
             service_s=work.wait_s if service is None else service.duration_s,
             service_j=0.0 if service is None else service.high_j(CONFIDENCE),
             latest_s=math.inf if task.deadline_ns is None else (task.deadline_ns - now_ns) / 1e9,
         )
-    drive = Drive(
+    drive = DriveCost(
         energy_j=[[way_m * per_m_j for way_m in row] for row in ways_m],
         time_s=[[way_m * per_m_s for way_m in row] for row in ways_m],
         start=len(tasks),

@@ -157,7 +157,7 @@ class GaugeCheck:
         return ""
 
 
-class Measured(NamedTuple):
+class TrackedReading(NamedTuple):
     """One measurement; current is positive while discharging."""
 
     voltage_v: float
@@ -192,7 +192,7 @@ class BatteryTracker:
         """What is wrong with the measurements, in words; empty while they are believed."""
         return self._check.why
 
-    def begin(self, measured: Measured, report: BatteryReport = NOTHING_MORE) -> None:
+    def begin(self, measured: TrackedReading, report: BatteryReport = NOTHING_MORE) -> None:
         """The first measurement."""
         self._check.judge(*measured, 0.0, measured.voltage_v, 0.0, compares=report.is_plain)
         if self._soc_at_start is not None:
@@ -206,7 +206,7 @@ class BatteryTracker:
         self._older = self._newer = self.filter.snapshot()
 
     def follow(
-        self, measured: Measured, counted_c: float, elapsed_s: float, report: BatteryReport = NOTHING_MORE
+        self, measured: TrackedReading, counted_c: float, elapsed_s: float, report: BatteryReport = NOTHING_MORE
     ) -> None:
         """A measurement `elapsed_s` (above 0) after the one before, with the charge that has flown since."""
         blind_s, self._blind_s = self._blind_s, 0.0
@@ -221,7 +221,7 @@ class BatteryTracker:
         if measured.current_a > 0 and report.has_current:
             self.usual_a += min(1.0, elapsed_s / USUAL_OVER_S) * (measured.current_a - self.usual_a)
 
-    def _correct(self, measured: Measured, mean_a: float, elapsed_s: float, report: BatteryReport) -> None:
+    def _correct(self, measured: TrackedReading, mean_a: float, elapsed_s: float, report: BatteryReport) -> None:
         believed = self.filter
         unsure_a = DOUBT_SHARE * max(abs(mean_a), self.usual_a)
         if report.has_current:

@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from robrain.algorithms.exploration.frontier_paths import FrontierFields, FrontierPaths
 from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.narrow_ways import NarrowWays
-from robrain.algorithms.exploration.situation import SAME_GOAL_M, Busy, Candidate, Choice, Seeker, Situation, is_avoided
+from robrain.algorithms.exploration.situation import (
+    SAME_GOAL_M,
+    Busy,
+    Choice,
+    FrontierCandidate,
+    Seeker,
+    Situation,
+    is_avoided,
+)
 from robrain.algorithms.exploration.strategies import Strategy
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m, mapped_gap_cells
 from robrain.protocol.model.geometry import Point2D
@@ -216,7 +224,7 @@ class Explorer:
 
     def __init__(self, team_map: KnownFloor, strategy: Strategy = joint) -> None:
         self.strategy = strategy
-        self.candidates: list[Candidate] = []
+        self.candidates: list[FrontierCandidate] = []
         """The frontiers of the map as it was last looked at."""
         self._map = team_map
         self._navigation: NavigationGrid | None = None
@@ -339,7 +347,7 @@ class Explorer:
         return exploration_left(grid.classes(), grid.geometry, evidence)
 
     def _squeeze(
-        self, candidates: list[Candidate], seekers: list[Seeker], busy: list[Busy], radius_m: float, now_ns: int
+        self, candidates: list[FrontierCandidate], seekers: list[Seeker], busy: list[Busy], radius_m: float, now_ns: int
     ) -> list[Choice]:
         """Choose goals along narrow paths for robots without any other; set `idle` for those that get none."""
         grid = self._map.grid
@@ -367,7 +375,7 @@ class Explorer:
     def _along_narrow(
         self,
         navigation: "NavigationGrid",
-        candidates: list[Candidate],
+        candidates: list[FrontierCandidate],
         seekers: list[Seeker],
         busy: list[Busy],
         shut: list[tuple[float, float, float]],
@@ -379,7 +387,7 @@ class Explorer:
         paths = FrontierPaths(navigation, open_to, shut)
         return self.strategy(Situation(open_to, seekers, busy, paths.costs_m, is_narrow=True))
 
-    def _last(self, grid: "OccupancyGrid", navigation: "NavigationGrid", radius_m: float) -> list[Candidate]:
+    def _last(self, grid: "OccupancyGrid", navigation: "NavigationGrid", radius_m: float) -> list[FrontierCandidate]:
         """Frontiers in which a robot may stand, for when nothing else is left: short ones, and once more those visited.
 
         The frontier behind a bend of the narrowest passable corridor is as long as the corridor is wide on the map. One
@@ -399,7 +407,7 @@ class Explorer:
         ]
 
     def _why_idle(
-        self, seeker: Seeker, candidates: list[Candidate], within: list[Candidate], radius_m: float
+        self, seeker: Seeker, candidates: list[FrontierCandidate], within: list[FrontierCandidate], radius_m: float
     ) -> IdleReason:
         """Why a robot has nothing to explore, given the frontiers that it has some path to."""
         if not candidates:
@@ -436,7 +444,7 @@ class Explorer:
             self.candidates = [_candidate(classes, grid.geometry, found) for found in find_frontiers(classes)]
         return known
 
-    def _floor_look(self, candidates: list[Candidate]) -> "MapLook | None":
+    def _floor_look(self, candidates: list[FrontierCandidate]) -> "MapLook | None":
         grid = self._map.grid
         if grid is None:
             return None
@@ -458,10 +466,10 @@ def _changed(choices: list[Choice], seekers: Sequence[Seeker]) -> list[Choice]:
     ]
 
 
-def _candidate(classes: NDArray[np.int8], geometry: "GridGeometry", found: "Frontier") -> Candidate:
+def _candidate(classes: NDArray[np.int8], geometry: "GridGeometry", found: "Frontier") -> FrontierCandidate:
     from robrain.algorithms.navigation.frontier import unknown_beyond
 
     reach = round(BEYOND_M / geometry.resolution_m)
     unknown_m2 = unknown_beyond(classes, found.row, found.column, reach) * geometry.resolution_m**2
     place = geometry.center_of(found.row, found.column)
-    return Candidate(place, found.cells * geometry.resolution_m, unknown_m2)
+    return FrontierCandidate(place, found.cells * geometry.resolution_m, unknown_m2)

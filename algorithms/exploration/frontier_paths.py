@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.situation import Candidate, PathCosts
+from robrain.algorithms.exploration.situation import FrontierCandidate, PathCosts
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_ns
 
@@ -32,7 +32,7 @@ class FrontierPaths:
     def __init__(
         self,
         navigation: "NavigationGrid",
-        candidates: Sequence[Candidate],
+        candidates: Sequence[FrontierCandidate],
         shut: Sequence[tuple[float, float, float]] = (),
     ) -> None:
         self._navigation = navigation

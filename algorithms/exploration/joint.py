@@ -8,7 +8,7 @@ Coordinated Multi-Robot Exploration, 2005). The assignment is optimal for these 
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.situation import Candidate, Choice, Situation
+from robrain.algorithms.exploration.situation import Choice, FrontierCandidate, Situation
 from robrain.protocol.model.geometry import Point2D
 
 GAIN_M_PER_M2 = 1.0
@@ -45,7 +45,7 @@ def worth_m(situation: Situation) -> NDArray[np.float64]:
     return np.array([min(GAIN_M_PER_M2 * candidate.unknown_m2, GAIN_LIMIT_M) for candidate in situation.candidates])
 
 
-def _crowding_m(candidates: tuple[Candidate, ...], taken: list[Point2D]) -> NDArray[np.float64]:
+def _crowding_m(candidates: tuple[FrontierCandidate, ...], taken: list[Point2D]) -> NDArray[np.float64]:
     penalties = np.zeros(len(candidates))
     for index, candidate in enumerate(candidates):
         for goal in taken:

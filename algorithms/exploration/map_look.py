@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.situation import Candidate
+from robrain.algorithms.exploration.situation import FrontierCandidate
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.floor_rooms import NO_ROOM, floor_rooms
 from robrain.algorithms.navigation.unknown_shares import unknown_shares
@@ -28,7 +28,7 @@ class MapLook:
 
     """
 
-    def __init__(self, grid: OccupancyGrid, candidates: Sequence[Candidate]) -> None:
+    def __init__(self, grid: OccupancyGrid, candidates: Sequence[FrontierCandidate]) -> None:
         self._grid = grid
         self._geometry = grid.geometry
         self._candidates = candidates

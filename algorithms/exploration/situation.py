@@ -22,7 +22,7 @@ KEEP_M = 3.0
 """Path cost by which that frontier counts as nearer, so that a goal is not changed for little."""
 
 
-class Candidate(NamedTuple):
+class FrontierCandidate(NamedTuple):
     """A frontier that might be handed out."""
 
     place: Point2D
@@ -113,7 +113,7 @@ class Situation:
 
     def __init__(
         self,
-        candidates: Sequence[Candidate],
+        candidates: Sequence[FrontierCandidate],
         seekers: Sequence[Seeker],
         busy: Sequence[Busy],
         path_costs: PathCosts,
@@ -218,7 +218,7 @@ class Situation:
         return ways_m
 
 
-def is_avoided(candidate: Candidate, seeker: Seeker) -> bool:
+def is_avoided(candidate: FrontierCandidate, seeker: Seeker) -> bool:
     """Whether a robot must not be sent to a frontier now."""
     return any(candidate.place.distance_m(place) < AVOID_RADIUS_M for place in seeker.avoided)
 

@@ -6,7 +6,7 @@ from robrain.algorithms.exploration.frontier_paths import FrontierPaths
 from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.map_look import MapLook
 from robrain.algorithms.exploration.rooms import rooms
-from robrain.algorithms.exploration.situation import Candidate, Seeker, Situation
+from robrain.algorithms.exploration.situation import FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.tours import tours
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.frontier import find_frontiers
@@ -30,7 +30,7 @@ def warm_up() -> None:
     classes = grid.classes()
     navigation = NavigationGrid(classes, geometry, 0.3)
     navigation.update(classes)
-    found = [Candidate(geometry.center_of(one.row, one.column), 1.0) for one in find_frontiers(classes)]
+    found = [FrontierCandidate(geometry.center_of(one.row, one.column), 1.0) for one in find_frontiers(classes)]
     costs_m = FrontierPaths(navigation, found).costs_m
     situation = Situation(found, [Seeker("r", Point2D(0.6, 1.2))], [], costs_m, floor=MapLook(grid, found))
     for strategy in (joint, tours, rooms):

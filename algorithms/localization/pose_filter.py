@@ -47,7 +47,7 @@ class DriftModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         check_not_negative(self, *self.__struct_fields__, finite=True)
 
 
-class Heard(msgspec.Struct, frozen=True):
+class MeasurementUpdate(msgspec.Struct, frozen=True):
     """What the filter made of a measurement."""
 
     nis: float
@@ -168,7 +168,7 @@ class PoseFilter:
             self.path_loss.decorrelation_m,
         )
 
-    def hear(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> Heard:
+    def hear(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> MeasurementUpdate:
         """Take in the strength of a mote's signal, unless its normalised innovation squared exceeds the gate.
 
         `map_variance_m2` is that of the map that the robot goes by, for each axis, and not in the filter's covariance.
@@ -192,7 +192,7 @@ class PoseFilter:
             self._spread,
             self._relinearisations,
         )
-        return Heard(nis, nis <= gate, innovation_db, variance_db2)
+        return MeasurementUpdate(nis, nis <= gate, innovation_db, variance_db2)
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:
         """Update with a measurement of `row` · (x, y, yaw), `innovation` off the estimate; returns its NIS."""

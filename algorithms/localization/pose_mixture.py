@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from robrain.algorithms.localization import pose_filter_kernels as kernels
-from robrain.algorithms.localization.pose_filter import GATE, Heard, PoseFilter
+from robrain.algorithms.localization.pose_filter import GATE, MeasurementUpdate, PoseFilter
 from robrain.algorithms.localization.rssi_ranging import RssiSample
 from robrain.algorithms.numeric.elementary_functions import exp, log
 from robrain.algorithms.numeric.kernel_array import Floats
@@ -101,7 +101,7 @@ class PoseMixture:
         for part in self._parts:
             part.move(displacement)
 
-    def hear(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> Heard:
+    def hear(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> MeasurementUpdate:
         """Take in the strength of a mote's signal; arguments and answer are those of `PoseFilter`.
 
         What a part's gate refuses counts against it as much as what the gate lets just pass.
@@ -117,7 +117,7 @@ class PoseMixture:
         variance_db2 = dot(weights, variances_db2 + innovations_db**2) - mean_db**2
         nis = np.minimum([each.nis for each in heard], gate)
         self._weigh(-0.5 * (nis + log(variances_db2)))
-        return Heard(mean_db**2 / variance_db2, any(each.is_taken for each in heard), mean_db, variance_db2)
+        return MeasurementUpdate(mean_db**2 / variance_db2, any(each.is_taken for each in heard), mean_db, variance_db2)
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:
         """Take in a measurement of `row` · (x, y, yaw) that differs by `innovation` from the mean; its NIS."""

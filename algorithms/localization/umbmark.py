@@ -26,7 +26,7 @@ class SquareEnd(msgspec.Struct, frozen=True):
     """None if it was not measured."""
 
 
-class OdometryErrors(msgspec.Struct, frozen=True):
+class SquareErrors(msgspec.Struct, frozen=True):
     """What the two kinds of squares show."""
 
     corner_rad: float
@@ -43,7 +43,7 @@ class OdometryErrors(msgspec.Struct, frozen=True):
 
 def odometry_errors(
     clockwise: Sequence[SquareEnd], counter_clockwise: Sequence[SquareEnd], side_m: float, track_m: float
-) -> OdometryErrors:
+) -> SquareErrors:
     """What explains the ends of both kinds of squares, to first order.
 
     Args:
@@ -78,7 +78,7 @@ def odometry_errors(
     half_track = 0.5 * track_m
     # The leg's radius is (L/2) / sin(β/2); its inverse, so that a straight leg needs no case of its own.
     bend_per_m = math.sin(0.5 * leg_rad) / (0.5 * side_m)
-    return OdometryErrors(
+    return SquareErrors(
         corner_rad,
         leg_rad,
         quarter_turn / (quarter_turn + corner_rad),

@@ -11,14 +11,14 @@ from robrain.protocol.model.geometry import Point2D
 LEAST_GAIN_M = 1e-9
 
 
-class Stop(msgspec.Struct, frozen=True):
+class TourStop(msgspec.Struct, frozen=True):
     """A place of a tour, and the motes that the robot serves there."""
 
     place: Point2D
     motes: tuple[int, ...]
 
 
-def stops_for(places: Sequence[Point2D], motes: Sequence[int], reach_m: float) -> list[Stop]:
+def stops_for(places: Sequence[Point2D], motes: Sequence[int], reach_m: float) -> list[TourStop]:
     """Few stops, each at a mote, from which all these motes are within reach; in the order of their gains.
 
     Greedy: the place with the most motes that have no stop yet comes first, of several that of the first mote.
@@ -27,7 +27,7 @@ def stops_for(places: Sequence[Point2D], motes: Sequence[int], reach_m: float) -
     left, stops = set(motes), []
     while left:
         best = max(motes, key=lambda mote: (len(near[mote] & left), -mote))
-        stops.append(Stop(places[best], tuple(sorted(near[best] & left))))
+        stops.append(TourStop(places[best], tuple(sorted(near[best] & left))))
         left -= near[best]
     return stops
 

@@ -19,7 +19,7 @@ STEP = 1.0
 Tree = list[int]
 
 
-class Routes(msgspec.Struct, frozen=True, kw_only=True):
+class MoteRoutes(msgspec.Struct, frozen=True, kw_only=True):
     """Trees used in turn for equal times, and what they ask of each mote: packets for one reading of each source."""
 
     trees: list[Tree]
@@ -49,7 +49,7 @@ def min_hop_tree(graph: RadioGraph, alive: Collection[int]) -> Tree:
     return parents
 
 
-def routes_of(graph: LinkGraph, trees: Sequence[Tree], sources: Collection[int]) -> Routes:
+def routes_of(graph: LinkGraph, trees: Sequence[Tree], sources: Collection[int]) -> MoteRoutes:
     """What trees ask of the motes if each source has one reading to send."""
     count = graph.sink
     sent, received, hops = [0.0] * count, [0.0] * count, [0.0] * count
@@ -63,7 +63,7 @@ def routes_of(graph: LinkGraph, trees: Sequence[Tree], sources: Collection[int])
                 node = tree[node]
                 if node != graph.sink:
                     received[node] += part
-    return Routes(trees=list(trees), sent=sent, received=received, hops=hops)
+    return MoteRoutes(trees=list(trees), sent=sent, received=received, hops=hops)
 
 
 def lifetime_routes(
@@ -74,7 +74,7 @@ def lifetime_routes(
     energy: MoteEnergy,
     rate_hz: float,
     count: int = TREES,
-) -> Routes:
+) -> MoteRoutes:
     """Trees in turn that make the first mote die as late as possible, as nearly as so many trees can.
 
     Maximum lifetime routing (Chang and Tassiulas, IEEE/ACM Transactions on Networking 12(4), 2004) as a game: each tree
@@ -135,7 +135,7 @@ def cheapest_tree(graph: LinkGraph, prices: Sequence[float], alive: Collection[i
 
 
 def share_at_once(
-    routes: Routes, sources: Collection[int], budgets_w: Sequence[float], energy: MoteEnergy, rate_hz: float
+    routes: MoteRoutes, sources: Collection[int], budgets_w: Sequence[float], energy: MoteEnergy, rate_hz: float
 ) -> float:
     """The largest share of all readings that may travel over the air, 0 to 1; robots collect the rest.
 

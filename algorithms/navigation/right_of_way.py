@@ -147,7 +147,7 @@ def any_within(tracks: Sequence[Track], place: Point2D, within_m: float) -> list
     return found
 
 
-class Way:
+class DrivenPath:
     """A path that is being driven along.
 
     Args:

@@ -25,7 +25,7 @@ FIT_MIN = 6
 """Fewer readings make no fit."""
 
 
-class Sample(NamedTuple):
+class FieldSample(NamedTuple):
     """One reading."""
 
     place: Point2D
@@ -73,15 +73,15 @@ class FieldSamples:
 
     def __init__(self, fade_s: float = 120.0) -> None:
         self._fade_s = fade_s
-        self._samples: deque[Sample] = deque(maxlen=SAMPLES_MAX)
-        self._of_motes: dict[str, Sample] = {}
+        self._samples: deque[FieldSample] = deque(maxlen=SAMPLES_MAX)
+        self._of_motes: dict[str, FieldSample] = {}
 
     def __len__(self) -> int:
         return len(self._samples) + len(self._of_motes)
 
     def add(self, place: Point2D, value: float, time_s: float) -> None:
         """One more reading of the robot, taken at a place of the arena frame."""
-        self._samples.append(Sample(place, value, time_s))
+        self._samples.append(FieldSample(place, value, time_s))
 
     def hear(self, mote: str, place: Point2D, value: float, time_s: float) -> None:
         """A mote's reading: its latest alone counts, or those that stand still would outweigh the robot that moves."""
@@ -89,9 +89,9 @@ class FieldSamples:
         if before is None and len(self._of_motes) >= MOTES_MAX:
             return
         if before is None or time_s >= before.time_s:
-            self._of_motes[mote] = Sample(place, value, time_s)
+            self._of_motes[mote] = FieldSample(place, value, time_s)
 
-    def highest(self) -> Sample | None:
+    def highest(self) -> FieldSample | None:
         """The greatest of the robot's last readings, each averaged with those right beside it; None before any."""
         last = list(self._samples)[-HIGHEST_OF:]
         best = None
@@ -103,7 +103,7 @@ class FieldSamples:
             ]
             mean = sum(beside) / len(beside)
             if best is None or mean > best.value:
-                best = Sample(sample.place, mean, sample.time_s)
+                best = FieldSample(sample.place, mean, sample.time_s)
         return best
 
     def fit(self, at: Point2D, now_s: float, width_m: float) -> FieldFit | None:

@@ -97,7 +97,7 @@ class Overlap(NamedTuple):
         return self.floor + WALL_WORTH * self.agreeing
 
 
-class Found(NamedTuple):
+class MapOverlap(NamedTuple):
     """How a map lies on another."""
 
     T_other_own: Pose2D
@@ -138,7 +138,7 @@ class MapMatcher:
         self._own_distance = distances_to_walls(own)
         self._other_distance = distances_to_walls(other)
 
-    def find(self, at: Pose2D) -> Found | None:
+    def find(self, at: Pose2D) -> MapOverlap | None:
         """T_other_own, found from the walls about a place of the own map; None if it is nowhere, or ambiguous."""
         about = self._walls - (at.x_m, at.y_m)
         about = about[about[:, 0] ** 2 + about[:, 1] ** 2 < ABOUT_M**2]
@@ -154,7 +154,7 @@ class MapMatcher:
         some = some_points(about, TRY_WALLS)
         tried = [self._laid(matched_place(self._other, guess, some, REACHES_M[:1]), T_own_place) for guess in seen]
         tried.sort(key=lambda each: each.overlap.contradicting - each.overlap.agreeing)
-        found: list[Found] = []
+        found: list[MapOverlap] = []
         for each in tried[:REFINED]:
             guess, walls = each.T_other_own.compose(T_own_place), some_points(about, REFINE_WALLS)
             better = self._laid(matched_place(self._other, guess, walls, REACHES_M), T_own_place)
@@ -201,7 +201,7 @@ class MapMatcher:
                 return True
         return False
 
-    def _is_repeated(self, found: Found, at: Pose2D) -> bool:
+    def _is_repeated(self, found: MapOverlap, at: Pose2D) -> bool:
         """Whether what agrees is there a second time, on either map: then it is no evidence."""
         _, marks = self._compared(found.T_other_own)
         common = OccupancyGrid(self._own.geometry)
@@ -247,11 +247,11 @@ class MapMatcher:
             is_body = (x_m - body_x_m) ** 2 + (y_m - body_y_m) ** 2 < (radius_m + BODY_MARGIN_M) ** 2
             marks[rows[is_body], columns[is_body]] = kernels.UNMARKED
 
-    def _laid(self, place: Pose2D, T_own_place: Pose2D) -> Found:
+    def _laid(self, place: Pose2D, T_own_place: Pose2D) -> MapOverlap:
         T_other_own = place.compose(T_own_place.inverse())
-        return Found(T_other_own, self.overlap(T_other_own))
+        return MapOverlap(T_other_own, self.overlap(T_other_own))
 
-    def _settled(self, found: Found, T_own_place: Pose2D) -> Found:
+    def _settled(self, found: MapOverlap, T_own_place: Pose2D) -> MapOverlap:
         """Refined by all walls of the own map, if that is better."""
         walls = some_points(self._walls, WHOLE_WALLS) - (T_own_place.x_m, T_own_place.y_m)
         place = matched_place(
@@ -259,7 +259,7 @@ class MapMatcher:
         )
         T_other_own = place.compose(T_own_place.inverse())
         overlap = self.overlap(T_other_own)
-        return Found(T_other_own, overlap) if overlap.weight > found.overlap.weight else found
+        return MapOverlap(T_other_own, overlap) if overlap.weight > found.overlap.weight else found
 
 
 def cells_outside(own: OccupancyGrid, T_other_own: Pose2D, other: GridGeometry) -> int:

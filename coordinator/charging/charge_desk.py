@@ -8,12 +8,19 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from robrain.coordinator.charging.charge_schedule import Demand, Seeker, Turn, Way, is_same_charger, schedule_charges
+from robrain.coordinator.charging.charge_schedule import (
+    ChargerPath,
+    ChargerSlot,
+    ChargeSeeker,
+    Demand,
+    is_same_charger,
+    schedule_charges,
+)
 from robrain.coordinator.charging.charge_turns import FULL_ENOUGH, TO_SOC, Charge, Idle, assign_chargers, nearest
 from robrain.coordinator.charging.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, SOC_LEAST, profile_of
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.planning.policy import Charging
+from robrain.coordinator.planning.policy import ChargingPolicy
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.coordinator.planning.snapshot_builder import HOMEWARD, is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -109,7 +116,7 @@ class ChargeWatch:
         self._book = book
         self._roster = roster
 
-    def seekers(self, limits: Mapping[str, float], paused: set[str], now_ns: int) -> dict[str, Seeker]:
+    def seekers(self, limits: Mapping[str, float], paused: set[str], now_ns: int) -> dict[str, ChargeSeeker]:
         """Return them by name.
 
         Args:
@@ -131,7 +138,9 @@ class ChargeWatch:
                 found[name] = seeker
         return found
 
-    def seeker(self, robot: Robot, at: TaskRecord | None, below: float, is_paused: bool, now_ns: int) -> Seeker | None:
+    def seeker(
+        self, robot: Robot, at: TaskRecord | None, below: float, is_paused: bool, now_ns: int
+    ) -> ChargeSeeker | None:
         """A robot's entry for the schedule; None if it neither charges nor should."""
         planning, state, name = self._planning, robot.state, robot.name
         chargers = planning.chargers.of.get(name, ())
@@ -151,7 +160,7 @@ class ChargeWatch:
             to_soc = TO_SOC  # on its own initiative: the robot decides the level
         elif at is not None and not at.own and at.task.kind == RECHARGE:
             to_soc = parameters_of(at.task, Recharge).until_soc  # a submitted task
-        return Seeker(
+        return ChargeSeeker(
             name=name,
             soc=battery.soc,
             capacity_j=battery.remaining_j / max(battery.soc, SOC_LEAST),
@@ -178,7 +187,9 @@ class ChargeWatch:
             return None
         return max(policy.charge_below, battery.soc + missing_j / (CHARGED_SHARE * capacity_j))
 
-    def _ways(self, robot: Robot, here: Point2D, chargers: tuple[Charger, ...], *, is_bound: bool) -> tuple[Way, ...]:
+    def _ways(
+        self, robot: Robot, here: Point2D, chargers: tuple[Charger, ...], *, is_bound: bool
+    ) -> tuple[ChargerPath, ...]:
         """Paths to the chargers that it reaches with its reserve; to all if it is bound for one already."""
         assert robot.state is not None
         model, battery, policy = robot.state.energy, robot.state.battery, self._planning.policy
@@ -194,7 +205,7 @@ class ChargeWatch:
             safe = [one for one in there if estimate(model, Work(path_m=one[0])).high_j(policy.confidence) <= bound_j]
         # A robot that reaches none with its reserve goes to the nearest.
         nearest_one = sorted(there, key=lambda way: (way[0], way[1].x_m, way[1].y_m))[:1]
-        return tuple(Way(place, way_m * profile.s_per_m) for way_m, place in safe or nearest_one)
+        return tuple(ChargerPath(place, way_m * profile.s_per_m) for way_m, place in safe or nearest_one)
 
 
 def _bound_for(robot: Robot, at: TaskRecord | None, here: Point2D, chargers: tuple[Charger, ...]) -> Point2D | None:
@@ -235,7 +246,7 @@ class ChargePublisher:
         self._said: tuple[PlannedCharge, ...] = ()
 
     def schedule(
-        self, turns: tuple[Turn, ...], seekers: dict[str, Seeker], has_set_out: set[str], now_ns: int
+        self, turns: tuple[ChargerSlot, ...], seekers: dict[str, ChargeSeeker], has_set_out: set[str], now_ns: int
     ) -> dict[str, WaitsForCharger | None]:
         """Publish the schedule if it has changed; returns why each robot that has not set out waits, if known."""
         charges = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
@@ -260,7 +271,7 @@ class ChargePublisher:
                 self._book.move(record.task.id, TaskState.QUEUED)
 
 
-def _planned(turn: Turn, one: Seeker, has_set_out: bool, now_ns: int) -> PlannedCharge:
+def _planned(turn: ChargerSlot, one: ChargeSeeker, has_set_out: bool, now_ns: int) -> PlannedCharge:
     reason = None
     if turn.behind and not one.is_there:
         reason = WaitsForCharger(turn.charger, round(turn.free_s, 3), turn.behind)
@@ -342,7 +353,7 @@ class ChargeDesk:
             return []
         is_short = self._is_short()
         below = FULL_ENOUGH if is_short else planning.policy.charge_below
-        if planning.policy.charging is Charging.TURNS:
+        if planning.policy.charging is ChargingPolicy.TURNS:
             return self._in_turns(idle, below, now_ns)
         limits = {robot.name: FULL_ENOUGH if robot.name in self.lack_range else below for robot in idle}
         seekers = self._watch.seekers(limits, set(self._not_before_ns), now_ns)
@@ -381,7 +392,7 @@ class ChargeDesk:
             for name in planning.after_charge
         )
 
-    def _charge(self, turn: Turn, one: Seeker) -> Charge | None:
+    def _charge(self, turn: ChargerSlot, one: ChargeSeeker) -> Charge | None:
         """What to ask a robot now: to set out when it is time, or, if it charges on its own initiative, to end."""
         is_due = one.bound_for is None and turn.set_out_s <= EARLY_S
         is_firm = one.bound_for is not None and one.to_soc is None and self._book.of_robot(turn.robot) is None
@@ -392,7 +403,7 @@ class ChargeDesk:
         charger = next(one for one in known if is_same_charger(one.place, turn.charger))
         return Charge(turn.robot, charger, round(turn.to_soc, 3))
 
-    def _end(self, turns: tuple[Turn, ...], seekers: dict[str, Seeker]) -> None:
+    def _end(self, turns: tuple[ChargerSlot, ...], seekers: dict[str, ChargeSeeker]) -> None:
         """End the charges that have reached their level while another robot waits for the charger, or tasks do."""
         next_one = {turn.behind: turn.robot for turn in turns}
         for turn in turns:

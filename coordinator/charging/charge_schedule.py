@@ -25,21 +25,21 @@ TURN_GAIN = 0.15
 """A turn is cut short only for a robot that gains at least this share of a battery."""
 
 
-class Way(NamedTuple):
+class ChargerPath(NamedTuple):
     """The path from a robot to a charger that it knows."""
 
     charger: Point2D
     way_s: float
 
 
-class Seeker(NamedTuple):
+class ChargeSeeker(NamedTuple):
     """A robot that charges, drives to a charger, or should charge."""
 
     name: str
     soc: float
     capacity_j: float
     """Full battery."""
-    ways: tuple[Way, ...]
+    ways: tuple[ChargerPath, ...]
     bound_for: Point2D | None = None
     """The charger that it stands at or drives to; None if it has not been sent yet."""
     is_there: bool = False
@@ -52,7 +52,7 @@ class Seeker(NamedTuple):
     """Level that is enough for the tasks that wait for its charge; None if none do."""
 
 
-class Turn(NamedTuple):
+class ChargerSlot(NamedTuple):
     """A robot's time at a charger, in seconds from now."""
 
     robot: str
@@ -79,8 +79,8 @@ class Demand(NamedTuple):
 
 
 def schedule_charges(
-    seekers: Iterable[Seeker], demand: Demand, power_w: Callable[[Point2D], float]
-) -> tuple[Turn, ...]:
+    seekers: Iterable[ChargeSeeker], demand: Demand, power_w: Callable[[Point2D], float]
+) -> tuple[ChargerSlot, ...]:
     """Return the turns of all robots that know a charger, in the order in which they were assigned.
 
     Args:
@@ -94,7 +94,7 @@ def schedule_charges(
         [way.charger for one in those for way in one.ways] + [p for one in those if (p := one.bound_for)]
     )
     likely_soc = demand.turn_soc if demand.is_short and len(those) > len(places) else demand.full_soc
-    queues: dict[Point2D, list[tuple[Seeker, float]]] = {place: [] for place in places}
+    queues: dict[Point2D, list[tuple[ChargeSeeker, float]]] = {place: [] for place in places}
     free_s = dict.fromkeys(places, 0.0)
     given: list[tuple[Point2D, str]] = []
     for one in those:
@@ -115,7 +115,7 @@ def is_same_charger(one: Point2D, other: Point2D) -> bool:
     return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) < SAME_M
 
 
-def _order(one: Seeker) -> tuple[int, float, float, str]:
+def _order(one: ChargeSeeker) -> tuple[int, float, float, str]:
     if one.is_there:
         return 0, 0.0, one.soc, one.name
     if one.bound_for is not None:
@@ -131,12 +131,12 @@ def _distinct(found: list[Point2D]) -> list[Point2D]:
     return places
 
 
-def _way_to(one: Seeker, place: Point2D) -> float:
+def _way_to(one: ChargeSeeker, place: Point2D) -> float:
     ways_s = [way.way_s for way in one.ways if is_same_charger(way.charger, place)]
     return 0.0 if one.is_there else min(ways_s, default=0.0)
 
 
-def _earliest(one: Seeker, places: Sequence[Point2D], free_s: dict[Point2D, float]) -> tuple[Point2D, float]:
+def _earliest(one: ChargeSeeker, places: Sequence[Point2D], free_s: dict[Point2D, float]) -> tuple[Point2D, float]:
     """The charger at which the robot can begin first, and its path length; of two equal ones the nearer."""
     wanted = [one.bound_for] if one.bound_for is not None else [way.charger for way in one.ways]
     known = [place for place in places if any(is_same_charger(place, other) for other in wanted)]
@@ -145,17 +145,19 @@ def _earliest(one: Seeker, places: Sequence[Point2D], free_s: dict[Point2D, floa
     return place, ways_s[place]
 
 
-def _goal(one: Seeker, soc: float) -> float:
+def _goal(one: ChargeSeeker, soc: float) -> float:
     return one.to_soc if one.to_soc is not None else max(soc, one.soc)
 
 
-def _times(one: Seeker, way_s: float, free_s: float, to_soc: float, power_w: float) -> tuple[float, float]:
+def _times(one: ChargeSeeker, way_s: float, free_s: float, to_soc: float, power_w: float) -> tuple[float, float]:
     from_s = max(free_s, way_s) if not one.is_there else free_s
     dock_s = 0.0 if one.is_there else DOCK_S
     return from_s, from_s + dock_s + max(0.0, to_soc - one.soc) * one.capacity_j / power_w
 
 
-def _turns(place: Point2D, queue: list[tuple[Seeker, float]], demand: Demand, power_w: float) -> Iterable[Turn]:
+def _turns(
+    place: Point2D, queue: list[tuple[ChargeSeeker, float]], demand: Demand, power_w: float
+) -> Iterable[ChargerSlot]:
     free_s, behind = 0.0, ""
     for index, (one, way_s) in enumerate(queue):
         needy = [other for other, _ in queue[index + 1 :] if other.soc < demand.turn_soc - TURN_GAIN]
@@ -166,5 +168,5 @@ def _turns(place: Point2D, queue: list[tuple[Seeker, float]], demand: Demand, po
             level_soc = min(level_soc, one.needs_soc)
         to_soc = _goal(one, level_soc)
         from_s, until_s = _times(one, way_s, free_s, to_soc, power_w)
-        yield Turn(one.name, place, max(0.0, from_s - way_s), free_s, from_s, until_s, to_soc, behind)
+        yield ChargerSlot(one.name, place, max(0.0, from_s - way_s), free_s, from_s, until_s, to_soc, behind)
         free_s, behind = until_s + CLEAR_S, one.name

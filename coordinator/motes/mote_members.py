@@ -27,7 +27,7 @@ from robrain.algorithms.motes.mote_energy import (
     SENSE_A,
     SENSE_S,
 )
-from robrain.coordinator.motes.mote_registry import Mote, MoteTable
+from robrain.coordinator.motes.mote_registry import KnownMote, MoteTable
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.roster import Roster
@@ -115,10 +115,10 @@ KEPT_PUBLISHERS = 64
 BY = "coordinator"
 
 
-class Errand:
+class MoteTask:
     """A task that a mote is at."""
 
-    def __init__(self, wanted: Sense | Monitor, mote: Mote, now_ns: int) -> None:
+    def __init__(self, wanted: Sense | Monitor, mote: KnownMote, now_ns: int) -> None:
         self.wanted = wanted
         self.mote = mote
         self.began_ns = now_ns
@@ -175,7 +175,7 @@ class MoteDesk:
         self._guard = RecordGuard(wire.refusals)
         self._look_ns = 0
         self._seen_version = -1
-        self._errands: dict[str, Errand] = {}
+        self._errands: dict[str, MoteTask] = {}
         self._duties: dict[str, Publisher] = {}
         wire.subscribe(self._inbox, MOTE_READING)
         reasons.others = self.verdicts
@@ -256,11 +256,11 @@ class MoteDesk:
         self._reasons.note(record.task.id, verdicts, now_ns)
         self._book.offered(record.task.id, f"{MEMBER_PREFIX}{mote.name}")
         self._book.move(record.task.id, TaskState.RUNNING)
-        errand = self._errands[record.task.id] = Errand(wanted, mote, now_ns)
+        errand = self._errands[record.task.id] = MoteTask(wanted, mote, now_ns)
         if errand.interval_s < errand.usual_s:
             self._ask_duty(mote.name, errand.interval_s)
 
-    def judge(self, record: TaskRecord, now_ns: int) -> tuple[list[RobotVerdict], Mote | None]:
+    def judge(self, record: TaskRecord, now_ns: int) -> tuple[list[RobotVerdict], KnownMote | None]:
         """How each mote and robot stands to a task, and the mote that does it.
 
         It is None if no mote can, or if a robot costs the network less. The reasons have the share of its energy that
@@ -297,13 +297,13 @@ class MoteDesk:
         judged, _ = self.judge(record, now_ns)
         return [msgspec.structs.replace(one, chosen=False) for one in judged if one.robot in self.table.motes]
 
-    def _candidates(self, record: TaskRecord, wanted: Sense | Monitor) -> list[Mote]:
+    def _candidates(self, record: TaskRecord, wanted: Sense | Monitor) -> list[KnownMote]:
         named = getattr(wanted, "mote", "")
         if named:
             return [self.table.motes[named]] if named in self.table.motes else []
         return self.table.near(record.task.place, JUDGED)
 
-    def _why_not(self, record: TaskRecord, wanted: Sense | Monitor, mote: Mote, now_ns: int) -> RobotReason | None:
+    def _why_not(self, record: TaskRecord, wanted: Sense | Monitor, mote: KnownMote, now_ns: int) -> RobotReason | None:
         task = record.task
         if task.needs:
             return LacksPlugins(task.needs)
@@ -363,13 +363,13 @@ def wanted_of_motes(record: TaskRecord) -> Sense | Monitor | None:
     return None
 
 
-def _readings(wanted: Sense | Monitor, mote: Mote) -> int:
+def _readings(wanted: Sense | Monitor, mote: KnownMote) -> int:
     if not isinstance(wanted, Monitor):
         return 1
     return max(1, round(wanted.duration_s / min(wanted.interval_s, mote.period_s)))
 
 
-def _away_m(task: Task, mote: Mote) -> float:
+def _away_m(task: Task, mote: KnownMote) -> float:
     place = mote.place
     assert place is not None
     return float(((place.x_m - task.place.x_m) ** 2 + (place.y_m - task.place.y_m) ** 2) ** 0.5)

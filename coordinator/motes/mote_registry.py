@@ -15,7 +15,7 @@ USUAL_PERIOD_S = 4.0
 """Of a mote that does not say how often it senses."""
 
 
-class Mote:
+class KnownMote:
     """One mote."""
 
     def __init__(self, reading: MoteReading, now_ns: int) -> None:
@@ -62,7 +62,7 @@ class MoteTable:
     """All motes ever heard of, the first so many of them."""
 
     def __init__(self) -> None:
-        self.motes: dict[str, Mote] = {}
+        self.motes: dict[str, KnownMote] = {}
         self.refused = 0
         """Readings of motes that were one too many."""
 
@@ -76,11 +76,11 @@ class MoteTable:
         if mote is not None:
             mote.note(reading, now_ns)
         elif len(self.motes) < MOTES_MAX:
-            self.motes[reading.mote] = Mote(reading, now_ns)
+            self.motes[reading.mote] = KnownMote(reading, now_ns)
         else:
             self.refused += 1
 
-    def near(self, place: Point2D, most: int) -> list[Mote]:
+    def near(self, place: Point2D, most: int) -> list[KnownMote]:
         """The motes nearest to a place, nearest first; those that do not know where they are are not among them."""
         placed = [(_distance_m(mote.place, place), mote.name) for mote in self.motes.values() if mote.place is not None]
         return [self.motes[name] for _, name in sorted(placed)[:most]]

@@ -22,8 +22,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Snapshot
 from robrain.coordinator.planning.worker_link import (
     Done,
-    Failed,
     Made,
+    PlanFailed,
     PlanRequest,
     Ready,
     RequestWriter,
@@ -300,7 +300,7 @@ class LivePlanner:
                 self.why_failed = ""
                 self._made.append(planned)
                 self._on_made()
-            case Failed(why):
+            case PlanFailed(why):
                 self.why_failed = why.rstrip().rpartition("\n")[2]
                 logger.error("no plan could be made: %s", why)
             case Done(number):

@@ -28,7 +28,7 @@ BIDS_MAX = 4000
 (chosen: a bid takes some microseconds)."""
 
 
-class Step(msgspec.Struct, frozen=True):
+class PlannedStep(msgspec.Struct, frozen=True):
     """One task of a robot's route."""
 
     task: str
@@ -42,7 +42,7 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
     """A plan with its decisions."""
 
     problem: PlanProblem
-    steps: dict[str, tuple[Step, ...]]
+    steps: dict[str, tuple[PlannedStep, ...]]
     """Of each robot, without the tasks that it was doing."""
     left_out: dict[str, LeftOut]
     """Tasks that no robot does, and why."""
@@ -79,7 +79,7 @@ def planned(
 
     pinned = {job.id for job in problem.jobs if job.pinned_to}
     earliest_s = {job.id: job.earliest_s for job in problem.jobs}
-    steps: dict[str, tuple[Step, ...]] = {}
+    steps: dict[str, tuple[PlannedStep, ...]] = {}
     takes_j: dict[str, float] = {}
     for worker, route in zip(problem.workers, plan.routes, strict=True):
         found, free_s = [], worker.ready_s
@@ -88,7 +88,7 @@ def planned(
             free_s = stop.end_s
             if stop.job not in pinned:
                 leave_s = max(stop.arrive_s, earliest_s[stop.job]) - way_s
-                found.append(Step(stop.job, _at(snapshot, leave_s), way_s, _at(snapshot, stop.start_s)))
+                found.append(PlannedStep(stop.job, _at(snapshot, leave_s), way_s, _at(snapshot, stop.start_s)))
         steps[route.worker] = tuple(found)
         if found:
             takes_j[route.worker] = route.energy_j
@@ -142,7 +142,7 @@ def _bids(decision: "Decision", snapshot: Snapshot) -> Iterable[RobotVerdict]:
         )
 
 
-class Planner(Protocol):
+class PlanMaker(Protocol):
     """Makes plans from snapshots; the latest request counts."""
 
     def prepare(self) -> None:

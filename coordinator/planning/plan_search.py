@@ -25,7 +25,7 @@ from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
 from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, STOCK_PASSES, PlanDraft, PlanFailure, refined
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import BuiltProblem, ask, greatest_radius_m, needed_m
-from robrain.coordinator.planning.snapshot import Floor, Member, Snapshot
+from robrain.coordinator.planning.snapshot import Floor, PlanningRobot, Snapshot
 from robrain.coordinator.planning.stock_passes import for_ready_robots, plan_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
@@ -155,7 +155,7 @@ def rehearse() -> None:
         ),
         ended=frozenset(),
         members={
-            name: Member(RobotState(robot=name, pose=Pose2D(here.x_m, here.y_m, 0.0)), None, (), here)
+            name: PlanningRobot(RobotState(robot=name, pose=Pose2D(here.x_m, here.y_m, 0.0)), None, (), here)
             for name in ("r1", "r2")
         },
         pauses={},

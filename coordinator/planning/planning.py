@@ -14,9 +14,9 @@ import msgspec
 from robrain.coordinator.charging.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import PLENTY_J, profile_of
 from robrain.coordinator.planning.live_planner import LivePlanner
-from robrain.coordinator.planning.plan_in_force import PlanInForce, Planner, Step
+from robrain.coordinator.planning.plan_in_force import PlanInForce, PlanMaker, PlannedStep
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
-from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, Member, Snapshot
+from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, PlanningRobot, Snapshot
 from robrain.coordinator.planning.snapshot_builder import (
     HOMEWARD,
     LATEST_S,
@@ -25,7 +25,7 @@ from robrain.coordinator.planning.snapshot_builder import (
     is_ending,
     why_out,
 )
-from robrain.coordinator.tasks.backoff import Backoff
+from robrain.coordinator.tasks.backoff import TaskBackoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.team.capabilities import Capabilities
@@ -76,7 +76,7 @@ class ReplanTrigger:
     def since(
         self,
         records: Iterable[TaskRecord],
-        members: dict[str, Member],
+        members: dict[str, PlanningRobot],
         pauses: Iterable[tuple[str, str]],
         area_m2: float,
         *,
@@ -119,7 +119,7 @@ class ReplanTrigger:
     def note(
         self,
         records: Iterable[TaskRecord],
-        members: dict[str, Member],
+        members: dict[str, PlanningRobot],
         pauses: Iterable[tuple[str, str]],
         area_m2: float,
     ) -> None:
@@ -147,11 +147,11 @@ def _difference(now: frozenset[tuple[str, TaskState, str]], before: frozenset[tu
     return ", ".join(words[:3]) + (f" and {len(words) - 3} more" if len(words) > 3 else "")
 
 
-def _abilities(member: Member) -> tuple[frozenset[str] | None, tuple[Point2D, ...], bool]:
+def _abilities(member: PlanningRobot) -> tuple[frozenset[str] | None, tuple[Point2D, ...], bool]:
     return member.offers, member.chargers, member.free_ns > 0
 
 
-def _figures(member: Member) -> tuple[float, float]:
+def _figures(member: PlanningRobot) -> tuple[float, float]:
     model = member.state.energy
     return (PLENTY_J if model is None else model.usable_j, profile_of(model, 1.0).j_per_m)
 
@@ -202,7 +202,7 @@ class Planning:
         book: TaskBook,
         roster: Roster,
         capabilities: Capabilities,
-        backoff: Backoff,
+        backoff: TaskBackoff,
         team_map: TeamMap,
         policy: PlanningPolicy,
         waits: Callable[[TaskRecord, int, float], TaskReason | None],
@@ -449,7 +449,7 @@ class Planning:
         """Path lengths from a robot to its chargers, when it was last planned for."""
         return None if self._plan is None else self._plan.charger_ways.get(robot)
 
-    def _next(self, robot: str) -> Step | None:
+    def _next(self, robot: str) -> PlannedStep | None:
         steps = self._plan.steps.get(robot, ()) if self._plan is not None else ()
         for step in steps:
             record = self._book.find(step.task)
@@ -546,7 +546,7 @@ def _standing(state: RobotState) -> tuple[bool, bool, bool, bool]:
     return state.pose is None, state.halted, state.behavior in HOMEWARD or bool(state.lost), charging
 
 
-def _planner_of(wire: Endpoint) -> Planner:
+def _planner_of(wire: Endpoint) -> PlanMaker:
     if wire.drive is Drive.LIVE:
         return LivePlanner(lambda: _wake(wire))
     # Here: it imports the allocators, which live planning keeps in another process.

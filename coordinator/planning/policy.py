@@ -24,7 +24,7 @@ RENAMED_STRATEGIES: Final = {"assignment": JOINT, "nearest_frontier": NEAREST_ST
 """Names that recordings and scenarios of earlier versions have, and those of today."""
 
 
-class Charging(StrEnum):
+class ChargingPolicy(StrEnum):
     """How chargers are assigned."""
 
     SCHEDULE = "schedule"
@@ -82,7 +82,7 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """A task that no present and healthy robot could do for this long, by the plans, has failed."""
     charge_below: float = 0.35
     """A robot without tasks goes to charge below this state of charge."""
-    charging: Charging = Charging.SCHEDULE
+    charging: ChargingPolicy = ChargingPolicy.SCHEDULE
     """How chargers are assigned."""
     charge_turn: float = 0.6
     """Level at which a charge ends while tasks wait for energy and a robot with much less charge waits for the charger.

@@ -9,7 +9,7 @@ from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import ProblemRecord, pack_ways
-from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, Member, Snapshot, urgency
+from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, PlanningRobot, Snapshot, urgency
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
@@ -211,11 +211,11 @@ def _job(
     )
 
 
-def _here(member: Member) -> Point2D:
+def _here(member: PlanningRobot) -> Point2D:
     pose = member.state.pose
     assert pose is not None  # a robot without a pose is not a member
     return Point2D(pose.x_m, pose.y_m)
 
 
-def _ends(member: Member) -> tuple[Point2D, ...]:
+def _ends(member: PlanningRobot) -> tuple[Point2D, ...]:
     return member.chargers or (member.home,)

@@ -45,7 +45,7 @@ class ChargerWays(NamedTuple):
     ways_m: tuple[tuple[Point2D, float], ...]
 
 
-class Member(NamedTuple):
+class PlanningRobot(NamedTuple):
     """A robot that plans can use."""
 
     state: RobotState
@@ -58,7 +58,7 @@ class Member(NamedTuple):
     """When a charging robot will be free, in the state `state`; 0 if the robot is free now."""
 
 
-class Ending(NamedTuple):
+class PredictedEnd(NamedTuple):
     """The predicted end of a robot's task, if it is near."""
 
     task: str
@@ -79,9 +79,9 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """Tasks that open tasks wait for and that are done."""
     held: frozenset[str] = frozenset()
     """Tasks that a robot will begin after its running one."""
-    ending: dict[str, Ending] = {}
+    ending: dict[str, PredictedEnd] = {}
     """Of robots that are about to end a task; their next tasks are planned from there."""
-    members: dict[str, Member]
+    members: dict[str, PlanningRobot]
     pauses: dict[tuple[str, str], RobotReason]
     """Which task must not be offered to which robot now, and why."""
     works: dict[str, tuple[Work, ...]] = {}

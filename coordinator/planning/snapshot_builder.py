@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from robrain.coordinator.charging.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import when_charged
-from robrain.coordinator.planning.snapshot import AfterCharge, Ending, Floor, Member
+from robrain.coordinator.planning.snapshot import AfterCharge, Floor, PlanningRobot, PredictedEnd
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
@@ -87,7 +87,7 @@ class SnapshotBuilder:
         """Places of the robots that are present and localised."""
         return {name: _here(state) for name, state in self._up(now_ns).items()}
 
-    def members(self, now_ns: int) -> dict[str, Member]:
+    def members(self, now_ns: int) -> dict[str, PlanningRobot]:
         """The robots that plans can use, now or after their charge."""
         members = {}
         for name, state in self._up(now_ns).items():
@@ -97,7 +97,7 @@ class SnapshotBuilder:
                 if after is None or not is_charging(self._roster.robots[name], self._book.of_robot(name)):
                     continue
                 state, free_ns = when_charged(state, after), max(after.free_ns, now_ns + SOON_FREE_NS)
-            members[name] = Member(
+            members[name] = PlanningRobot(
                 state=state,
                 offers=self._capabilities.plugins.get(name),
                 chargers=tuple(one.place for one in self._chargers.of.get(name, ())),
@@ -117,14 +117,14 @@ class SnapshotBuilder:
         robots = {record.robot for record in records if record.robot}
         return frozenset(record.task.id for name in robots if (record := self._book.next_of(name)) is not None)
 
-    def ending(self, members: dict[str, Member]) -> dict[str, Ending]:
+    def ending(self, members: dict[str, PlanningRobot]) -> dict[str, PredictedEnd]:
         """Place and time of the end of running tasks that are about to end."""
         found = {}
         for name, member in members.items():
             at = self._book.of_robot(name)
             left_s = math.inf if at is None or at.own else left_of(at, member.state)
             if at is not None and left_s <= AHEAD_S:
-                found[name] = Ending(at.task.id, at.task.place, left_s)
+                found[name] = PredictedEnd(at.task.id, at.task.place, left_s)
         return found
 
     def served_s(self, records: Iterable[TaskRecord], now_ns: int) -> dict[str, float]:

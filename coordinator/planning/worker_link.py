@@ -37,7 +37,7 @@ class Made(msgspec.Struct, frozen=True, tag=True):
     planned: PlanInForce
 
 
-class Failed(msgspec.Struct, frozen=True, tag=True):
+class PlanFailed(msgspec.Struct, frozen=True, tag=True):
     """No plan can be made for a request."""
 
     why: str
@@ -49,7 +49,7 @@ class Done(msgspec.Struct, frozen=True, tag=True):
     number: int
 
 
-Said = Ready | Made | Failed | Done
+Said = Ready | Made | PlanFailed | Done
 """Messages of the planning process."""
 
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 from robrain.coordinator.planning.worker_link import (
     Done,
-    Failed,
     Made,
+    PlanFailed,
     PlanRequest,
     Ready,
     RequestReader,
@@ -71,7 +71,7 @@ def _serve(questions: socket.socket, said: socket.socket) -> None:
         except OSError:  # the coordinator has ended, and this process is about to
             return
         except Exception:  # noqa: BLE001 - a planning error must not end the process: the next question may succeed
-            say(Failed(traceback.format_exc()))
+            say(PlanFailed(traceback.format_exc()))
         say(Done(question.number))
 
 

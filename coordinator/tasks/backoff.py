@@ -47,7 +47,7 @@ class _Avoided(NamedTuple):
     reason: RobotReason
 
 
-class Backoff:
+class TaskBackoff:
     """Remembers refusals and failures for each task and robot; drops the oldest beyond a limit."""
 
     def __init__(self) -> None:

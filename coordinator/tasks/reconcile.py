@@ -36,7 +36,7 @@ OFFER_ARRIVES_S = 0.5
 """An offer that is older and not accepted was lost, so it ends nothing that the robot should not do."""
 
 
-class Move(NamedTuple):
+class StateChange(NamedTuple):
     """A record's next state."""
 
     state: TaskState
@@ -46,7 +46,7 @@ class Move(NamedTuple):
 
 def reconcile(
     record: TaskRecord, robot: Robot | None, now_ns: int, since_ns: int, team_goes_on_s: float = 0.0
-) -> Move | None:
+) -> StateChange | None:
     """Return a record's next state, from its robot's reports or silence; None if it stays as it is.
 
     Args:
@@ -72,20 +72,20 @@ def reconcile(
             return None if status.state.ended or status.state is TaskState.OFFERED else _confirmed(record)
         if record.state is TaskState.OFFERED:
             waits = held_ns <= to_ns(FREE_AFTER_S)
-            return None if waits else Move(TaskState.QUEUED, NeverTaken(name))
-        return Move(TaskState.QUEUED, Forgotten(name)) if held_ns > to_ns(FORGOTTEN_S) else None
+            return None if waits else StateChange(TaskState.QUEUED, NeverTaken(name))
+        return StateChange(TaskState.QUEUED, Forgotten(name)) if held_ns > to_ns(FORGOTTEN_S) else None
     if silent_ns > to_ns(free_after_s) and (record.state is not TaskState.OFFERED or held_ns > to_ns(FREE_AFTER_S)):
-        return Move(TaskState.QUEUED, LeaseRanOut(name))
+        return StateChange(TaskState.QUEUED, LeaseRanOut(name))
     # A restarted coordinator must have listened for a while before silence counts.
     if record.state is not TaskState.RUNNING or now_ns - since_ns <= to_ns(LOST_AFTER_S):
         return None
-    return Move(TaskState.LOST_CONTACT, NotHeard() if robot is None else robot.why_not_up(now_ns))
+    return StateChange(TaskState.LOST_CONTACT, NotHeard() if robot is None else robot.why_not_up(now_ns))
 
 
-def _confirmed(record: TaskRecord) -> Move | None:
+def _confirmed(record: TaskRecord) -> StateChange | None:
     if record.state is TaskState.OFFERED:
-        return Move(TaskState.RUNNING)
-    return Move(TaskState.RUNNING, ContactBack()) if record.state is TaskState.LOST_CONTACT else None
+        return StateChange(TaskState.RUNNING)
+    return StateChange(TaskState.RUNNING, ContactBack()) if record.state is TaskState.LOST_CONTACT else None
 
 
 def strays(robot: Robot, records: Sequence[TaskRecord], now_ns: int) -> list[TaskStatus]:

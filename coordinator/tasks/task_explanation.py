@@ -6,7 +6,7 @@ import msgspec
 
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.admission import needed_plugins, why_nobody_can
-from robrain.coordinator.tasks.backoff import Backoff
+from robrain.coordinator.tasks.backoff import TaskBackoff
 from robrain.coordinator.tasks.offers import verdicts
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
@@ -49,7 +49,7 @@ class TaskExplanation:
 
     """
 
-    def __init__(self, book: TaskBook, roster: Roster, capabilities: Capabilities, backoff: Backoff) -> None:
+    def __init__(self, book: TaskBook, roster: Roster, capabilities: Capabilities, backoff: TaskBackoff) -> None:
         self._book = book
         self._roster = roster
         self._capabilities = capabilities

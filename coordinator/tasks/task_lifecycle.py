@@ -12,7 +12,7 @@ import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
-from robrain.coordinator.tasks.backoff import Backoff
+from robrain.coordinator.tasks.backoff import TaskBackoff
 from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
 from robrain.coordinator.tasks.reconcile import reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
@@ -109,7 +109,7 @@ class TaskLifecycle:
         self._since_ns = self._begun_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
-        self.backoff = self._backoff = Backoff()
+        self.backoff = self._backoff = TaskBackoff()
         self.reasons = TaskExplanation(book, roster, capabilities, self._backoff)
         self.held_elsewhere = HeldElsewhere(book, roster)
         self.reasons.held_by = self.held_elsewhere.by

@@ -3,20 +3,20 @@
 import math
 from html import escape
 
-from robrain.dashboard.state.robot_view import Condition
+from robrain.dashboard.state.robot_view import RobotHealth
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.palette import Rgb, css
 
 NONE = "–"
 
-CONDITIONS: dict[Condition, tuple[str, str, str]] = {
-    Condition.UP: ("●", "up", "good"),
-    Condition.READY: ("○", "ready", "soft"),
-    Condition.ASTRAY: ("?", "astray", "bad"),
-    Condition.FAULTED: ("▲", "faulted", "bad"),
-    Condition.HALTED: ("■", "halted", "bad"),
-    Condition.SILENT: ("◐", "silent", "warn"),
-    Condition.LOST: ("✕", "lost", "bad"),
+CONDITIONS: dict[RobotHealth, tuple[str, str, str]] = {
+    RobotHealth.UP: ("●", "up", "good"),
+    RobotHealth.READY: ("○", "ready", "soft"),
+    RobotHealth.ASTRAY: ("?", "astray", "bad"),
+    RobotHealth.FAULTED: ("▲", "faulted", "bad"),
+    RobotHealth.HALTED: ("■", "halted", "bad"),
+    RobotHealth.SILENT: ("◐", "silent", "warn"),
+    RobotHealth.LOST: ("✕", "lost", "bad"),
 }
 """Shape, word and class of each: distinguishable without colours."""
 
@@ -74,7 +74,7 @@ def notice(testid: str, html: str) -> str:
     return f'<div class="rb-notice" data-testid="{testid}">{html}</div>'
 
 
-def condition_html(condition: Condition) -> str:
+def condition_html(condition: RobotHealth) -> str:
     """A robot's condition as shape and word."""
     shape, word, kind = CONDITIONS[condition]
     return f'<span class="rb-{kind}"><b>{shape}</b> {word}</span>'

@@ -22,8 +22,8 @@ from robrain.dashboard.html.html_words import (
 from robrain.dashboard.html.task_html import LONG_ID
 from robrain.dashboard.panels.halt_control import NAMES_SHOWN, acknowledgements
 from robrain.dashboard.state import headline
-from robrain.dashboard.state.alerts import Alert, Level, alerts_of
-from robrain.dashboard.state.robot_view import Condition, MoteView, RobotView
+from robrain.dashboard.state.alerts import Alert, AlertLevel, alerts_of
+from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.team.arena_messages import ArenaPreparation
@@ -49,15 +49,15 @@ def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> 
     """The strip above all tabs: banners, the team's condition in one sentence, and alerts."""
     vitals = headline.vitals_of(view, now_s)
     overall, counts = headline.headline_of(vitals), vitals.conditions
-    up = counts[Condition.UP]
-    worst = next((condition for condition in Condition if counts[condition]), None)
+    up = counts[RobotHealth.UP]
+    worst = next((condition for condition in RobotHealth if counts[condition]), None)
     shape, kind = GRADES[overall.grade]
     if worst is not None and headline.ROBOT_GRADES[worst] is overall.grade:
         shape, _, kind = CONDITIONS[worst]
     parts = [f"{up} of {len(view.robots)} robots up"]
-    parts += [f"{counts[one]} {CONDITIONS[one][1]}" for one in Condition if counts[one] and one is not Condition.UP]
+    parts += [f"{counts[one]} {CONDITIONS[one][1]}" for one in RobotHealth if counts[one] and one is not RobotHealth.UP]
     if view.preparation is not None:
-        parts = [f"{counts[Condition.READY]} of {len(view.robots)} robots ready"]
+        parts = [f"{counts[RobotHealth.READY]} of {len(view.robots)} robots ready"]
     if not view.robots:
         shape, kind, parts = "○", "soft", ["No robot has been heard yet"]
     parts += [text(finding.words, 60) for finding in overall.findings]
@@ -215,7 +215,7 @@ def _narrow_halt(view: TeamView) -> str:
 
 def _alerts(alerts: Sequence[Alert]) -> str:
     lines = [
-        f'<div class="rb-alert"><b class="rb-{alert.level}">{"▲" if alert.level is Level.BAD else "△"} '
+        f'<div class="rb-alert"><b class="rb-{alert.level}">{"▲" if alert.level is AlertLevel.BAD else "△"} '
         f"{text(alert.subject, 40)}</b><span>{text(alert.text)}</span></div>"
         for alert in alerts[:ALERTS]
     ]

@@ -12,7 +12,7 @@ import viser
 from robrain.dashboard.layers.layer import Layer, OwnLayer
 from robrain.dashboard.layers.marker_layers import MoteLabelLayer, MoteLayer, ScanLayer
 from robrain.dashboard.layers.radio_layer import FocusRadioLayer, RadioLayer
-from robrain.dashboard.state.alerts import Alert, Level
+from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.team_view import TeamView
 
@@ -73,7 +73,9 @@ def switches_of(client: viser.ClientHandle, layers: tuple[Layer, ...]) -> list[L
 def troubles_of(switches: Iterable[LayerSwitch], now_s: float) -> list[Alert]:
     """Alerts for the layers that one browser wants to show and that fail."""
     return [
-        Alert(Level.WARN, "Picture", f"{layer.label} cannot be drawn; next try in {layer.retry.wait_s(now_s):.0f} s")
+        Alert(
+            AlertLevel.WARN, "Picture", f"{layer.label} cannot be drawn; next try in {layer.retry.wait_s(now_s):.0f} s"
+        )
         for switch in switches
         for layer in switch.layers
         if switch.shown and layer.failing

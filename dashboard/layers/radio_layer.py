@@ -12,7 +12,7 @@ from robrain.dashboard.layers.layer import MeshLayer, OwnLayer
 from robrain.dashboard.scene.merged_meshes import MergedMeshes, by_color, strips, widen_for
 from robrain.dashboard.scene.meshes import Mesh
 from robrain.dashboard.scene.scene_nodes import dashed
-from robrain.dashboard.state.radio_links import Link, links_in_focus, mote_routes, relay_lines, team_links
+from robrain.dashboard.state.radio_links import DrawnLink, links_in_focus, mote_routes, relay_lines, team_links
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.drawing.palette import BAD, GOOD, RELAY, ROUTE, WARNING, Rgb
@@ -86,7 +86,7 @@ def link_look(rssi_dbm: float) -> LinkLook:
     return LOOKS[0] if rssi_dbm >= STRONG_DBM else LOOKS[1] if rssi_dbm >= WEAK_DBM else LOOKS[2]
 
 
-def link_meshes(links: list[Link], z_m: float, widen: float, wider: float = 1.0) -> dict[Rgb, Mesh]:
+def link_meshes(links: list[DrawnLink], z_m: float, widen: float, wider: float = 1.0) -> dict[Rgb, Mesh]:
     """Links as strips, by colour; of too many the first ones."""
     shown = links[:LINKS]
     # Of many links each gets fewer and longer dashes: a browser has to draw every one of them in every frame.

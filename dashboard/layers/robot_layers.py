@@ -10,7 +10,7 @@ from robrain.dashboard.layers.layer import Layer, MeshLayer
 from robrain.dashboard.scene.merged_meshes import by_color, copies
 from robrain.dashboard.scene.meshes import Mesh, hoop, robot_base, robot_body, robot_dart, robot_nose
 from robrain.dashboard.scene.scene_nodes import Instances, Labels, colors, rows
-from robrain.dashboard.state.robot_view import Condition, Contact, RobotView
+from robrain.dashboard.state.robot_view import RobotContact, RobotHealth, RobotView
 from robrain.dashboard.state.team_view import TeamView
 from robrain.recording.drawing.palette import HALTED, LOST, NOSE, TRUTH, Rgb, look_of
 
@@ -145,7 +145,7 @@ def ellipse(covariance: tuple[float, ...]) -> Ellipse | None:
 
 def is_special(view: TeamView, robot: RobotView, now_s: float) -> bool:
     """Whether a robot is selected or not up."""
-    return robot.name in view.selected or robot.condition(now_s) not in (Condition.UP, Condition.READY)
+    return robot.name in view.selected or robot.condition(now_s) not in (RobotHealth.UP, RobotHealth.READY)
 
 
 def radius_m(robot: RobotView) -> float:
@@ -156,11 +156,11 @@ def radius_m(robot: RobotView) -> float:
 
 def body_color(robot: RobotView, now_s: float) -> Rgb:
     """The robot's own colour, or grey when it is lost."""
-    return LOST if robot.contact(now_s) is Contact.LOST else look_of(robot.index).color
+    return LOST if robot.contact(now_s) is RobotContact.LOST else look_of(robot.index).color
 
 
 def _text(robot: RobotView, now_s: float) -> str:
     contact = robot.contact(now_s)
-    if contact is not Contact.UP:
+    if contact is not RobotContact.UP:
         return f"{robot.name} {contact}"
     return f"{robot.name} halted" if robot.halted else robot.name

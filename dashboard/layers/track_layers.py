@@ -8,7 +8,7 @@ from robrain.dashboard.layers.layer import MeshLayer
 from robrain.dashboard.scene.merged_meshes import by_color, copies, strips, widen_for
 from robrain.dashboard.scene.meshes import Mesh, pin
 from robrain.dashboard.scene.scene_nodes import Rows, dashed, rows
-from robrain.dashboard.state.robot_view import Contact
+from robrain.dashboard.state.robot_view import RobotContact
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.drawing.palette import Rgb, look_of
@@ -50,7 +50,7 @@ class PathLayer(MeshLayer):
         width_m = PATH_M * widen_for(view.map.size_m)
         pieces = []
         for robot in view.robots_in_order():
-            if robot.contact(now_s) is Contact.LOST:
+            if robot.contact(now_s) is RobotContact.LOST:
                 continue
             color = look_of(robot.index).color
             pieces.append((color, strips(dashes(robot.path), width_m)))

@@ -5,7 +5,7 @@ from typing import Any
 
 import viser
 
-from robrain.dashboard.panels.function_form import Field, FieldKind, arguments_of
+from robrain.dashboard.panels.function_form import FieldKind, FormField, arguments_of
 from robrain.dashboard.panels.gui_values import set_value
 
 NOT_GIVEN = "(not given)"
@@ -18,10 +18,10 @@ class FormPanel:
         self._gui = gui
         self._slot = slot
         self._folder: viser.GuiFolderHandle | None = None
-        self._fields: list[Field] = []
+        self._fields: list[FormField] = []
         self._inputs: dict[str, viser.GuiInputHandle[Any]] = {}
 
-    def show(self, fields: Sequence[Field]) -> None:
+    def show(self, fields: Sequence[FormField]) -> None:
         """Show inputs for these fields and no others."""
         if list(fields) == self._fields:
             return
@@ -51,7 +51,7 @@ class FormPanel:
         if label in self._inputs:
             set_value(self._inputs[label], value)
 
-    def _add(self, field: Field) -> viser.GuiInputHandle[Any]:
+    def _add(self, field: FormField) -> viser.GuiInputHandle[Any]:
         hint = field.hint or None
         if field.kind is FieldKind.BOOLEAN:
             return self._gui.add_checkbox(field.title, field.default == "true", hint=hint)

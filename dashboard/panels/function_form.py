@@ -32,7 +32,7 @@ JSON_TYPES = (FieldKind.NUMBER, FieldKind.INTEGER, FieldKind.BOOLEAN, FieldKind.
 """Kinds that are named as in JSON Schema."""
 
 
-class Field(msgspec.Struct, frozen=True, kw_only=True):
+class FormField(msgspec.Struct, frozen=True, kw_only=True):
     """One field of a form."""
 
     path: tuple[str, ...]
@@ -63,11 +63,11 @@ class Field(msgspec.Struct, frozen=True, kw_only=True):
         return " ".join(words).replace("_", " ")
 
 
-def fields_of(schema: Schema) -> list[Field]:
+def fields_of(schema: Schema) -> list[FormField]:
     """The fields of a form for an object of this schema; objects in it are expanded, one level deep."""
     definitions = _mapping(schema.get("$defs"))
     schema = _resolved(schema, definitions)
-    fields: list[Field] = []
+    fields: list[FormField] = []
     required = _names(schema.get("required"))
     for name, given in _mapping(schema.get("properties")).items():
         inner = _resolved(given, definitions)
@@ -84,7 +84,7 @@ def fields_of(schema: Schema) -> list[Field]:
     return fields
 
 
-def arguments_of(fields: Sequence[Field], typed: Mapping[str, str | bool]) -> dict[str, Any]:
+def arguments_of(fields: Sequence[FormField], typed: Mapping[str, str | bool]) -> dict[str, Any]:
     """The arguments by name, from the typed values by label.
 
     Raises:
@@ -109,14 +109,14 @@ def arguments_of(fields: Sequence[Field], typed: Mapping[str, str | bool]) -> di
     return arguments
 
 
-def _field(path: tuple[str, ...], shape: Schema, required: bool) -> Field:
+def _field(path: tuple[str, ...], shape: Schema, required: bool) -> FormField:
     kind, choices = _kind_of(shape)
     default = shape.get("default")
     shown = "" if default is None else default if isinstance(default, str) else msgspec.json.encode(default).decode()
     hint = str(shape.get("description", ""))
     if not hint and kind is FieldKind.JSON:
         hint = "a list in JSON, such as [1, 2]" if shape.get("type") == "array" else "in JSON"
-    return Field(path=path, kind=kind, required=required, choices=choices, default=shown, hint=hint)
+    return FormField(path=path, kind=kind, required=required, choices=choices, default=shown, hint=hint)
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:
@@ -152,7 +152,7 @@ def _resolved(shape: Any, definitions: Mapping[str, Any]) -> Schema:
     return found
 
 
-def _value(field: Field, given: str | bool) -> Any:
+def _value(field: FormField, given: str | bool) -> Any:
     if field.kind is FieldKind.BOOLEAN:
         return given is True or given == "true"
     typed = str(given)
@@ -172,7 +172,7 @@ def _value(field: Field, given: str | bool) -> Any:
     raise ValueError(f"{field.label}: expected a {_expected(field)}, got {typed[:40]!r}")
 
 
-def _expected(field: Field) -> str:
+def _expected(field: FormField) -> str:
     if field.kind is FieldKind.CHOICE:
         return f"choice of {', '.join(field.choices)}"
     return {"integer": "whole number", "json": "value in JSON"}.get(field.kind.value, field.kind.value)

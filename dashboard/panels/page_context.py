@@ -11,7 +11,7 @@ from robrain.dashboard.layers.layer_switches import LayerSwitch
 from robrain.dashboard.panels.halt_control import HaltControl
 from robrain.dashboard.replay.replay_bar import ReplayBar
 from robrain.dashboard.scene.scene import Scene
-from robrain.dashboard.server.asker import Answer, Asker, Then
+from robrain.dashboard.server.asker import Asker, QueryOutcome, Then
 from robrain.dashboard.server.hand_pilot import HandPilot, driver_of
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
@@ -77,7 +77,7 @@ class Inquiries:
         self.plugins_of(robot).asked_s = None
 
     def _taker(self, robot: str) -> Then[list[PluginInfo]]:
-        def take(answer: Answer[list[PluginInfo]]) -> None:
+        def take(answer: QueryOutcome[list[PluginInfo]]) -> None:
             known = self.plugins_of(robot)
             known.waiting = False
             try:
@@ -87,11 +87,11 @@ class Inquiries:
 
         return take
 
-    def _take_kinds(self, answer: Answer[list[KnownKind]]) -> None:
+    def _take_kinds(self, answer: QueryOutcome[list[KnownKind]]) -> None:
         with contextlib.suppress(ValueError):  # asked again soon; until then the last known kinds are offered
             self.kinds = answer.reply or self.kinds
 
-    def _take_planning(self, answer: Answer[PlanningStatus]) -> None:
+    def _take_planning(self, answer: QueryOutcome[PlanningStatus]) -> None:
         self.planning = None if answer.error else answer.known  # an error: the coordinator does not plan
         if self.planning is not None:
             places = self.planning.chargers

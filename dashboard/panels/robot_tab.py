@@ -21,7 +21,7 @@ from robrain.dashboard.panels.form_panel import FormPanel
 from robrain.dashboard.panels.function_form import fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_options, set_value
 from robrain.dashboard.panels.page_context import Page, PluginsOf
-from robrain.dashboard.server.asker import Answer
+from robrain.dashboard.server.asker import QueryOutcome
 from robrain.dashboard.server.hand_pilot import HandPilot, Velocity
 from robrain.protocol.wire.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
 from robrain.protocol.wire.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
@@ -252,7 +252,7 @@ class RobotTab:
             return
         set_html(self._result, f'<div class="rb rb-soft">{text(what)} was asked …</div>')
 
-        def take(answer: Answer[bytes]) -> None:
+        def take(answer: QueryOutcome[bytes]) -> None:
             if self._function is function and self._page.selected == robot:
                 set_html(self._result, result_html(what, answer.known or b"", answer.error))
             elif answer.error:
@@ -267,7 +267,7 @@ class RobotTab:
             self._page.tell(f"Nothing to {verb}", "Select a robot, and a plugin or its name.", color="yellow")
             return
 
-        def take(answer: Answer[list[PluginInfo]]) -> None:
+        def take(answer: QueryOutcome[list[PluginInfo]]) -> None:
             self._page.tell(f"{robot}: {verb} {plugin}", "done", error=answer.error)
             if verb == "unload" and not answer.error:
                 set_value(self._to_load, plugin)  # so that one click loads it again

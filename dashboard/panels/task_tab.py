@@ -11,11 +11,11 @@ from robrain.dashboard.html.gantt_html import gantt_html
 from robrain.dashboard.html.html_words import CLOSE_MARK, text
 from robrain.dashboard.html.task_html import queue_html, why_html
 from robrain.dashboard.panels.form_panel import FormPanel
-from robrain.dashboard.panels.function_form import Field, fields_of
+from robrain.dashboard.panels.function_form import FormField, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value
 from robrain.dashboard.panels.halt_control import BY
 from robrain.dashboard.panels.page_context import Page
-from robrain.dashboard.server.asker import Answer
+from robrain.dashboard.server.asker import QueryOutcome
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
@@ -106,7 +106,7 @@ class TaskTab:
     def cancel(self, task: str) -> None:
         """Cancel a task."""
 
-        def take(answer: Answer[TaskRecord]) -> None:
+        def take(answer: QueryOutcome[TaskRecord]) -> None:
             self._page.tell(f"Cancel {task}", "done", error=answer.error)
 
         request = TaskRequest(id=task, by=BY, why="cancelled on the dashboard")
@@ -115,7 +115,7 @@ class TaskTab:
     def ask_why(self, task: str) -> None:
         """Show why a task stands as it does, in a window of this browser alone."""
 
-        def take(answer: Answer[TaskWhy]) -> None:
+        def take(answer: QueryOutcome[TaskWhy]) -> None:
             try:
                 html = why_html(answer.reply)
             except ValueError as error:
@@ -164,7 +164,7 @@ class TaskTab:
             return
         self._show("soft", f"{submission.task.id}: sent …")
 
-        def take(answer: Answer[TaskRecord]) -> None:
+        def take(answer: QueryOutcome[TaskRecord]) -> None:
             try:
                 record = answer.reply
             except ValueError as error:
@@ -193,14 +193,14 @@ class TaskTab:
         )
 
     def _set_objective(self, objective: Objective) -> None:
-        def take(answer: Answer[PlanningStatus]) -> None:
+        def take(answer: QueryOutcome[PlanningStatus]) -> None:
             self._page.tell("Planning", f"objective from now on: {objective}", error=answer.error)
 
         request = ObjectiveRequest(objective=objective, by=BY)
         self._page.context.asker.ask(COORDINATOR_OBJECTIVE, request, take)
 
 
-def task_fields(kind: KnownKind) -> list[Field]:
+def task_fields(kind: KnownKind) -> list[FormField]:
     """The form's fields for a kind of task; its schema comes from a robot and is not trusted."""
     (_,), definitions = msgspec.json.schema_components([Task])
     common, own = definitions["Task"], kind.parameters

@@ -6,7 +6,7 @@ The page holds viser's own player (`get_scene_serializer`). Texts in the picture
 from collections.abc import Callable
 from pathlib import Path
 
-from robrain.dashboard.replay.replay_index import Decoder
+from robrain.dashboard.replay.replay_index import MessageDecoder
 from robrain.dashboard.scene.scene import Scene
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.team_view import TeamView
@@ -46,7 +46,7 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
     # The scene is made by a server that nobody calls, on a port that nobody knows.
     server = open_server("127.0.0.1", 0)
     try:
-        scene, view, decoder = Scene(server), TeamView(), Decoder()
+        scene, view, decoder = Scene(server), TeamView(), MessageDecoder()
         _frame(scene, player, decoder)
         serializer = server.get_scene_serializer()
         messages = player.seek(0.0)
@@ -67,7 +67,7 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
     return page, frames + 1
 
 
-def _frame(scene: Scene, player: Player, decoder: Decoder) -> None:
+def _frame(scene: Scene, player: Player, decoder: MessageDecoder) -> None:
     """Point the camera at the whole map, of which the first frame knows nothing; viser's player does so only once."""
     end = TeamView()
     for recorded in player.seek(player.duration_s):

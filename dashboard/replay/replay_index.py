@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from robrain.dashboard.state.robot_view import TRAIL_POINTS, Condition
+from robrain.dashboard.state.robot_view import TRAIL_POINTS, RobotHealth
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire import topics
@@ -38,7 +38,7 @@ class Mark(NamedTuple):
     """From the wire: not escaped."""
 
 
-class Decoder:
+class MessageDecoder:
     """Decodes recorded messages; those of unknown topics and those that do not decode are left out."""
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class ReplayIndex:
         self._all = TeamView()
         self._trails: dict[str, list[tuple[float, Any]]] = {}
         self._samples: dict[str, list[tuple[float, Any]]] = {}
-        self._conditions: dict[str, Condition] = {}
+        self._conditions: dict[str, RobotHealth] = {}
 
     def read(
         self, messages: "Iterable[RecordedMessage]", decode: "Callable[[RecordedMessage], Received | None]"
@@ -139,8 +139,8 @@ class ReplayIndex:
             self._add(time_s, kind, f"{message.task.id} {message.state.value}")
         elif isinstance(message, RobotState):
             name = received.names["robot"]
-            lost = Condition.ASTRAY if message.lost else Condition.UP
-            if self._conditions.get(name, Condition.UP) is not lost:
+            lost = RobotHealth.ASTRAY if message.lost else RobotHealth.UP
+            if self._conditions.get(name, RobotHealth.UP) is not lost:
                 self._conditions[name] = lost
                 said = f"is lost: {message.lost}" if message.lost else "is no longer lost"
                 self._add(time_s, "fault", f"{name} {said}")

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robrain.dashboard.replay.replay_index import Decoder, Mark, ReplayIndex
+from robrain.dashboard.replay.replay_index import Mark, MessageDecoder, ReplayIndex
 from robrain.dashboard.state.team_view import TeamView
 
 if TYPE_CHECKING:  # loads kernels
@@ -43,7 +43,7 @@ class ReplaySource:
         self.path = path
         self.player = Player(path)
         self.player.prepare((lambda share: on_progress(0.5 * share)) if on_progress is not None else None)
-        self._decoder = Decoder()
+        self._decoder = MessageDecoder()
         self._index = ReplayIndex(self.player.start_ns)
         later = (lambda share: on_progress(0.5 + 0.5 * share)) if on_progress is not None else None
         self._index.read(read_messages(path, later), self._decoder.decode)

@@ -19,7 +19,7 @@ TIMEOUT_S = 5.0
 
 
 @dataclass(frozen=True)
-class Answer(Generic[R]):
+class QueryOutcome(Generic[R]):
     """The outcome of a query: a reply, or in words why there is none."""
 
     known: R | None = None
@@ -38,7 +38,7 @@ class Answer(Generic[R]):
         return self.known
 
 
-Then = Callable[[Answer[R]], None]
+Then = Callable[[QueryOutcome[R]], None]
 
 
 class Asker:
@@ -52,7 +52,7 @@ class Asker:
     def __init__(self, endpoint: Endpoint | None) -> None:
         self._endpoint = endpoint
         self._pool = ThreadPoolExecutor(WORKERS, thread_name_prefix="robrain-ask")
-        self._answers: deque[tuple[Then[Any], Answer[Any]]] = deque()
+        self._answers: deque[tuple[Then[Any], QueryOutcome[Any]]] = deque()
         self._waiting = 0
 
     def ask(
@@ -64,14 +64,14 @@ class Asker:
             return
         self._waiting += 1
         if self._waiting > WAITING_MAX:
-            self._answers.append((then, Answer(error="too many questions wait for an answer already; try again")))
+            self._answers.append((then, QueryOutcome(error="too many questions wait for an answer already; try again")))
             return
 
         def work() -> None:
             try:
-                answer = Answer(endpoint.ask(topic, request, timeout_s=timeout_s, **names))
+                answer = QueryOutcome(endpoint.ask(topic, request, timeout_s=timeout_s, **names))
             except (RobrainError, zenoh.ZError) as error:
-                answer = Answer(error=str(error))
+                answer = QueryOutcome(error=str(error))
             self._answers.append((then, answer))
 
         self._pool.submit(work)

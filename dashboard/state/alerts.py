@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import NamedTuple
 
-from robrain.dashboard.state.robot_view import Condition, Contact, RecorderView, RobotView
+from robrain.dashboard.state.robot_view import RecorderView, RobotContact, RobotHealth, RobotView
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.messages.team.team_messages import TeamState
@@ -15,7 +15,7 @@ LOW_MOTE_V = 2.4
 REFUSALS_SHOWN = 4
 
 
-class Level(StrEnum):
+class AlertLevel(StrEnum):
     """How much an alert matters."""
 
     BAD = "bad"
@@ -25,7 +25,7 @@ class Level(StrEnum):
 class Alert(NamedTuple):
     """One line; its strings come from the wire and are not escaped."""
 
-    level: Level
+    level: AlertLevel
     subject: str
     text: str
 
@@ -34,36 +34,36 @@ def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
     """All alerts, the bad ones first, robots in the order of their appearance."""
     found: list[Alert] = []
     if view.robots and not view.coordinator_up and not view.is_replay:
-        found.append(Alert(Level.BAD, "Coordinator", "is lost; the robots go on by themselves"))
+        found.append(Alert(AlertLevel.BAD, "Coordinator", "is lost; the robots go on by themselves"))
     for robot in view.robots_in_order():
         found += _of_robot(robot, now_s)
     low = [mote.name for mote in view.motes.values() if mote.latest is not None and mote.latest.voltage_v < LOW_MOTE_V]
     if low:
         names = ", ".join(low[:4]) + (f" and {len(low) - 4} more" if len(low) > 4 else "")
-        found.append(Alert(Level.WARN, "Motes", f"nearly empty: {names}"))
+        found.append(Alert(AlertLevel.WARN, "Motes", f"nearly empty: {names}"))
     if not view.is_replay:
         for recorder in view.recorders.values():
             found += _of_recorder(recorder, now_s)
     if view.rejected:
-        found.append(Alert(Level.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
+        found.append(Alert(AlertLevel.WARN, "Messages", f"{view.rejected} made no sense and were left out"))
     if view.team is not None:
         if view.coordinator_up and not view.is_replay:
             found += _of_tasks(view.team)
         found += _of_stale(view, view.team, now_s)
         found += _of_refusals("Coordinator", view.team.refused)
     found += _of_refusals("Dashboard", view.refused)
-    return sorted(found, key=lambda alert: alert.level is not Level.BAD)
+    return sorted(found, key=lambda alert: alert.level is not AlertLevel.BAD)
 
 
 def _of_tasks(team: TeamState) -> list[Alert]:
     """Alerts for a coordinator that takes no tasks, or offers none."""
     found: list[Alert] = []
     if team.unwritable:
-        found.append(Alert(Level.BAD, "Coordinator", f"takes no tasks: {team.unwritable}"))
+        found.append(Alert(AlertLevel.BAD, "Coordinator", f"takes no tasks: {team.unwritable}"))
     if team.lead and team.lead.is_suspended:
-        found.append(Alert(Level.BAD, "Coordinator", team.lead.words))
+        found.append(Alert(AlertLevel.BAD, "Coordinator", team.lead.words))
     if team.stand_by and team.stand_by.held_back is not None:
-        found.append(Alert(Level.BAD, "Coordinator", team.stand_by.words))
+        found.append(Alert(AlertLevel.BAD, "Coordinator", team.stand_by.words))
     return found
 
 
@@ -75,11 +75,11 @@ def _of_stale(view: TeamView, team: TeamState, now_s: float) -> list[Alert]:
         age_s = now_s - view.team_heard_s
         if age_s > deadline_s:
             stale = TopicStale(COORDINATOR_STATE.name, "coordinator", age_s, deadline_s)
-            found.append(Alert(Level.WARN, "Coordinator", str(stale)))
+            found.append(Alert(AlertLevel.WARN, "Coordinator", str(stale)))
     for each in team.stale or ():
         robot = view.robots.get(each.sender)
-        if robot is None or robot.contact(now_s) is Contact.UP:
-            found.append(Alert(Level.WARN, each.sender, str(each)))
+        if robot is None or robot.contact(now_s) is RobotContact.UP:
+            found.append(Alert(AlertLevel.WARN, each.sender, str(each)))
     return found
 
 
@@ -87,7 +87,7 @@ def _of_refusals(subject: str, refused: object) -> list[Alert]:
     """Alerts for rejected messages, if their list is known."""
     known = refused[:REFUSALS_SHOWN] if isinstance(refused, list) else []
     return [
-        Alert(Level.WARN, subject, one.words if one.code == RefusalCode.LOST else f"rejected {one.words}")
+        Alert(AlertLevel.WARN, subject, one.words if one.code == RefusalCode.LOST else f"rejected {one.words}")
         for one in known
     ]
 
@@ -95,32 +95,34 @@ def _of_refusals(subject: str, refused: object) -> list[Alert]:
 def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     found: list[Alert] = []
     condition, state = robot.condition(now_s), robot.state
-    if condition is Condition.LOST:
-        found.append(Alert(Level.BAD, robot.name, "has gone" if robot.has_gone else "is lost"))
-    elif condition is Condition.SILENT:
-        found.append(Alert(Level.BAD, robot.name, "says nothing, though its process is there"))
+    if condition is RobotHealth.LOST:
+        found.append(Alert(AlertLevel.BAD, robot.name, "has gone" if robot.has_gone else "is lost"))
+    elif condition is RobotHealth.SILENT:
+        found.append(Alert(AlertLevel.BAD, robot.name, "says nothing, though its process is there"))
     if state is None:
         return found
     if state.halted and state.not_halted:
-        found.append(Alert(Level.BAD, robot.name, f"has not stopped all of it: {', '.join(state.not_halted)}"))
-    found += [Alert(Level.BAD, robot.name, fault.words) for fault in state.faulted]
+        found.append(Alert(AlertLevel.BAD, robot.name, f"has not stopped all of it: {', '.join(state.not_halted)}"))
+    found += [Alert(AlertLevel.BAD, robot.name, fault.words) for fault in state.faulted]
     found += _of_refusals(robot.name, state.refused)
     if state.lost:
-        found.append(Alert(Level.BAD, robot.name, f"is lost: {state.lost}"))
+        found.append(Alert(AlertLevel.BAD, robot.name, f"is lost: {state.lost}"))
     battery = state.battery
     if battery is not None and battery.implausible:
-        found.append(Alert(Level.WARN, robot.name, f"its battery's figures are not believed: {battery.implausible}"))
+        found.append(
+            Alert(AlertLevel.WARN, robot.name, f"its battery's figures are not believed: {battery.implausible}")
+        )
     if battery is not None and battery.soc < LOW_SOC and not battery.charging:
-        found.append(Alert(Level.WARN, robot.name, f"battery at {100 * battery.soc:.0f} %"))
+        found.append(Alert(AlertLevel.WARN, robot.name, f"battery at {100 * battery.soc:.0f} %"))
     return found
 
 
 def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:
     subject = f"Recorder {recorder.name}"
     if recorder.is_silent(now_s):
-        return [Alert(Level.BAD, subject, "says nothing any more: what happens now may not be recorded")]
+        return [Alert(AlertLevel.BAD, subject, "says nothing any more: what happens now may not be recorded")]
     state = recorder.state
     if state is None:
         return []
     problem = "; ".join(filter(None, (state.why, recorder.lost_text)))
-    return [*([Alert(Level.BAD, subject, problem)] if problem else []), *_of_refusals(subject, state.refused)]
+    return [*([Alert(AlertLevel.BAD, subject, problem)] if problem else []), *_of_refusals(subject, state.refused)]

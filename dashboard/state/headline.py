@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from robrain.algorithms.localization.pose_accuracy import position_sigma_m
-from robrain.dashboard.state.robot_view import Condition, Contact
+from robrain.dashboard.state.robot_view import RobotContact, RobotHealth
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.accuracy import MapAccuracy
 
@@ -41,7 +41,7 @@ class Grade(IntEnum):
     BAD = 2
 
 
-class Finding(NamedTuple):
+class HeadlineProblem(NamedTuple):
     """One problem."""
 
     grade: Grade
@@ -52,14 +52,14 @@ class Headline(NamedTuple):
     """Grade of the dot, and the problems other than the robots' own conditions."""
 
     grade: Grade
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[HeadlineProblem, ...] = ()
 
 
 @dataclass(frozen=True)
 class Vitals:
     """The inputs of the headline."""
 
-    conditions: Mapping[Condition, int] = field(default_factory=dict)
+    conditions: Mapping[RobotHealth, int] = field(default_factory=dict)
     """Number of robots in each condition."""
     connected: bool = True
     halted: bool = False
@@ -88,14 +88,14 @@ class Vitals:
     """Age of the oldest latest state or summary from a component in contact."""
 
 
-ROBOT_GRADES: dict[Condition, Grade] = {
-    Condition.UP: Grade.GOOD,
-    Condition.READY: Grade.GOOD,
-    Condition.SILENT: Grade.WARN,
-    Condition.ASTRAY: Grade.BAD,
-    Condition.FAULTED: Grade.BAD,
-    Condition.HALTED: Grade.BAD,
-    Condition.LOST: Grade.BAD,
+ROBOT_GRADES: dict[RobotHealth, Grade] = {
+    RobotHealth.UP: Grade.GOOD,
+    RobotHealth.READY: Grade.GOOD,
+    RobotHealth.SILENT: Grade.WARN,
+    RobotHealth.ASTRAY: Grade.BAD,
+    RobotHealth.FAULTED: Grade.BAD,
+    RobotHealth.HALTED: Grade.BAD,
+    RobotHealth.LOST: Grade.BAD,
 }
 
 
@@ -112,8 +112,8 @@ def headline_of(vitals: Vitals) -> Headline:
 
 def vitals_of(view: TeamView, now_s: float) -> Vitals:
     """The headline's inputs, from the team's view at `now_s`."""
-    robots = [robot for robot in view.robots.values() if robot.contact(now_s) is Contact.UP]
-    conditions = dict.fromkeys(Condition, 0)
+    robots = [robot for robot in view.robots.values() if robot.contact(now_s) is RobotContact.UP]
+    conditions = dict.fromkeys(RobotHealth, 0)
     for robot in view.robots.values():
         conditions[robot.condition(now_s)] += 1
     sigmas_m = [(position_sigma_m(robot.state.pose_covariance), robot.name) for robot in robots if robot.state]
@@ -169,30 +169,36 @@ def agreement_grade(agreement: float) -> Grade:
     return Grade.BAD if agreement < HARDLY_AGREES else Grade.WARN if agreement < AGREES else Grade.GOOD
 
 
-def _findings(vitals: Vitals) -> list[Finding]:
-    found: list[Finding] = []
+def _findings(vitals: Vitals) -> list[HeadlineProblem]:
+    found: list[HeadlineProblem] = []
     if not vitals.connected:
-        found.append(Finding(Grade.BAD, "no connection"))
-    if vitals.halted and not vitals.conditions.get(Condition.HALTED):
-        found.append(Finding(Grade.BAD, "halt not acknowledged"))
+        found.append(HeadlineProblem(Grade.BAD, "no connection"))
+    if vitals.halted and not vitals.conditions.get(RobotHealth.HALTED):
+        found.append(HeadlineProblem(Grade.BAD, "halt not acknowledged"))
     if vitals.coordinator_up is False:
-        found.append(Finding(Grade.BAD, "coordinator lost"))
+        found.append(HeadlineProblem(Grade.BAD, "coordinator lost"))
     if vitals.worst_sigma_m >= UNSURE_M:
         grade = Grade.BAD if vitals.worst_sigma_m >= ASTRAY_M else Grade.WARN
-        found.append(Finding(grade, f"{vitals.worst_sigma_robot}: position ± {vitals.worst_sigma_m:.1f} m"))
+        found.append(HeadlineProblem(grade, f"{vitals.worst_sigma_robot}: position ± {vitals.worst_sigma_m:.1f} m"))
     if vitals.silent_robot:
-        found.append(Finding(Grade.BAD, f"{vitals.silent_robot}: {vitals.silent_error_m:.1f} m off, not reported"))
+        found.append(
+            HeadlineProblem(Grade.BAD, f"{vitals.silent_robot}: {vitals.silent_error_m:.1f} m off, not reported")
+        )
     if vitals.share_off > MAP_OFF:
         doubled = f", {vitals.doubled_walls_m:.0f} m of walls doubled" if vitals.doubled_walls_m >= 0.5 else ""
-        found.append(Finding(map_grade(vitals.share_off), f"{100 * vitals.share_off:.1f} % of the map wrong{doubled}"))
+        found.append(
+            HeadlineProblem(map_grade(vitals.share_off), f"{100 * vitals.share_off:.1f} % of the map wrong{doubled}")
+        )
     if vitals.least_agreement < AGREES:
         who, percent = vitals.least_agreement_robot, 100 * vitals.least_agreement
-        found.append(Finding(agreement_grade(vitals.least_agreement), f"{who}: lidar agrees {percent:.0f} % with map"))
+        found.append(
+            HeadlineProblem(agreement_grade(vitals.least_agreement), f"{who}: lidar agrees {percent:.0f} % with map")
+        )
     if vitals.map_refused:
-        found.append(Finding(Grade.WARN, "a map patch does not fit"))
+        found.append(HeadlineProblem(Grade.WARN, "a map patch does not fit"))
     if vitals.map_missing:
-        found.append(Finding(Grade.WARN, "no map"))
+        found.append(HeadlineProblem(Grade.WARN, "no map"))
     if vitals.late_s > LATE_S:
         grade = Grade.BAD if vitals.late_s > VERY_LATE_S else Grade.WARN
-        found.append(Finding(grade, f"data {vitals.late_s:.0f} s late"))
+        found.append(HeadlineProblem(grade, f"data {vitals.late_s:.0f} s late"))
     return found

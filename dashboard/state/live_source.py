@@ -17,7 +17,7 @@ from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
-from robrain.recording.drawing.map_view import MapView
+from robrain.recording.drawing.map_view import ComposedMap
 
 MERGER = "robrain.algorithms.slam.map_patch"
 HELD_PATCHES = 8192
@@ -67,7 +67,7 @@ class MapLoading:
 def load(patch: MapPatch) -> None:
     """Load what merges a patch."""
     with contextlib.suppress(ValueError):  # the view that it is meant for refuses it as well, and says so
-        MapView().merge(patch)
+        ComposedMap().merge(patch)
 
 
 LINK_PERIOD_S = 1.0

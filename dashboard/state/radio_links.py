@@ -4,14 +4,14 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from robrain.dashboard.state.focus import Focus, motes_in_focus
-from robrain.dashboard.state.robot_view import Contact, MoteView
+from robrain.dashboard.state.robot_view import MoteView, RobotContact
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import BadParameters, parameters_of
 
 
-class Link(NamedTuple):
+class DrawnLink(NamedTuple):
     """A radio link between two places, arena frame."""
 
     start: Point2D
@@ -19,18 +19,18 @@ class Link(NamedTuple):
     rssi_dbm: float
 
 
-def best_links(view: TeamView, motes: Iterable[MoteView]) -> list[Link]:
+def best_links(view: TeamView, motes: Iterable[MoteView]) -> list[DrawnLink]:
     """The strongest of the newest links of each of these motes; drawing all links would hide everything else."""
     found = []
     for mote in motes:
         link = max(mote.links.values(), key=lambda link: (link.stamp_ns, link.rssi_dbm), default=None)
         end = place_of_robot(view, link.via) if link is not None else None
         if link is not None and mote.place is not None and end is not None:
-            found.append(Link(mote.place, end, link.rssi_dbm))
+            found.append(DrawnLink(mote.place, end, link.rssi_dbm))
     return found
 
 
-def links_of_robot(view: TeamView, name: str, now_s: float) -> list[Link]:
+def links_of_robot(view: TeamView, name: str, now_s: float) -> list[DrawnLink]:
     """All that a robot hears: motes by its base station's list or by their readings, and other robots."""
     here = place_of_robot(view, name)
     if here is None:
@@ -43,21 +43,21 @@ def links_of_robot(view: TeamView, name: str, now_s: float) -> list[Link]:
     for peer, rssi_dbm in heard.items():
         known = view.motes.get(peer)
         if known is not None and known.place is not None:
-            found.append(Link(known.place, here, rssi_dbm))
+            found.append(DrawnLink(known.place, here, rssi_dbm))
     for (one, other), rssi_dbm in robot_pairs(view, now_s).items():
         there = place_of_robot(view, other if one == name else one)
         if name in (one, other) and there is not None:
-            found.append(Link(here, there, rssi_dbm))
+            found.append(DrawnLink(here, there, rssi_dbm))
     return found
 
 
-def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[Link]:
+def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[DrawnLink]:
     """All links of a robot selected by a person, and the best link of each mote in focus, without duplicates.
 
     Links that are drawn for all browsers are left out.
     """
     drawn = {frozenset((link.start, link.end)) for link in team_links(view, now_s)}
-    found: list[Link] = []
+    found: list[DrawnLink] = []
     of_robot = links_of_robot(view, focus.robot, now_s) if focus.chosen else []
     of_motes = best_links(view, motes_in_focus(view, focus._replace(chosen=False)))
     for link in (*of_robot, *of_motes):
@@ -68,13 +68,13 @@ def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[Link]:
     return found
 
 
-def team_links(view: TeamView, now_s: float) -> list[Link]:
+def team_links(view: TeamView, now_s: float) -> list[DrawnLink]:
     """The fewest and strongest links that hold the team's radio together: a maximum spanning forest by strength."""
     found = []
     for (one, other), rssi_dbm in spanning_forest(robot_pairs(view, now_s)).items():
         start, end = place_of_robot(view, one), place_of_robot(view, other)
         if start is not None and end is not None:
-            found.append(Link(start, end, rssi_dbm))
+            found.append(DrawnLink(start, end, rssi_dbm))
     return found
 
 
@@ -102,7 +102,7 @@ def _group_of(group: dict[str, str], name: str) -> str:
 def robot_pairs(view: TeamView, now_s: float) -> dict[tuple[str, str], float]:
     """Strength in dBm between two robots that are there, by sorted names: of the worse direction that is known."""
     pairs: dict[tuple[str, str], float] = {}
-    there = {robot.name for robot in view.robots.values() if robot.contact(now_s) is not Contact.LOST}
+    there = {robot.name for robot in view.robots.values() if robot.contact(now_s) is not RobotContact.LOST}
     for robot in view.robots.values():
         for link in robot.links:
             if link.is_robot and link.peer != robot.name and {link.peer, robot.name} <= there:

@@ -29,7 +29,7 @@ RECORDER_PERIOD_S = 2.0
 RECORDER_SILENT_S = 6.0
 
 
-class Contact(StrEnum):
+class RobotContact(StrEnum):
     """Contact with a robot."""
 
     UP = "up"
@@ -38,7 +38,7 @@ class Contact(StrEnum):
     LOST = "lost"
 
 
-class Condition(StrEnum):
+class RobotHealth(StrEnum):
     """A robot in one word, worst first."""
 
     LOST = "lost"
@@ -111,28 +111,28 @@ class RobotView:
             return None
         return max(0.0, energy.usable_j) / energy.usual_power_w
 
-    def contact(self, now_s: float) -> Contact:
+    def contact(self, now_s: float) -> RobotContact:
         """Its contact at `now_s`."""
         if self.present is False:
-            return Contact.LOST
+            return RobotContact.LOST
         if self.start is not None:
-            return Contact.UP
+            return RobotContact.UP
         if self.heard_s is not None and now_s - self.heard_s <= SILENT_AFTER_S:
-            return Contact.UP
-        return Contact.SILENT if self.present else Contact.LOST
+            return RobotContact.UP
+        return RobotContact.SILENT if self.present else RobotContact.LOST
 
-    def condition(self, now_s: float) -> Condition:
+    def condition(self, now_s: float) -> RobotHealth:
         """Its condition at `now_s`: the worst that applies."""
         contact = self.contact(now_s)
-        if contact is not Contact.UP:
-            return Condition(contact.value)
+        if contact is not RobotContact.UP:
+            return RobotHealth(contact.value)
         if self.start is not None:
-            return Condition.READY
+            return RobotHealth.READY
         if self.halted:
-            return Condition.HALTED
+            return RobotHealth.HALTED
         if self.state is not None and self.state.faulted:
-            return Condition.FAULTED
-        return Condition.ASTRAY if self.state is not None and self.state.lost else Condition.UP
+            return RobotHealth.FAULTED
+        return RobotHealth.ASTRAY if self.state is not None and self.state.lost else RobotHealth.UP
 
     def take_state(self, state: RobotState, now_s: float) -> None:
         """Process its state."""

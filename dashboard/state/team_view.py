@@ -27,7 +27,7 @@ from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.topic import Topic
 from robrain.recording.drawing.drawn_floor import DrawnFloor
-from robrain.recording.drawing.map_view import FAR_M, MapView, checked_geometry
+from robrain.recording.drawing.map_view import FAR_M, ComposedMap, checked_geometry
 
 HISTORY_POINTS = 400
 HISTORY_STEP_S = 1.0
@@ -99,7 +99,7 @@ class TeamView:
         self.log: deque[LogRecord] = deque(maxlen=LOG_LINES)
         """The latest log records of all robots, oldest first."""
         self.recorders: dict[str, RecorderView] = {}
-        self.map = MapView()
+        self.map = ComposedMap()
         self.team: TeamState | None = None
         self.left: ExplorationLeft | None = None
         """What exploration has left, as last published; None until it has ended once."""
@@ -376,7 +376,7 @@ class TeamView:
     def _forget_run(self) -> None:
         """Clear all but the robots, as another run has begun."""
         self.runs += 1
-        self.map = MapView()
+        self.map = ComposedMap()
         self.motes.clear()
         self.board = TaskBoard()
         self.log.clear()

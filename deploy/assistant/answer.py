@@ -18,7 +18,7 @@ DEPTH_MAX = 8
 NOTHING: Mapping[str, object] = MappingProxyType({})
 
 
-class Verdict(StrEnum):
+class CallVerdict(StrEnum):
     """How a call ended, for the audit log and for programs."""
 
     LOOKED = "looked"
@@ -31,10 +31,10 @@ class Verdict(StrEnum):
     """It may have been carried out, but its answer is missing or is an error."""
 
 
-class Answer(NamedTuple):
+class ToolAnswer(NamedTuple):
     """One answer."""
 
-    verdict: Verdict
+    verdict: CallVerdict
     words: str
     values: dict[str, Any]
     png: bytes = b""
@@ -43,8 +43,8 @@ class Answer(NamedTuple):
 
 
 def answer(
-    verdict: Verdict, lines: list[str], values: Mapping[str, object] = NOTHING, *, png: bytes = b"", code: str = ""
-) -> Answer:
+    verdict: CallVerdict, lines: list[str], values: Mapping[str, object] = NOTHING, *, png: bytes = b"", code: str = ""
+) -> ToolAnswer:
     """An answer of bounded size, in which text of the team cannot steer a terminal or hide anything.
 
     >>> answer(Verdict.LOOKED, ["r1 is up"], {"robot": "r1"}).values
@@ -55,7 +55,7 @@ def answer(
     found = {**plain, **({"code": code} if code else {}), "verdict": str(verdict)}
     if len(msgspec.json.encode(found)) > WORDS_MAX:  # the words have the beginning of it
         found = {name: value for name, value in found.items() if not isinstance(value, list | dict)}
-    return Answer(verdict, words, found, png, code)
+    return ToolAnswer(verdict, words, found, png, code)
 
 
 def harmless(value: Any, depth: int = DEPTH_MAX) -> Any:

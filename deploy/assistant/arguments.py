@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.client.submission import COMMON, RELATIVE
-from robrain.deploy.assistant.errors import Refused
+from robrain.deploy.assistant.errors import CallRefused
 from robrain.deploy.assistant.policy import PRIORITY_MAX, Ban
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
@@ -83,7 +83,9 @@ class NewTask(Arguments, frozen=True, kw_only=True):
 
         """
         if smuggled := sorted(self.parameters.keys() & (COMMON | {*RELATIVE, "kind"})):
-            raise Refused(Ban.BAD_ARGUMENTS, f"parameters: {smuggled[0]} is a field of every task, and no parameter")
+            raise CallRefused(
+                Ban.BAD_ARGUMENTS, f"parameters: {smuggled[0]} is a field of every task, and no parameter"
+            )
         given = {
             **self.parameters,
             "place": [self.x_m, self.y_m],
@@ -137,9 +139,9 @@ def arguments_of(given: object, type_: type[A]) -> A:
     try:
         written = msgspec.json.encode(given)
     except (TypeError, ValueError, RecursionError) as error:
-        raise Refused(Ban.BAD_ARGUMENTS, cut(safe_text(str(error)), WORDS_MAX)) from error
+        raise CallRefused(Ban.BAD_ARGUMENTS, cut(safe_text(str(error)), WORDS_MAX)) from error
     if len(written) > BYTES_MAX:
-        raise Refused(Ban.BAD_ARGUMENTS, f"expected at most {BYTES_MAX} bytes of JSON, got {len(written)}")
+        raise CallRefused(Ban.BAD_ARGUMENTS, f"expected at most {BYTES_MAX} bytes of JSON, got {len(written)}")
     _check_values(given, "arguments", DEPTH_MAX)
     try:
         found = msgspec.convert(given, type_)
@@ -147,7 +149,7 @@ def arguments_of(given: object, type_: type[A]) -> A:
             if name := getattr(found, field, ""):
                 check_name(field, name)
     except (msgspec.ValidationError, BadName) as error:
-        raise Refused(Ban.BAD_ARGUMENTS, cut(safe_text(str(error)), WORDS_MAX)) from error
+        raise CallRefused(Ban.BAD_ARGUMENTS, cut(safe_text(str(error)), WORDS_MAX)) from error
     return found
 
 
@@ -171,11 +173,11 @@ def order_text(tool: str, arguments: Arguments) -> bytes:
 
 def _check_values(value: object, where: str, depth: int) -> None:
     if depth < 0:
-        raise Refused(Ban.BAD_ARGUMENTS, f"nested deeper than {DEPTH_MAX}")
+        raise CallRefused(Ban.BAD_ARGUMENTS, f"nested deeper than {DEPTH_MAX}")
     if isinstance(value, str) and safe_text(value) != value:
-        raise Refused(Ban.BAD_ARGUMENTS, f"{where}: expected text without control or invisible characters")
+        raise CallRefused(Ban.BAD_ARGUMENTS, f"{where}: expected text without control or invisible characters")
     if isinstance(value, float) and not math.isfinite(value):
-        raise Refused(Ban.BAD_ARGUMENTS, f"{where}: expected a finite number, got {value}")
+        raise CallRefused(Ban.BAD_ARGUMENTS, f"{where}: expected a finite number, got {value}")
     if isinstance(value, dict):
         for name, one in value.items():
             _check_values(name, "a name of an argument", depth - 1)

@@ -10,7 +10,7 @@ import msgspec
 
 from robrain.client.team import Team
 from robrain.deploy.assistant import ordering
-from robrain.deploy.assistant.answer import Answer, Verdict, answer
+from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
 from robrain.deploy.assistant.arguments import (
     Arguments,
     CallPlugin,
@@ -27,7 +27,7 @@ from robrain.deploy.assistant.arguments import (
 )
 from robrain.deploy.assistant.audit_log import AuditLog, AuditRecord
 from robrain.deploy.assistant.confirmations import Confirmations
-from robrain.deploy.assistant.errors import AuditError, Refused
+from robrain.deploy.assistant.errors import AuditError, CallRefused
 from robrain.deploy.assistant.looking import Looking
 from robrain.deploy.assistant.ordering import Ordering, Rehearsal
 from robrain.deploy.assistant.policy import Ban, Order, why_no_order, why_no_tool
@@ -45,13 +45,13 @@ class Tool(NamedTuple, Generic[A]):
     name: str
     doc: str
     arguments: type[A]
-    look: Callable[[A], Answer] | None = None
+    look: Callable[[A], ToolAnswer] | None = None
     """Of a tool that changes nothing."""
     rehearse: Callable[[A], Rehearsal] | None = None
     """Of an order that is confirmed before it is carried out. Of neither: the halt."""
 
 
-class Call(NamedTuple):
+class ToolCall(NamedTuple):
     """A call as it came."""
 
     client: str
@@ -106,36 +106,36 @@ class Assistant:
         """Whether the certificate allows a tool."""
         return tool not in tuple(Order) or why_no_order(Order(tool), self._member) is None
 
-    def answer(self, call: Call) -> Answer:
+    def answer(self, call: ToolCall) -> ToolAnswer:
         """Answer a call, and log it."""
         began_s = self._elapsed_s()
         number = next(self._numbers)
         try:
             found = self._answer(call, number)
-        except Refused as error:
+        except CallRefused as error:
             found = _refused(error)
         except NobodyThere as error:
-            found = _refused(Refused(Ban.NOBODY, str(error)))
+            found = _refused(CallRefused(Ban.NOBODY, str(error)))
         except RobrainError as error:
-            found = _refused(Refused(Ban.TEAM, str(error)))
+            found = _refused(CallRefused(Ban.TEAM, str(error)))
         except BaseException as error:  # a bug, or the end of the process: logged as well
-            self._log_end(call, number, answer(Verdict.FAILED, [f"{type(error).__name__}: {error}"]), began_s)
+            self._log_end(call, number, answer(CallVerdict.FAILED, [f"{type(error).__name__}: {error}"]), began_s)
             raise
         self._log_end(call, number, found, began_s)
         return found
 
-    def _log_end(self, call: Call, number: int, found: Answer, began_s: float) -> None:
+    def _log_end(self, call: ToolCall, number: int, found: ToolAnswer, began_s: float) -> None:
         try:
             self._write(call, number, found, 1000.0 * (self._elapsed_s() - began_s))
         except AuditError as error:  # what was done is done; `_carry_out` had logged that it was to be
             self._note(f"assistant: {error}")
 
-    def _answer(self, call: Call, number: int) -> Answer:
+    def _answer(self, call: ToolCall, number: int) -> ToolAnswer:
         tool = self.tools.get(call.tool)
         if tool is None:
-            raise Refused(why_no_tool(call.tool))
+            raise CallRefused(why_no_tool(call.tool))
         if not self.may(tool.name):
-            raise Refused(Ban.ROLE, f"it is that of {self._member}")
+            raise CallRefused(Ban.ROLE, f"it is that of {self._member}")
         if tool.arguments is HaltRobots:  # without a lock, and whatever its arguments are
             return ordering.halt(self._halting, halt_arguments(call.arguments))
         asked = arguments_of(call.arguments, tool.arguments)
@@ -148,14 +148,14 @@ class Assistant:
                 return self._carry_out(call, number, asked.confirm, order)
             return self._rehearsed(tool.rehearse(asked), self._confirmations, call.client, order)
 
-    def _carry_out(self, call: Call, number: int, token: str, order: bytes) -> Answer:
+    def _carry_out(self, call: ToolCall, number: int, token: str, order: bytes) -> ToolAnswer:
         found = self._confirmations.take(token, call.client, order)
         if isinstance(found, Ban):
-            raise Refused(found)
+            raise CallRefused(found)
         try:
-            self._write(call, number, Answer(Verdict.BEGUN, "", {}), 0.0)
+            self._write(call, number, ToolAnswer(CallVerdict.BEGUN, "", {}), 0.0)
         except AuditError as error:
-            raise Refused(Ban.NOT_LOGGED, str(error)) from error
+            raise CallRefused(Ban.NOT_LOGGED, str(error)) from error
         try:
             return found.carry_out()
         except NobodyThere as error:
@@ -166,7 +166,7 @@ class Assistant:
             raise
 
     @staticmethod
-    def _rehearsed(found: Rehearsal, confirmations: Confirmations[Rehearsal], client: str, order: bytes) -> Answer:
+    def _rehearsed(found: Rehearsal, confirmations: Confirmations[Rehearsal], client: str, order: bytes) -> ToolAnswer:
         token, valid_s = confirmations.keep(client, order, found), confirmations.life_s
         lines = [
             f"nothing has been done yet; to have it done, repeat the call within {valid_s:.0f} s, and add",
@@ -174,9 +174,9 @@ class Assistant:
             "this would happen:",
             *found.words,
         ]
-        return answer(Verdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": valid_s})
+        return answer(CallVerdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": valid_s})
 
-    def _write(self, call: Call, number: int, found: Answer, took_ms: float) -> None:
+    def _write(self, call: ToolCall, number: int, found: ToolAnswer, took_ms: float) -> None:
         try:
             arguments = msgspec.json.encode(call.arguments, enc_hook=repr).decode()
         except (TypeError, ValueError, RecursionError):
@@ -197,20 +197,20 @@ class Assistant:
             self._log.write(record)
 
 
-def _refused(error: Refused) -> Answer:
-    return answer(Verdict.REFUSED, [str(error)], code=str(error.ban))
+def _refused(error: CallRefused) -> ToolAnswer:
+    return answer(CallVerdict.REFUSED, [str(error)], code=str(error.ban))
 
 
-def _unsure(error: RobrainError) -> Answer:
+def _unsure(error: RobrainError) -> ToolAnswer:
     """An order that the team may have carried out, and did not answer."""
-    return answer(Verdict.FAILED, [f"failed, and it may have been done: {error}"])
+    return answer(CallVerdict.FAILED, [f"failed, and it may have been done: {error}"])
 
 
 def _tools(team: Team, new_id: Callable[[], str]) -> list[Tool[Any]]:
     look = Looking(team)
     order = Ordering(team, look, new_id)
 
-    def looks(run: Callable[[A], Answer], arguments: type[A]) -> Tool[A]:
+    def looks(run: Callable[[A], ToolAnswer], arguments: type[A]) -> Tool[A]:
         return Tool(run.__name__, run.__doc__ or "", arguments, look=run)
 
     def orders(name: Order, run: Callable[[A], Rehearsal], arguments: type[A]) -> Tool[A]:

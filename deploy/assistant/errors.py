@@ -19,7 +19,7 @@ class AuditError(RobrainError):
         super().__init__(f"{path}: the audit log cannot be written: {error.strerror or error}")
 
 
-class Refused(RobrainError):
+class CallRefused(RobrainError):
     """A call that is not carried out.
 
     Args:

@@ -10,9 +10,9 @@ from PIL import Image, ImageDraw
 
 from robrain.client.errors import BadTask
 from robrain.client.team import Team
-from robrain.deploy.assistant.answer import Answer, Verdict, answer
+from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
 from robrain.deploy.assistant.arguments import Arguments, ListTasks, NewTask, OfRobot, OfTask
-from robrain.deploy.assistant.errors import Refused
+from robrain.deploy.assistant.errors import CallRefused
 from robrain.deploy.assistant.policy import OUTSIDE, Ban, why_no_call
 from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -25,7 +25,7 @@ from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun, TaskFilter, TaskRecord
 from robrain.protocol.wire.topics import ROBOT_MAP_WHOLE
-from robrain.recording.drawing.map_view import MapView
+from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.drawing.palette import FREE, FRONTIER, HALTED, NOSE, OCCUPIED, TASK_WAITING, UNKNOWN, look_of
 
 SIDE_PX = 900
@@ -74,7 +74,7 @@ class _Frame(NamedTuple):
         return (x_m - self.x0_m) * self.px_per_m, (self.y1_m - y_m) * self.px_per_m
 
 
-def map_png(floor: MapView, robots: Sequence[DrawnRobot], tasks: Sequence[DrawnTask]) -> bytes:
+def map_png(floor: ComposedMap, robots: Sequence[DrawnRobot], tasks: Sequence[DrawnTask]) -> bytes:
     """Draw the map.
 
     Args:
@@ -117,7 +117,7 @@ def _around(places: Iterable[tuple[float, float]]) -> tuple[float, float, float,
     return min(xs_m), min(ys_m), max(xs_m), max(ys_m)
 
 
-def _draw_floor(picture: Image.Image, floor: MapView, frame: _Frame) -> None:
+def _draw_floor(picture: Image.Image, floor: ComposedMap, frame: _Frame) -> None:
     drawn = floor.floor
     if drawn is None:
         return
@@ -192,7 +192,7 @@ class Looking:
     def __init__(self, team: Team) -> None:
         self._team = team
 
-    def list_robots(self, _: Arguments) -> Answer:
+    def list_robots(self, _: Arguments) -> ToolAnswer:
         """List the robots that are present, and what each of them does."""
         state = self._team.state()
         found = {one.name: one for one in state.robots}
@@ -213,16 +213,18 @@ class Looking:
                 {"name": name, "up": one.up, "halted": one.halted, "task": one.task, "soc": one.soc, "why": one.why}
             )
         return answer(
-            Verdict.LOOKED, [*(lines or ["no robot is there"]), *self._age_lines(state.stamp_ns)], {"robots": robots}
+            CallVerdict.LOOKED,
+            [*(lines or ["no robot is there"]), *self._age_lines(state.stamp_ns)],
+            {"robots": robots},
         )
 
-    def robot_state(self, asked: OfRobot) -> Answer:
+    def robot_state(self, asked: OfRobot) -> ToolAnswer:
         """Tell where a robot is, what it does, and how its battery and plugins are."""
         state = self._team.state(asked.robot)
         lines = [*_state_lines(state), *self._age_lines(state.stamp_ns)]
-        return answer(Verdict.LOOKED, lines, {"state": state, "age_s": self._age_s(state.stamp_ns)})
+        return answer(CallVerdict.LOOKED, lines, {"state": state, "age_s": self._age_s(state.stamp_ns)})
 
-    def team_state(self, _: Arguments) -> Answer:
+    def team_state(self, _: Arguments) -> ToolAnswer:
         """Tell how the whole team is: tasks, map, exploration, halt."""
         state = self._team.state()
         up = sum(one.up for one in state.robots)
@@ -245,9 +247,9 @@ class Looking:
             "known_area_m2": state.known_area_m2,
             "all_explored": state.all_explored,
         }
-        return answer(Verdict.LOOKED, lines, values)
+        return answer(CallVerdict.LOOKED, lines, values)
 
-    def list_plugins(self, asked: OfRobot) -> Answer:
+    def list_plugins(self, asked: OfRobot) -> ToolAnswer:
         """List a robot's plugins that are open to the outside, with the functions that call_plugin may call."""
         plugins = self._team.plugins(asked.robot)
         lines, found = [], []
@@ -260,9 +262,9 @@ class Looking:
             lines += [f"  {function.name}{function.signature}" for function in open_functions]
             names = [function.name for function in open_functions]
             found.append({"name": one.name, "level": one.level, "state": one.state, "functions": names})
-        return answer(Verdict.LOOKED, lines, {"plugins": found})
+        return answer(CallVerdict.LOOKED, lines, {"plugins": found})
 
-    def list_kinds(self, _: Arguments) -> Answer:
+    def list_kinds(self, _: Arguments) -> ToolAnswer:
         """List the kinds of task that robots of the team do, with their parameters."""
         kinds = self._team.kinds()
         lines = []
@@ -272,16 +274,16 @@ class Looking:
             shown = ", ".join(name if name in needed else f"[{name}]" for name in names) or "none"
             lines.append(f"{one.kind}: {one.doc.partition(chr(10))[0]} parameters: {shown} ({', '.join(one.robots)})")
         found = [{"kind": one.kind, "parameters": one.parameters} for one in kinds]
-        return answer(Verdict.LOOKED, lines or ["no robot has announced its kinds yet"], {"kinds": found})
+        return answer(CallVerdict.LOOKED, lines or ["no robot has announced its kinds yet"], {"kinds": found})
 
-    def list_tasks(self, asked: ListTasks) -> Answer:
+    def list_tasks(self, asked: ListTasks) -> ToolAnswer:
         """List tasks with their states, the coordinator's own left out."""
         records = self._team.list(TaskFilter(states=asked.states, limit=asked.limit))
         lines = [task_line(record) for record in records] or ["there are no such tasks"]
         tasks = [{"id": one.task.id, "state": one.state, "robot": one.robot, "by": one.by} for one in records]
-        return answer(Verdict.LOOKED, lines, {"tasks": tasks})
+        return answer(CallVerdict.LOOKED, lines, {"tasks": tasks})
 
-    def why_task(self, asked: OfTask) -> Answer:
+    def why_task(self, asked: OfTask) -> ToolAnswer:
         """Explain how a task stands: what it waits for, what it would take each robot, what has happened so far."""
         why = self._team.why(asked.task)
         lines = [f"{asked.task}: {why.now}", *map(verdict_line, why.robots)]
@@ -295,24 +297,24 @@ class Looking:
             "robots": why.robots,
             "result": record.result,
         }
-        return answer(Verdict.LOOKED, lines, values)
+        return answer(CallVerdict.LOOKED, lines, values)
 
-    def dry_run(self, asked: NewTask) -> Answer:
+    def dry_run(self, asked: NewTask) -> ToolAnswer:
         """Tell what would follow from a task, without submitting it."""
         found = self.foresee(asked)
         values = {"refused": found.refused, "waits": found.waits, "robots": found.robots}
         if found.refused:
-            return answer(Verdict.REFUSED, dry_run_lines(found), values, code=Ban.TEAM)
-        return answer(Verdict.LOOKED, dry_run_lines(found), values)
+            return answer(CallVerdict.REFUSED, dry_run_lines(found), values, code=Ban.TEAM)
+        return answer(CallVerdict.LOOKED, dry_run_lines(found), values)
 
     def foresee(self, asked: NewTask, task_id: str | None = None) -> TaskDryRun:
         """The coordinator's dry run of a task (Refused if it is no valid task)."""
         try:
             return self._team.dry_run(asked.kind, id=task_id, parameters=asked.fields)
         except BadTask as error:
-            raise Refused(Ban.BAD_ARGUMENTS, str(error)) from error
+            raise CallRefused(Ban.BAD_ARGUMENTS, str(error)) from error
 
-    def show_map(self, _: Arguments) -> Answer:
+    def show_map(self, _: Arguments) -> ToolAnswer:
         """Draw the map that the team knows, with robots (discs with a nose) and open tasks (crosses, squares)."""
         names = self._team.robots[:DRAWN_MAX]
         ends_s = self._team.transport.elapsed_s() + MAP_BUDGET_S
@@ -333,7 +335,7 @@ class Looking:
         lines += [f"{one.name} at ({one.pose.x_m:.1f}, {one.pose.y_m:.1f})" for one in robots]
         lines += [f"task {one.name} at ({one.place.x_m:.1f}, {one.place.y_m:.1f})" for one in tasks]
         lines += [f"{name} does not send its map" for name in silent]
-        return answer(Verdict.LOOKED, lines, {"bounds_m": bounds_m}, png=map_png(floor, robots, tasks))
+        return answer(CallVerdict.LOOKED, lines, {"bounds_m": bounds_m}, png=map_png(floor, robots, tasks))
 
     def _age_s(self, stamp_ns: int) -> float:
         return round(self._team.now_s - to_seconds(stamp_ns), 1)
@@ -351,9 +353,9 @@ class Looking:
         except NobodyThere:
             return None
 
-    def _floor(self, names: Sequence[str], ends_s: float) -> tuple[MapView, list[str]]:
+    def _floor(self, names: Sequence[str], ends_s: float) -> tuple[ComposedMap, list[str]]:
         """The robots' maps, composed, and the robots that did not answer in time or whose map does not fit."""
-        floor, silent = MapView(), []
+        floor, silent = ComposedMap(), []
         transport = self._team.transport
         with closing(Endpoint(transport.session, transport.team, transport.clock, transport.drive)) as wire:
             for name in names:

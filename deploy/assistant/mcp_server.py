@@ -13,8 +13,8 @@ import uvicorn
 from mcp.server import Server, ServerRequestContext
 from mcp.server.stdio import stdio_server
 
-from robrain.deploy.assistant.answer import Answer, Verdict, answer
-from robrain.deploy.assistant.assistant import Assistant, Call, Tool
+from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
+from robrain.deploy.assistant.assistant import Assistant, Tool, ToolCall
 from robrain.deploy.assistant.policy import Ban, Order
 from robrain.deploy.assistant.words import refusal
 from robrain.protocol.model.ranges import cut
@@ -82,10 +82,10 @@ class McpServer:
     ) -> types.CallToolResult:
         is_halt = asked.name == Order.HALT
         if self._at_work[is_halt] >= WAITING_MAX:
-            return _result(answer(Verdict.REFUSED, [refusal(Ban.BUSY)], code=str(Ban.BUSY)))
+            return _result(answer(CallVerdict.REFUSED, [refusal(Ban.BUSY)], code=str(Ban.BUSY)))
         self._at_work[is_halt] += 1
         try:
-            call = Call(_client_of(context), asked.name, asked.arguments or {})
+            call = ToolCall(_client_of(context), asked.name, asked.arguments or {})
             limiter = anyio.CapacityLimiter(1)  # the number of threads is that of the calls at work
             return _result(await anyio.to_thread.run_sync(self._assistant.answer, call, limiter=limiter))
         finally:
@@ -112,10 +112,10 @@ def _described(tool: Tool[Any]) -> types.Tool:
     return types.Tool(name=tool.name, description=tool.doc, input_schema=shape, annotations=hints)
 
 
-def _result(found: Answer) -> types.CallToolResult:
+def _result(found: ToolAnswer) -> types.CallToolResult:
     content: list[types.ContentBlock] = [types.TextContent(type="text", text=found.words)]
     if found.png:
         data = base64.b64encode(found.png).decode()
         content.append(types.ImageContent(type="image", data=data, mime_type="image/png"))
-    is_error = found.verdict in (Verdict.REFUSED, Verdict.FAILED)
+    is_error = found.verdict in (CallVerdict.REFUSED, CallVerdict.FAILED)
     return types.CallToolResult(content=content, structured_content=found.values, is_error=is_error)

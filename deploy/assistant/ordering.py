@@ -6,9 +6,9 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.client.team import Team
-from robrain.deploy.assistant.answer import Answer, Verdict, answer
+from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
 from robrain.deploy.assistant.arguments import CallPlugin, CancelTask, HaltRobots, SubmitTask
-from robrain.deploy.assistant.errors import Refused
+from robrain.deploy.assistant.errors import CallRefused
 from robrain.deploy.assistant.looking import OPEN, Looking, task_line
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, why_no_call, why_no_cancel
 from robrain.deploy.tasks.dry_run_words import dry_run_lines
@@ -26,7 +26,7 @@ class Rehearsal(NamedTuple):
 
     words: list[str]
     values: dict[str, object]
-    carry_out: Callable[[], Answer]
+    carry_out: Callable[[], ToolAnswer]
     """Once, after the confirmation. What has changed since is checked again by the team."""
 
 
@@ -51,12 +51,14 @@ class Ordering:
         task_id = f"{asked.kind}-{self._new_id()}"
         found = self._looking.foresee(asked, task_id)
         if found.refused:
-            raise Refused(Ban.TEAM, found.refused)
+            raise CallRefused(Ban.TEAM, found.refused)
 
-        def carry_out() -> Answer:
+        def carry_out() -> ToolAnswer:
             self._check_open_tasks()  # others may have been confirmed since the rehearsal
             record = self._team.submit(asked.kind, id=task_id, parameters=asked.fields)
-            return answer(Verdict.DONE, [f"submitted {task_line(record)}"], {"task": task_id, "state": record.state})
+            return answer(
+                CallVerdict.DONE, [f"submitted {task_line(record)}"], {"task": task_id, "state": record.state}
+            )
 
         return Rehearsal(
             [f"task {task_id}", *dry_run_lines(found)], {"task": task_id, "robots": found.robots}, carry_out
@@ -68,33 +70,35 @@ class Ordering:
         record = why.record
         if (ban := why_no_cancel(record, self._team.by)) is not None:
             whose = f"{asked.task} is {record.state}, by {record.by or 'nobody'}"
-            raise Refused(ban, whose)
+            raise CallRefused(ban, whose)
         stops = f"{record.robot} would stop it" if record.robot else "no robot has begun it"
 
-        def carry_out() -> Answer:
+        def carry_out() -> ToolAnswer:
             ended = self._team.cancel(asked.task, asked.reason)
-            return answer(Verdict.DONE, [f"cancelled {task_line(ended)}"], {"task": asked.task, "state": ended.state})
+            return answer(
+                CallVerdict.DONE, [f"cancelled {task_line(ended)}"], {"task": asked.task, "state": ended.state}
+            )
 
         words = [f"{asked.task} would end unfinished: {why.now}", stops]
         return Rehearsal(words, {"task": asked.task, "state": record.state, "robot": record.robot}, carry_out)
 
     def _check_open_tasks(self) -> None:
         if len(self._team.list(TaskFilter(states=OPEN, by=self._team.by))) >= OPEN_TASKS_MAX:
-            raise Refused(Ban.TOO_MANY_TASKS)
+            raise CallRefused(Ban.TOO_MANY_TASKS)
 
     def call_plugin(self, asked: CallPlugin) -> Rehearsal:
         """Call a function of a robot's plugin, if its manifest opens it to the outside and it moves nothing."""
         plugins = self._team.plugins(asked.robot)
         where = f"{asked.robot} {asked.plugin}.{asked.function}"
         if (ban := why_no_call(asked.plugin, asked.function, plugins)) is not None:
-            raise Refused(ban, where)
+            raise CallRefused(ban, where)
         plugin = next(one for one in plugins if one.name == asked.plugin)
         function = _fitting(plugin, asked)
 
-        def carry_out() -> Answer:
+        def carry_out() -> ToolAnswer:
             named = asked.arguments
             result = self._team.call(asked.robot, asked.plugin, asked.function, named=named, timeout_s=CALL_TIMEOUT_S)
-            return answer(Verdict.DONE, [f"{where} returned {_json(result)}"], {"result": result})
+            return answer(CallVerdict.DONE, [f"{where} returned {_json(result)}"], {"result": result})
 
         doc = function.doc.partition("\n")[0]
         words = [
@@ -106,7 +110,7 @@ class Ordering:
         return Rehearsal(words, {"plugin_state": plugin.state, "signature": function.signature}, carry_out)
 
 
-def halt(team: Team, asked: HaltRobots) -> Answer:
+def halt(team: Team, asked: HaltRobots) -> ToolAnswer:
     """Stop all robots at once, or one of them. Needs no confirmation. Only a person ends a halt.
 
     Args:
@@ -117,11 +121,11 @@ def halt(team: Team, asked: HaltRobots) -> Answer:
     try:
         report = team.halt(asked.robot or None, reason=asked.reason)
     except NobodyThere as error:  # a halt of the team was sent all the same
-        return answer(Verdict.FAILED, [str(error)])
+        return answer(CallVerdict.FAILED, [str(error)])
     lines = [f"{name}: halted" for name in report.confirmed]
     lines += [f"{name}: NOT halted: {why}" for name, why in report.unconfirmed.items()]
     lines.append("a person ends this with `robrain resume`")
-    verdict = Verdict.FAILED if report.unconfirmed else Verdict.DONE
+    verdict = CallVerdict.FAILED if report.unconfirmed else CallVerdict.DONE
     return answer(verdict, lines, {"confirmed": report.confirmed, "unconfirmed": report.unconfirmed})
 
 
@@ -136,7 +140,7 @@ def _fitting(plugin: PluginInfo, asked: CallPlugin) -> FunctionInfo:
             why = why or f"{asked.function}{one.signature}: {error.field}: {error.why or 'is missing'}"
         else:
             return one
-    raise Refused(Ban.BAD_ARGUMENTS, why)
+    raise CallRefused(Ban.BAD_ARGUMENTS, why)
 
 
 def _json(value: object) -> str:

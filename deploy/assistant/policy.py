@@ -9,7 +9,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from robrain.protocol.wire.access.member import Member
-from robrain.protocol.wire.access.permissions import Action, roles
+from robrain.protocol.wire.access.permissions import AccessAction, roles
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.topic import WireKey
@@ -72,12 +72,12 @@ class Order(StrEnum):
     HALT = "halt"
 
 
-ROWS: Mapping[Order, tuple[Action, WireKey]] = MappingProxyType(
+ROWS: Mapping[Order, tuple[AccessAction, WireKey]] = MappingProxyType(
     {
-        Order.SUBMIT: (Action.ASK, TASK_SUBMIT),
-        Order.CANCEL: (Action.ASK, TASK_CANCEL),
-        Order.CALL: (Action.ASK, ROBOT_CALL),
-        Order.HALT: (Action.PUT, HALT),
+        Order.SUBMIT: (AccessAction.ASK, TASK_SUBMIT),
+        Order.CANCEL: (AccessAction.ASK, TASK_CANCEL),
+        Order.CALL: (AccessAction.ASK, ROBOT_CALL),
+        Order.HALT: (AccessAction.PUT, HALT),
     }
 )
 """What each order is on the wire."""

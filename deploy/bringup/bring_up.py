@@ -17,7 +17,7 @@ from robrain.agent.host.robot_file import RobotFile, read_robot_file
 from robrain.algorithms.localization.scan_motion import followed
 from robrain.algorithms.navigation.wheel_bases import Ackermann
 from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, has_imu
-from robrain.deploy.bringup.findings import Finding, Found, Patch, Report, Step
+from robrain.deploy.bringup.findings import BringUpFinding, BringUpReport, BringUpStep, FindingKind, Patch
 from robrain.deploy.bringup.floor_checks import (
     MORE_WALLS,
     NO_SIGHT,
@@ -140,7 +140,7 @@ SCALE_TOLERANCE = 0.05
 DEGREES = math.degrees(1.0)
 
 
-def check_imu(bench: Bench) -> list[Finding]:
+def check_imu(bench: Bench) -> list[BringUpFinding]:
     """Turn to the left and back; compare the unit's turning with the lidar's. The bench runs the unit as well."""
     if why := bench.wait_for_imu():
         return [_absent(f"no measurement from the unit: {why}")]
@@ -152,7 +152,11 @@ def check_imu(bench: Bench) -> list[Finding]:
     bench.perform(TurnOnSpot(-TURN_RAD))
     seen = followed(view.points, [points_of(scan) for scan in record.scans], after.points)
     if seen is None:
-        return [Finding(step=Step.IMU, found=Found.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)]
+        return [
+            BringUpFinding(
+                step=BringUpStep.IMU, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS
+            )
+        ]
     bias_rad_s = sum(sample.yaw_rate_rad_s for sample in rest.imu) / len(rest.imu)
     return _findings(bench, turned_rad(record.imu, bias_rad_s), seen[1], bias_rad_s)
 
@@ -169,39 +173,43 @@ def turned_rad(samples: tuple[ImuSample, ...], bias_rad_s: float) -> float:
     )
 
 
-def _absent(sentence: str) -> Finding:
+def _absent(sentence: str) -> BringUpFinding:
     remedy = "check its power, port, baud and protocol in [parameters.imu]; [robot.roles] imu says what reads it"
-    return Finding(step=Step.IMU, found=Found.NO_IMU, ok=False, sentence=sentence, remedy=remedy)
+    return BringUpFinding(step=BringUpStep.IMU, found=FindingKind.NO_IMU, ok=False, sentence=sentence, remedy=remedy)
 
 
-def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: float) -> list[Finding]:
+def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: float) -> list[BringUpFinding]:
     ratio = by_imu_rad / by_scan_rad
     values = {"by_imu_rad": by_imu_rad, "by_scan_rad": by_scan_rad, "bias_rad_s": bias_rad_s}
     sentence = f"{math.degrees(by_imu_rad):.1f}° by the unit are {math.degrees(by_scan_rad):.1f}° by the lidar"
     parameters = bench.parameters(IMU)
     found = []
 
-    def say(kind: Found, sentence: str, patch: Patch, remedy: str) -> None:
+    def say(kind: FindingKind, sentence: str, patch: Patch, remedy: str) -> None:
         found.append(
-            Finding(step=Step.IMU, found=kind, ok=False, sentence=sentence, values=values, patch=patch, remedy=remedy)
+            BringUpFinding(
+                step=BringUpStep.IMU, found=kind, ok=False, sentence=sentence, values=values, patch=patch, remedy=remedy
+            )
         )
 
     if ratio < 0 and abs(ratio) > SCALE_TOLERANCE:
         upside_down = getattr(parameters, "upside_down", None)
         patch: Patch = {} if upside_down is None else {IMU: {"upside_down": not upside_down}}
         remedy = "" if patch else "turn it over, or say so to what publishes its measurements"
-        say(Found.IMU_INVERTED, f"{sentence}: it is upside down, or counts to the right", patch, remedy)
+        say(FindingKind.IMU_INVERTED, f"{sentence}: it is upside down, or counts to the right", patch, remedy)
     if abs(abs(ratio) - 1.0) > SCALE_TOLERANCE:
         patch = _unit_patch(parameters, abs(ratio))
         remedy = "" if patch else "see in its data sheet, and in what prints its lines, in which unit it measures"
         say(
-            Found.WRONG_IMU_SCALE,
+            FindingKind.WRONG_IMU_SCALE,
             f"{sentence}: its turn rate is {abs(ratio):.3g} times what it should be",
             patch,
             remedy,
         )
     if not found:
-        found.append(Finding(step=Step.IMU, found=Found.RIGHT, ok=True, sentence=sentence, values=values))
+        found.append(
+            BringUpFinding(step=BringUpStep.IMU, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
+        )
     return found
 
 
@@ -221,7 +229,7 @@ IN_THE_AIR = "Put the robot on a stand, so that all its wheels turn freely"
 ON_THE_FLOOR = "Put the robot on the floor, with 1.5 m free all around it and walls within sight of its lidar"
 
 
-class Wanted(msgspec.Struct, frozen=True, kw_only=True):
+class BringUpOptions(msgspec.Struct, frozen=True, kw_only=True):
     """What is to be done."""
 
     air: bool = True
@@ -257,17 +265,17 @@ class BringUp:
         path: Path,
         bench: Bench,
         operator: Operator,
-        tell: Callable[[Finding], None],
+        tell: Callable[[BringUpFinding], None],
         robot_file: RobotFile | None = None,
     ) -> None:
         self._path, self._bench, self._operator, self._tell = path, bench, operator, tell
         self._file = read_robot_file(path) if robot_file is None else robot_file
-        self._findings: list[Finding] = []
+        self._findings: list[BringUpFinding] = []
         self._backup: Path | None = None
-        self._step = Step.BUS
+        self._step = BringUpStep.BUS
         self._with_lidar = False
 
-    def run(self, wanted: Wanted) -> Report:
+    def run(self, wanted: BringUpOptions) -> BringUpReport:
         """Do all steps that are possible.
 
         Raises:
@@ -288,8 +296,8 @@ class BringUp:
         except _Ended:
             pass
         except (MotionFailed, DeviceAbsent) as error:
-            self._note([Finding(step=self._step, found=Found.FAILED, ok=False, sentence=str(error))])
-        return Report(
+            self._note([BringUpFinding(step=self._step, found=FindingKind.FAILED, ok=False, sentence=str(error))])
+        return BringUpReport(
             robot=self._file.robot.name,
             file=str(self._path),
             backup=str(self._backup or ""),
@@ -298,56 +306,60 @@ class BringUp:
 
     def _air(self, *, moves: bool) -> None:
         bench = self._bench
-        self._do(Step.BUS, check_bus(bench))
+        self._do(BringUpStep.BUS, check_bus(bench))
         base = bench.base()
         if not moves:
             return
         if base is None or not bench.has_wheels or isinstance(base.base, Ackermann):
             sentence = "this base is not commanded wheel by wheel"
-            self._do(Step.WHEELS, [Finding(step=Step.WHEELS, found=Found.NOT_DONE, ok=None, sentence=sentence)])
+            self._do(
+                BringUpStep.WHEELS,
+                [BringUpFinding(step=BringUpStep.WHEELS, found=FindingKind.NOT_DONE, ok=None, sentence=sentence)],
+            )
         else:
-            self._step = Step.WHEELS
-            self._do(Step.WHEELS, check_wheels(bench, self._operator, base))
-            self._step = Step.HALT
-            self._do(Step.HALT, [check_halt(bench, self._base())])
-            self._step = Step.WATCHDOG
-            self._do(Step.WATCHDOG, [check_watchdog(bench, self._base())])
-        self._step = Step.BATTERY
-        self._do(Step.BATTERY, [check_battery(bench)])
+            self._step = BringUpStep.WHEELS
+            self._do(BringUpStep.WHEELS, check_wheels(bench, self._operator, base))
+            self._step = BringUpStep.HALT
+            self._do(BringUpStep.HALT, [check_halt(bench, self._base())])
+            self._step = BringUpStep.WATCHDOG
+            self._do(BringUpStep.WATCHDOG, [check_watchdog(bench, self._base())])
+        self._step = BringUpStep.BATTERY
+        self._do(BringUpStep.BATTERY, [check_battery(bench)])
 
     def _floor(self) -> None:
         bench, base = self._bench, self._bench.base()
-        self._step = Step.SCAN
+        self._step = BringUpStep.SCAN
         finding, view = check_scan(bench)
-        self._do(Step.SCAN, [finding])
+        self._do(BringUpStep.SCAN, [finding])
         if base is not None and isinstance(base.base, Ackermann):
             sentence = "this base cannot turn on the spot: measure the lidar's mounting and the track by hand"
             self._do(
-                Step.ORIENTATION, [Finding(step=Step.ORIENTATION, found=Found.NOT_DONE, ok=None, sentence=sentence)]
+                BringUpStep.ORIENTATION,
+                [BringUpFinding(step=BringUpStep.ORIENTATION, found=FindingKind.NOT_DONE, ok=None, sentence=sentence)],
             )
             return
-        self._step = Step.ORIENTATION
+        self._step = BringUpStep.ORIENTATION
         found, view = check_orientation(bench, view)
-        view = self._look_again(Step.ORIENTATION, found, view)
-        self._step = Step.DISTANCE
+        view = self._look_again(BringUpStep.ORIENTATION, found, view)
+        self._step = BringUpStep.DISTANCE
         found, view = check_distance(bench, view, bench.base())
-        view = self._look_again(Step.DISTANCE, found, view)
-        self._step = Step.TURN
+        view = self._look_again(BringUpStep.DISTANCE, found, view)
+        self._step = BringUpStep.TURN
         found, view = check_turn(bench, view, bench.base())
-        view = self._look_again(Step.TURN, found, view)
+        view = self._look_again(BringUpStep.TURN, found, view)
         if has_imu(self._file):
-            self._step = Step.IMU
+            self._step = BringUpStep.IMU
             self._start(with_lidar=True, with_imu=True)
             bench.keep_gyro_out()
-            if not self._do(Step.IMU, check_imu(bench)):
+            if not self._do(BringUpStep.IMU, check_imu(bench)):
                 self._start(with_lidar=True)  # the squares are the wheels' alone
             view, _ = look(bench)
-        self._step = Step.SQUARE
+        self._step = BringUpStep.SQUARE
         for _ in range(2 if self._wanted.rounds else 0):  # again with what the first ones have corrected
             found, view = check_square(
                 bench, view, bench.base(), self._operator, rounds=self._wanted.rounds, measured=self._wanted.measured
             )
-            view = self._look_again(Step.SQUARE, found, view)
+            view = self._look_again(BringUpStep.SQUARE, found, view)
             if not any(one.patch for one in found):
                 break
 
@@ -363,7 +375,7 @@ class BringUp:
         if with_lidar:
             self._bench.wait_for_scan()
 
-    def _do(self, step: Step, found: list[Finding]) -> bool:
+    def _do(self, step: BringUpStep, found: list[BringUpFinding]) -> bool:
         """Note what a step has found, and go on with that; whether the devices were restarted for it."""
         self._step = step
         self._note(found)
@@ -374,11 +386,11 @@ class BringUp:
         self._start(with_lidar=self._with_lidar)
         return True
 
-    def _look_again(self, step: Step, found: list[Finding], view: View) -> View:
+    def _look_again(self, step: BringUpStep, found: list[BringUpFinding], view: View) -> View:
         """As `_do`; what the lidar sees afterwards."""
         return look(self._bench)[0] if self._do(step, found) else view
 
-    def _note(self, found: list[Finding]) -> None:
+    def _note(self, found: list[BringUpFinding]) -> None:
         for finding in found:
             self._findings.append(finding)
             self._tell(finding)

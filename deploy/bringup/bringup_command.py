@@ -16,8 +16,8 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_robot_file
 from robrain.deploy.agents.agent_process import endpoints_of
 from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_file
-from robrain.deploy.bringup.bring_up import BringUp, Wanted
-from robrain.deploy.bringup.findings import Finding
+from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
+from robrain.deploy.bringup.findings import BringUpFinding
 from robrain.deploy.bringup.operator import Operator, TerminalOperator, YesOperator
 from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.errors import UsageError
@@ -97,7 +97,7 @@ ON_THE_WIRE = ("zenoh",)
 """Interfaces of a base that is reached over the team's wire, as a simulated one is."""
 
 
-def bringup_command(robot: Path, connect: str | None, wanted: Wanted, *, yes: bool, as_json: bool) -> bool:
+def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *, yes: bool, as_json: bool) -> bool:
     """Bring a robot up; whether nothing was wrong.
 
     Args:
@@ -125,7 +125,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: Wanted, *, yes: bo
         stack.callback(bench.close)
         said = note if as_json else print_line
 
-        def tell(finding: Finding) -> None:
+        def tell(finding: BringUpFinding) -> None:
             for line in lines_of(finding):
                 said(line)
 
@@ -137,7 +137,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: Wanted, *, yes: bo
     return report.is_good
 
 
-def lines_of(finding: Finding) -> list[str]:
+def lines_of(finding: BringUpFinding) -> list[str]:
     """A finding in words; a remedy has a line of its own."""
     lines = [f"{MARKS[finding.ok]:<8}{finding.step.value}: {finding.sentence}"]
     if finding.remedy:

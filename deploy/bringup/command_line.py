@@ -25,9 +25,9 @@ def bringup(
 
     Exits with 1 if something was wrong, also if the file has been corrected.
     """
-    from robrain.deploy.bringup.bring_up import Wanted
+    from robrain.deploy.bringup.bring_up import BringUpOptions
     from robrain.deploy.bringup.bringup_command import bringup_command
 
-    wanted = Wanted(air=air, floor=floor, rounds=rounds, measured=measured, write=write)
+    wanted = BringUpOptions(air=air, floor=floor, rounds=rounds, measured=measured, write=write)
     if not bringup_command(robot, connect, wanted, yes=yes, as_json=as_json):
         raise typer.Exit(1)

@@ -9,7 +9,7 @@ Patch = dict[str, dict[str, Any]]
 """New values for a robot's file: by plugin, the keys of its `[parameters.PLUGIN]`."""
 
 
-class Step(StrEnum):
+class BringUpStep(StrEnum):
     """Steps in their order; the first six are done with the wheels in the air."""
 
     BUS = "bus"
@@ -26,7 +26,7 @@ class Step(StrEnum):
     SQUARE = "square"
 
 
-class Found(StrEnum):
+class FindingKind(StrEnum):
     """Kinds of findings; what is as it should be is `right`, and what could not be looked at `not_done`."""
 
     RIGHT = "right"
@@ -60,11 +60,11 @@ class Found(StrEnum):
     UNEQUAL_WHEELS = "unequal_wheels"
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
+class BringUpFinding(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that was found."""
 
-    step: Step
-    found: Found
+    step: BringUpStep
+    found: FindingKind
     ok: bool | None
     """Whether it is as it should be; None if that is not known."""
     sentence: str
@@ -81,14 +81,14 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
         return self.found in _STOPS
 
 
-class Report(msgspec.Struct, frozen=True, kw_only=True):
+class BringUpReport(msgspec.Struct, frozen=True, kw_only=True):
     """What `--json` prints."""
 
     robot: str
     file: str
     backup: str
     """Copy of the file as it was; empty if it was not changed."""
-    findings: list[Finding]
+    findings: list[BringUpFinding]
 
     @property
     def is_good(self) -> bool:
@@ -98,13 +98,13 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
 _STOPS = frozenset(
     {
-        Found.FAILED,
-        Found.NO_FRAMES,
-        Found.MOVES_BY_ITSELF,
-        Found.WHEEL_SILENT,
-        Found.WHEELS_UNCLEAR,
-        Found.SLOW_HALT,
-        Found.NO_WATCHDOG,
-        Found.NO_SCANS,
+        FindingKind.FAILED,
+        FindingKind.NO_FRAMES,
+        FindingKind.MOVES_BY_ITSELF,
+        FindingKind.WHEEL_SILENT,
+        FindingKind.WHEELS_UNCLEAR,
+        FindingKind.SLOW_HALT,
+        FindingKind.NO_WATCHDOG,
+        FindingKind.NO_SCANS,
     }
 )

@@ -14,11 +14,11 @@ from robrain.deploy.bringup.motions import (
     RAMP_S,
     SPEED_M_S,
     TURN_RATE_RAD_S,
-    Ending,
+    EncoderSample,
     Motion,
     Record,
     Rest,
-    Sample,
+    StopMode,
     Straight,
     TurnOnSpot,
     TurnWheels,
@@ -150,7 +150,7 @@ class MotionRunner(Unit):
         self._motion = motion
         self._began_ns = self.env.clock.now_ns()
         self._ended_ns = None
-        self._samples: list[Sample] = []
+        self._samples: list[EncoderSample] = []
         self._scans: list[LaserScan] = []
         self._imu_samples: list[ImuSample] = []
         self._counts = self._read_counts()
@@ -180,7 +180,7 @@ class MotionRunner(Unit):
         self._pose = pose
         if len(self._samples) < SAMPLES_MAX:
             self._samples.append(
-                Sample(
+                EncoderSample(
                     self._moc.odometry_until_ns() or now_ns,
                     tuple(self._turns_rad),
                     pose,
@@ -233,9 +233,9 @@ class MotionRunner(Unit):
             self._end(now_ns)
             return
         if self._elapsed_s(now_ns) >= motion.seconds:
-            if motion.ending is not Ending.HOST:
+            if motion.ending is not StopMode.HOST:
                 self._ended_ns = now_ns
-                if motion.ending is Ending.COMMAND:
+                if motion.ending is StopMode.COMMAND:
                     self._moc.stop()
                 return
             self.is_cruising = True

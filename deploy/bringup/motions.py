@@ -18,7 +18,7 @@ LONGEST_S = 120.0
 """Of any motion."""
 
 
-class Ending(StrEnum):
+class StopMode(StrEnum):
     """How wheels that turn are stopped."""
 
     COMMAND = "command"
@@ -41,7 +41,7 @@ class TurnWheels(msgspec.Struct, frozen=True, tag=True):
     speeds_rad_s: tuple[float, ...]
     """Of each of the base's commands."""
     seconds: float
-    ending: Ending = Ending.COMMAND
+    ending: StopMode = StopMode.COMMAND
 
 
 class Straight(msgspec.Struct, frozen=True, tag=True):
@@ -59,7 +59,7 @@ class TurnOnSpot(msgspec.Struct, frozen=True, tag=True):
 Motion = Rest | TurnWheels | Straight | TurnOnSpot
 
 
-class Sample(msgspec.Struct, frozen=True):
+class EncoderSample(msgspec.Struct, frozen=True):
     """What the encoders said at one step."""
 
     stamp_ns: int
@@ -77,7 +77,7 @@ class Sample(msgspec.Struct, frozen=True):
 class Record(msgspec.Struct, frozen=True):
     """What was seen during a motion."""
 
-    samples: tuple[Sample, ...]
+    samples: tuple[EncoderSample, ...]
     scans: tuple[LaserScan, ...]
     """Different ones, in their order."""
     imu: tuple[ImuSample, ...] = ()

@@ -4,11 +4,11 @@ import math
 from typing import NamedTuple
 
 from robrain.algorithms.localization.scan_motion import followed, scan_motion
-from robrain.algorithms.localization.umbmark import OdometryErrors, SquareEnd, odometry_errors
+from robrain.algorithms.localization.umbmark import SquareEnd, SquareErrors, odometry_errors
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.navigation.wheel_bases import Differential, Omni
 from robrain.deploy.bringup.bench import Bench
-from robrain.deploy.bringup.findings import Finding, Found, Step
+from robrain.deploy.bringup.findings import BringUpFinding, BringUpStep, FindingKind
 from robrain.deploy.bringup.floor_checks import MORE_WALLS, NO_SIGHT, View, look, points_of
 from robrain.deploy.bringup.motions import Straight, TurnOnSpot
 from robrain.deploy.bringup.operator import Operator
@@ -24,7 +24,7 @@ TRACK_TOLERANCE, RATIO_TOLERANCE = 0.006, 0.004
 """What one square of 1 m each way can show, with the ends measured to 5 mm and 0.2°."""
 
 
-class Measured(NamedTuple):
+class SquareMeasurement(NamedTuple):
     """Ends of the squares, real ones less those by odometry."""
 
     clockwise: list[SquareEnd]
@@ -47,7 +47,7 @@ def side_m(view: View, radius_m: float) -> float:
 
 def check_square(
     bench: Bench, view: View, base: WheelDevice.Parameters | None, operator: Operator, *, rounds: int, measured: bool
-) -> tuple[list[Finding], View]:
+) -> tuple[list[BringUpFinding], View]:
     """Drive squares to the left and to the right.
 
     Args:
@@ -64,13 +64,19 @@ def check_square(
     if side == 0.0:
         sentence = f"there is no room for a square of {SIDE_MIN_M:g} m to the left and to the right"
         remedy = f"put the robot where it has {SIDE_MIN_M + radius_m + FREE_M:.1f} m ahead and at both sides"
-        return [Finding(step=Step.SQUARE, found=Found.NOT_DONE, ok=None, sentence=sentence, remedy=remedy)], view
-    ends = Measured([], [])
+        return [
+            BringUpFinding(
+                step=BringUpStep.SQUARE, found=FindingKind.NOT_DONE, ok=None, sentence=sentence, remedy=remedy
+            )
+        ], view
+    ends = SquareMeasurement([], [])
     for _ in range(rounds):
         for list_of, corner_rad in ((ends.counter_clockwise, 0.5 * math.pi), (ends.clockwise, -0.5 * math.pi)):
             end, view = _drive(bench, view, side, corner_rad, operator if measured else None)
             if end is None:
-                finding = Finding(step=Step.SQUARE, found=Found.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)
+                finding = BringUpFinding(
+                    step=BringUpStep.SQUARE, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS
+                )
                 return [finding], view
             list_of.append(end)
     return _judge(ends, side, base), view
@@ -101,7 +107,7 @@ def _drive(
     return SquareEnd(true.x_m - by_odometry.x_m, true.y_m - by_odometry.y_m, yaw_rad), after
 
 
-def _judge(ends: Measured, side: float, base: WheelDevice.Parameters | None) -> list[Finding]:
+def _judge(ends: SquareMeasurement, side: float, base: WheelDevice.Parameters | None) -> list[BringUpFinding]:
     wheels = base.base if base is not None else None
     track_m = wheels.track_m if isinstance(wheels, Differential) else side
     errors = odometry_errors(ends.clockwise, ends.counter_clockwise, side, track_m)
@@ -123,21 +129,23 @@ def _judge(ends: Measured, side: float, base: WheelDevice.Parameters | None) -> 
         if found:  # one table for both
             patch["mocdevice"]["base"] |= {"track_m": found[0].patch["mocdevice"]["base"]["track_m"]}
         found.append(
-            Finding(
-                step=Step.SQUARE,
-                found=Found.UNEQUAL_WHEELS,
+            BringUpFinding(
+                step=BringUpStep.SQUARE,
+                found=FindingKind.UNEQUAL_WHEELS,
                 ok=False,
                 sentence=f"{sentence}: the right wheel is {ratio:.4g} times as large as the left one",
                 values={**values, "wheel_radius_ratio": ratio},
                 patch=patch,
             )
         )
-    return found or [Finding(step=Step.SQUARE, found=Found.RIGHT, ok=True, sentence=sentence, values=values)]
+    return found or [
+        BringUpFinding(step=BringUpStep.SQUARE, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
+    ]
 
 
 def _wrong_track(
-    errors: OdometryErrors, base: WheelDevice.Parameters | None, values: dict[str, float], sentence: str
-) -> Finding:
+    errors: SquareErrors, base: WheelDevice.Parameters | None, values: dict[str, float], sentence: str
+) -> BringUpFinding:
     wheels = base.base if base is not None else None
     patch, what = {}, f"corners of 90° were turned by {90 + math.degrees(errors.corner_rad):.1f}°"
     if isinstance(wheels, Differential):
@@ -148,9 +156,9 @@ def _wrong_track(
         distance_m = wheels.wheel_distance_m * errors.track_factor
         values, what = {**values, "wheel_distance_m": distance_m}, f"the wheels are {distance_m:.4g} m from the centre"
         patch = base_patch(wheels, wheel_distance_m=distance_m)
-    return Finding(
-        step=Step.SQUARE,
-        found=Found.WRONG_TRACK,
+    return BringUpFinding(
+        step=BringUpStep.SQUARE,
+        found=FindingKind.WRONG_TRACK,
         ok=False,
         sentence=f"{sentence}: {what}",
         values=values,

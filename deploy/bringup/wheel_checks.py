@@ -7,8 +7,8 @@ from statistics import median
 import msgspec
 
 from robrain.deploy.bringup.bench import BASE, BATTERY, Bench, DeviceAbsent
-from robrain.deploy.bringup.findings import Finding, Found, Patch, Step
-from robrain.deploy.bringup.motions import WHEEL_SPEED_RAD_S, Ending, Record, Rest, Sample, TurnWheels
+from robrain.deploy.bringup.findings import BringUpFinding, BringUpStep, FindingKind, Patch
+from robrain.deploy.bringup.motions import WHEEL_SPEED_RAD_S, EncoderSample, Record, Rest, StopMode, TurnWheels
 from robrain.deploy.bringup.operator import Operator
 from robrain.deploy.bringup.wheel_table import (
     Slot,
@@ -19,7 +19,7 @@ from robrain.deploy.bringup.wheel_table import (
     slots_of,
     wheel_names,
 )
-from robrain.plugins.device.mocdevice.frame_map import Measure
+from robrain.plugins.device.mocdevice.frame_map import EncoderMeasure
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.serial_base.line_codec import LineWords
 from robrain.protocol.wire.clock import to_ns, to_seconds
@@ -44,7 +44,7 @@ YES, BACKWARDS, NONE, AGAIN = "y", "b", "n", "r"
 STOP_MAX_S, WATCHDOG_MAX_S = 0.3, 0.5
 
 
-def check_bus(bench: Bench) -> list[Finding]:
+def check_bus(bench: Bench) -> list[BringUpFinding]:
     """Whether the controller speaks, how often, and whether all that it says is believed."""
     before = bench.counters()
     record = bench.perform(Rest(LOOK_S))
@@ -54,34 +54,40 @@ def check_bus(bench: Bench) -> list[Finding]:
     rate_hz = believed / LOOK_S
     values = {"rate_hz": rate_hz, "rejected": rejected, "foreign": foreign, "lost": lost, "errors": errors}
 
-    def say(found: Found, sentence: str, remedy: str = "", *, ok: bool | None = False) -> Finding:
-        return Finding(step=Step.BUS, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
+    def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None = False) -> BringUpFinding:
+        return BringUpFinding(step=BringUpStep.BUS, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
 
     if not believed and rejected:
         return [
-            say(Found.NO_FRAMES, f"all {rejected} frames of the encoders were refused", "check frames.checksum and dbc")
+            say(
+                FindingKind.NO_FRAMES,
+                f"all {rejected} frames of the encoders were refused",
+                "check frames.checksum and dbc",
+            )
         ]
     if not believed:
         what = f"; {foreign} other frames came" if foreign else ""
         remedy = "check power, wiring, bit rate, channel, and the names and identifiers of the frames in the DBC file"
-        return [say(Found.NO_FRAMES, f"no frame of the encoders in {LOOK_S:g} s{what}", remedy)]
+        return [say(FindingKind.NO_FRAMES, f"no frame of the encoders in {LOOK_S:g} s{what}", remedy)]
     found = []
     if rate_hz < RATE_MIN_HZ:
-        found.append(say(Found.FEW_FRAMES, f"counts come {rate_hz:.1f} times a second", "20 to 50 times is usual"))
+        found.append(
+            say(FindingKind.FEW_FRAMES, f"counts come {rate_hz:.1f} times a second", "20 to 50 times is usual")
+        )
     if rejected or errors:
         sentence = f"{rejected} frames were refused and {errors} error frames came in {LOOK_S:g} s"
-        found.append(say(Found.BAD_FRAMES, sentence, "check termination and shielding, and frames.checksum"))
+        found.append(say(FindingKind.BAD_FRAMES, sentence, "check termination and shielding, and frames.checksum"))
     if foreign:
         sentence = f"{foreign} frames are in no file, or commands of another program"
-        found.append(say(Found.FOREIGN_FRAMES, sentence, "see that nothing else drives this base", ok=None))
+        found.append(say(FindingKind.FOREIGN_FRAMES, sentence, "see that nothing else drives this base", ok=None))
     turned_rad = _turned_rad(record)
     if turned_rad and max(map(abs, turned_rad)) > STILL_RAD:
         sentence = "wheels turn without a command of bring-up"
-        found.append(say(Found.MOVES_BY_ITSELF, sentence, "end what else drives this base, or hold the wheels"))
-    return found or [say(Found.RIGHT, f"counts of all wheels come {rate_hz:.0f} times a second", ok=True)]
+        found.append(say(FindingKind.MOVES_BY_ITSELF, sentence, "end what else drives this base, or hold the wheels"))
+    return found or [say(FindingKind.RIGHT, f"counts of all wheels come {rate_hz:.0f} times a second", ok=True)]
 
 
-def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters) -> list[Finding]:
+def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters) -> list[BringUpFinding]:
     """Turn each wheel a little: whose encoder counts, which way, and how far."""
     names, speed = wheel_names(base.base), WHEEL_SPEED_RAD_S
     seen: list[Seen] = []
@@ -98,9 +104,9 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
         if abs(turned_rad_s[encoder]) < SILENT_RAD_S or answer == NONE:
             why = "no wheel turns" if answer == NONE else "no encoder counts"
             return [
-                Finding(
-                    step=Step.WHEELS,
-                    found=Found.WHEEL_SILENT,
+                BringUpFinding(
+                    step=BringUpStep.WHEELS,
+                    found=FindingKind.WHEEL_SILENT,
                     ok=False,
                     sentence=f"{name}: {why} while it is commanded to turn",
                     values={"turned_rad_s": turned_rad_s[encoder], "expected_rad_s": speed},
@@ -109,9 +115,9 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
             ]
         if max(others, default=0.0) > COUPLED * abs(turned_rad_s[encoder]):
             return [
-                Finding(
-                    step=Step.WHEELS,
-                    found=Found.WHEELS_UNCLEAR,
+                BringUpFinding(
+                    step=BringUpStep.WHEELS,
+                    found=FindingKind.WHEELS_UNCLEAR,
                     ok=False,
                     sentence=f"{name}: the encoders of several wheels count while it alone is commanded to turn",
                     remedy="put the wheels in the air, so that none turns another",
@@ -141,18 +147,18 @@ class Seen:
         """Of the encoder, by the wheel's direction."""
 
 
-def check_halt(bench: Bench, base: WheelDevice.Parameters) -> Finding:
+def check_halt(bench: Bench, base: WheelDevice.Parameters) -> BringUpFinding:
     """Halt the host while all wheels turn."""
     speed = WHEEL_SPEED_RAD_S
-    record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, Ending.HOST))
+    record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, StopMode.HOST))
     bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
     driven = [sample for sample in record.samples if sample.is_commanded]
     ran_on_rad = _farthest_rad(record.samples[-1], driven[-1].turns_rad)
     after_s = ran_on_rad / max(0.1, *map(abs, _speeds_rad_s(record)))
     is_right = after_s <= STOP_MAX_S
-    return Finding(
-        step=Step.HALT,
-        found=Found.RIGHT if is_right else Found.SLOW_HALT,
+    return BringUpFinding(
+        step=BringUpStep.HALT,
+        found=FindingKind.RIGHT if is_right else FindingKind.SLOW_HALT,
         ok=is_right,
         sentence=f"after a halt the wheels turned on by {ran_on_rad:.2f} rad, as far as in {1000 * after_s:.0f} ms",
         values={"ran_on_rad": ran_on_rad, "stopped_after_s": after_s},
@@ -160,10 +166,10 @@ def check_halt(bench: Bench, base: WheelDevice.Parameters) -> Finding:
     )
 
 
-def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> Finding:
+def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> BringUpFinding:
     """Send no more commands while all wheels turn: what happens if this computer dies."""
     speed = WHEEL_SPEED_RAD_S
-    record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, Ending.SILENCE))
+    record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, StopMode.SILENCE))
     bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
     driven = [sample for sample in record.samples if sample.is_commanded]
     last = record.samples[-1].turns_rad
@@ -171,9 +177,9 @@ def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> Finding:
     stopped_ns = moving[-1].stamp_ns if moving else driven[-1].stamp_ns
     after_s = max(0.0, to_seconds(stopped_ns - driven[-1].stamp_ns))
     is_right = after_s <= WATCHDOG_MAX_S
-    return Finding(
-        step=Step.WATCHDOG,
-        found=Found.RIGHT if is_right else Found.NO_WATCHDOG,
+    return BringUpFinding(
+        step=BringUpStep.WATCHDOG,
+        found=FindingKind.RIGHT if is_right else FindingKind.NO_WATCHDOG,
         ok=is_right,
         sentence=f"{1000 * after_s:.0f} ms after the last command the wheels stood"
         if is_right
@@ -185,32 +191,36 @@ def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> Finding:
     )
 
 
-def check_battery(bench: Bench) -> Finding:
+def check_battery(bench: Bench) -> BringUpFinding:
     """Whether the battery's measurements are there and make sense."""
 
-    def say(found: Found, sentence: str, remedy: str = "", *, ok: bool | None, **values: float) -> Finding:
-        return Finding(step=Step.BATTERY, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
+    def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None, **values: float) -> BringUpFinding:
+        return BringUpFinding(
+            step=BringUpStep.BATTERY, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy
+        )
 
     why = bench.why_not(BATTERY)
     if why:
-        return say(Found.NOT_DONE, f"the battery's device does not run: {why}", ok=None)
+        return say(FindingKind.NOT_DONE, f"the battery's device does not run: {why}", ok=None)
     try:
         latest = bench.call(BATTERY, "latest")
     except DeviceAbsent as error:
-        return say(Found.NOT_DONE, str(error), ok=None)
+        return say(FindingKind.NOT_DONE, str(error), ok=None)
     if latest is None:
         remedy = "check [parameters.bm2], or choose another battery in [robot.roles]"
-        return say(Found.NOT_DONE, "the battery has reported nothing", remedy, ok=None)
+        return say(FindingKind.NOT_DONE, "the battery has reported nothing", remedy, ok=None)
     voltage_v, current_a = latest["voltage_v"], latest["current_a"]
     values = {"voltage_v": voltage_v, "current_a": current_a, "temperature_c": latest["temperature_c"]}
     if not (3.0 <= voltage_v <= 100.0 and math.isfinite(current_a) and abs(current_a) < 500.0):
         sentence = f"{voltage_v:.1f} V and {current_a:.1f} A cannot be a robot's battery"
-        return say(Found.BATTERY_IMPLAUSIBLE, sentence, "check scale and signals of its frame", ok=False, **values)
+        return say(
+            FindingKind.BATTERY_IMPLAUSIBLE, sentence, "check scale and signals of its frame", ok=False, **values
+        )
     if current_a < -0.05:
         sentence = f"{voltage_v:.1f} V, and {-current_a:.2f} A flow into the battery"
         remedy = "if the robot does not charge, the sign of the current is wrong: it is positive while discharging"
-        return say(Found.BATTERY_IMPLAUSIBLE, sentence, remedy, ok=None, **values)
-    return say(Found.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", ok=True, **values)
+        return say(FindingKind.BATTERY_IMPLAUSIBLE, sentence, remedy, ok=None, **values)
+    return say(FindingKind.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", ok=True, **values)
 
 
 def _who_turned(operator: Operator, names: tuple[str, ...], index: int, way: str) -> str:
@@ -224,37 +234,46 @@ def _who_turned(operator: Operator, names: tuple[str, ...], index: int, way: str
     return operator.choose(f"{names[index]} was commanded to turn, {way}. Which wheel turned?", choices, YES)
 
 
-def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[Finding]:
+def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[BringUpFinding]:
     """Name what is swapped or inverted, with the signals as they should be."""
 
-    def say(found: Found, sentence: str, patch: Patch | None = None, remedy: str = "") -> Finding:
-        return Finding(
-            step=Step.WHEELS, found=found, ok=found is Found.RIGHT, sentence=sentence, patch=patch or {}, remedy=remedy
+    def say(found: FindingKind, sentence: str, patch: Patch | None = None, remedy: str = "") -> BringUpFinding:
+        return BringUpFinding(
+            step=BringUpStep.WHEELS,
+            found=found,
+            ok=found is FindingKind.RIGHT,
+            sentence=sentence,
+            patch=patch or {},
+            remedy=remedy,
         )
 
     numbers = list(range(len(names)))
     if sorted(one.wheel for one in seen) != numbers or sorted(one.encoder for one in seen) != numbers:
-        return [say(Found.WHEELS_UNCLEAR, "two commands turn one wheel, or count on one encoder", remedy="try again")]
+        return [
+            say(FindingKind.WHEELS_UNCLEAR, "two commands turn one wheel, or count on one encoder", remedy="try again")
+        ]
     found = []
     swapped = [one for one in seen if one.wheel != one.command]
     if swapped:
         what = ", ".join(f"{names[one.command]} turns {names[one.wheel]}" for one in swapped)
-        found.append(say(Found.MOTORS_SWAPPED, f"commands of wheels are swapped: that of {what}"))
+        found.append(say(FindingKind.MOTORS_SWAPPED, f"commands of wheels are swapped: that of {what}"))
     crossed = [one for one in seen if one.encoder != one.wheel]
     if crossed:
         what = ", ".join(f"that of {names[one.encoder]} counts {names[one.wheel]}" for one in crossed)
-        found.append(say(Found.ENCODERS_SWAPPED, f"encoders of wheels are swapped: {what}"))
+        found.append(say(FindingKind.ENCODERS_SWAPPED, f"encoders of wheels are swapped: {what}"))
     for one in seen:
         if one.way < 0:
-            found.append(say(Found.MOTOR_INVERTED, f"{names[one.wheel]}: the motor turns the wrong way"))
+            found.append(say(FindingKind.MOTOR_INVERTED, f"{names[one.wheel]}: the motor turns the wrong way"))
         if one.sign < 0:
-            found.append(say(Found.ENCODER_INVERTED, f"{names[one.wheel]}: the encoder counts the wrong way"))
+            found.append(say(FindingKind.ENCODER_INVERTED, f"{names[one.wheel]}: the encoder counts the wrong way"))
     if not found:
-        return [say(Found.RIGHT, f"each of {', '.join(names)} turns as it is commanded, and its own encoder counts")]
+        return [
+            say(FindingKind.RIGHT, f"each of {', '.join(names)} turns as it is commanded, and its own encoder counts")
+        ]
     patch = _wheels_patch(seen, base)
     remedy = "" if patch else "its file cannot say that: change the wiring, or the parameters of its base"
     return [
-        Finding(step=each.step, found=each.found, ok=False, sentence=each.sentence, patch=patch, remedy=remedy)
+        BringUpFinding(step=each.step, found=each.found, ok=False, sentence=each.sentence, patch=patch, remedy=remedy)
         for each in found
     ]
 
@@ -298,16 +317,16 @@ def _each(signs: Sequence[int], seen: list[Seen]) -> Sequence[int]:
     return signs if len(signs) == len(seen) else tuple(signs) * len(seen)
 
 
-def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[Finding]:
+def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[BringUpFinding]:
     """Whether the encoders count as many ticks a turn as the file says, by the speed that was asked for."""
     ratios = [abs(one.ratio) for one in seen]
     ratio = median(ratios)
     values = {f"wheel_{one.encoder + 1}_by_command": abs(one.ratio) for one in seen}
     if max(abs(each / ratio - 1.0) for each in ratios) > 2 * SCALE_TOLERANCE:
         return [
-            Finding(
-                step=Step.SCALE,
-                found=Found.WRONG_SCALE,
+            BringUpFinding(
+                step=BringUpStep.SCALE,
+                found=FindingKind.WRONG_SCALE,
                 ok=False,
                 sentence="wheels with the same command turn differently far: "
                 + ", ".join(f"{100 * each:.0f} %" for each in ratios),
@@ -317,22 +336,22 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[Finding]:
         ]
     if abs(ratio - 1.0) <= SCALE_TOLERANCE:
         return [
-            Finding(
-                step=Step.SCALE,
-                found=Found.RIGHT,
+            BringUpFinding(
+                step=BringUpStep.SCALE,
+                found=FindingKind.RIGHT,
                 ok=True,
                 sentence=f"wheels turn {100 * ratio:.1f} % as far as they are commanded",
                 values=values,
             )
         ]
     frames = frame_map(base)
-    counts = frames is None or frames.measure is Measure.COUNTS
+    counts = frames is None or frames.measure is EncoderMeasure.COUNTS
     plain = next((one for one in QUADRATURE if abs(ratio / one - 1.0) < NEARLY), ratio)
     ticks = max(1, round(base.base.encoder_ticks_per_turn * plain))
     return [
-        Finding(
-            step=Step.SCALE,
-            found=Found.WRONG_SCALE,
+        BringUpFinding(
+            step=BringUpStep.SCALE,
+            found=FindingKind.WRONG_SCALE,
             ok=False,
             sentence=f"encoders report {ratio:.2f} times the turns that wheels were commanded: "
             + (f"a turn has {ticks} counts, not {base.base.encoder_ticks_per_turn}" if counts else "check units"),
@@ -356,5 +375,5 @@ def _speeds_rad_s(record: Record) -> list[float]:
     return [(b - a) / elapsed_s for a, b in zip(first.turns_rad, last.turns_rad, strict=True)]
 
 
-def _farthest_rad(sample: Sample, turns_rad: Sequence[float]) -> float:
+def _farthest_rad(sample: EncoderSample, turns_rad: Sequence[float]) -> float:
     return max(abs(a - b) for a, b in zip(sample.turns_rad, turns_rad, strict=True))

@@ -8,7 +8,7 @@ import msgspec
 from robrain.algorithms.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
 from robrain.deploy.bringup.findings import Patch
-from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, Unit
+from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, SignalUnit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 
 CORNERS = ("front left", "front right", "rear left", "rear right")
@@ -19,7 +19,7 @@ class Slot(NamedTuple):
 
     frame: str
     signal: str
-    unit: Unit
+    unit: SignalUnit
     sign: int
 
     def turned(self, sign: int) -> "Slot":
@@ -74,7 +74,7 @@ def frames_of(slots: Sequence[Slot]) -> list[dict[str, Any]] | None:
     if len({table["frame"] for table in tables}) != len(tables):
         return None
     for table in tables:
-        for key, default in (("units", Unit.RAD_S.value), ("signs", 1)):
+        for key, default in (("units", SignalUnit.RAD_S.value), ("signs", 1)):
             if set(table[key]) == {default}:
                 del table[key]
             elif len(set(table[key])) == 1:

@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.agent.host.text_command import Call, parse_call
+from robrain.agent.host.text_command import TextCall, parse_call
 from robrain.agent.text_form import parse_argument, parse_value, print_value
 from robrain.client.team import Team
 from robrain.deploy.commands.terminal import print_line
@@ -104,12 +104,12 @@ def _text_of(plugin: str, function: str, words: list[str]) -> str:
         return " ".join([f"call {plugin} {function}", *words])
     text = f"call {plugin} {function}({', '.join(words)})"
     wanted = [word.strip() for word in words]
-    if parse_call(text) != Call(plugin, function, wanted):
+    if parse_call(text) != TextCall(plugin, function, wanted):
         raise UsageError(f"{text}: expected one argument per word; put text with commas or brackets in double quotes")
     return text
 
 
-def _plain_values(call: Call) -> list[Any] | dict[str, Any]:
+def _plain_values(call: TextCall) -> list[Any] | dict[str, Any]:
     """The arguments as JSON values, by position or by name; a word that is not JSON is text."""
     named: dict[str, Any] = {}
     unnamed: list[Any] = []

@@ -92,7 +92,7 @@ def follow_journal(
     return False
 
 
-class Standing(NamedTuple):
+class LeadershipOptions(NamedTuple):
     """How a coordinator comes to lead."""
 
     stands_by: bool = False
@@ -103,7 +103,7 @@ class Standing(NamedTuple):
     """An operator says that no other journal has more."""
 
     @classmethod
-    def of(cls, witnesses: str | None, *, stands_by: bool, leads_anyway: bool) -> "Standing":
+    def of(cls, witnesses: str | None, *, stands_by: bool, leads_anyway: bool) -> "LeadershipOptions":
         """From options such as `--witnesses r1,r2,r3` (UsageError if they have another form).
 
         With witnesses each coordinator stands by until it is elected, so `stands_by` adds nothing.
@@ -149,7 +149,7 @@ class ElectedCoordinator:
         session: zenoh.Session,
         team: str,
         path: Path,
-        standing: Standing,
+        standing: LeadershipOptions,
         policy: PlanningPolicy,
         rules: Sequence[Rule],
         on_ready: Callable[[], None],
@@ -234,7 +234,7 @@ class _Notes:
             self._note(f"not elected: {lost.words}")
 
 
-NO_ELECTION = Standing()
+NO_ELECTION = LeadershipOptions()
 
 
 def coordinator_command(
@@ -244,7 +244,7 @@ def coordinator_command(
     objective: Objective | None = None,
     planning: Path | None = None,
     rules: Path | None = None,
-    standing: Standing = NO_ELECTION,
+    standing: LeadershipOptions = NO_ELECTION,
 ) -> None:
     """Coordinate a team until Ctrl-C; wait until the endpoint answers.
 

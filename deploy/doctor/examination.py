@@ -35,7 +35,7 @@ from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.processes.live_process import live_endpoint
 from robrain.deploy.supervision.credentials import OPERATOR, Credentials
 from robrain.deploy.supervision.part import ARENA, HUB
-from robrain.deploy.supervision.team_file import Host, TeamFile, read_team_file
+from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.protocol.extras import missing_package
 from robrain.protocol.wire.access.identity import TLS_VARIABLE, tls_folder
 from robrain.protocol.wire.access.member import Member, MemberRole
@@ -48,7 +48,7 @@ PROBE = "doctor"
 """Name of a robot whose keys are tried where no robot is named."""
 
 
-class Joining(NamedTuple):
+class JoinRequest(NamedTuple):
     """Who wants to join what."""
 
     endpoints: Sequence[str]
@@ -62,7 +62,7 @@ class Joining(NamedTuple):
 def examine_hub(connect: str | None, team: str | None) -> list[Check]:
     """The hub of this machine, or the one given."""
     shown = [OwnCertificate(None, tls_folder())]
-    return examine_team(Joining(team_endpoints(connect), team or DEFAULT_TEAM, [], shown))
+    return examine_team(JoinRequest(team_endpoints(connect), team or DEFAULT_TEAM, [], shown))
 
 
 def examine_robot(path: Path, connect: str | None, team: str | None) -> list[Check]:
@@ -87,7 +87,7 @@ def examine_robot(path: Path, connect: str | None, team: str | None) -> list[Che
     name = team or table.team
     shown = [OwnCertificate(Member(MemberRole.ROBOT, name, table.name), tls_folder())]
     where = where or team_endpoints(None)
-    team_checks = examine_team(Joining(where, name, [table.name], shown))
+    team_checks = examine_team(JoinRequest(where, name, [table.name], shown))
     if _is_running(where, name, table.name):
         devices = [Check(CheckName.DEVICE, None, f"the devices are not opened: {table.name} runs and has them open")]
     else:
@@ -128,11 +128,11 @@ def examine_host(path: Path, host_name: str | None) -> list[Check]:
                 return [*checks, *check_certificates(shown, [team_file.endpoint])]
         # As an operator one sees all of a secured team, and may not try its robots' keys.
         robots = [] if shown else host.robots
-        return [*checks, *examine_team(Joining([team_file.endpoint], team_file.team.name, robots, shown))]
+        return [*checks, *examine_team(JoinRequest([team_file.endpoint], team_file.team.name, robots, shown))]
 
 
 def _certificates_of(
-    path: Path, team_file: TeamFile, host: Host
+    path: Path, team_file: TeamFile, host: HostTable
 ) -> tuple[list[OwnCertificate], AbstractContextManager[None]]:
     """What the parts of a machine show, and the time for which this process shows the operator's certificate."""
     team = team_file.team
@@ -147,7 +147,7 @@ def _certificates_of(
     return shown, credentials.as_operator()
 
 
-def examine_team(joining: Joining) -> list[Check]:
+def examine_team(joining: JoinRequest) -> list[Check]:
     """What can be looked at from a client of the team's router."""
     checks = check_certificates(joining.certificates, joining.endpoints)
     if not is_good(checks):
@@ -170,7 +170,7 @@ def examine_team(joining: Joining) -> list[Check]:
     return checks
 
 
-def _check_scenario(path: Path, team_file: TeamFile, host: Host) -> Check:
+def _check_scenario(path: Path, team_file: TeamFile, host: HostTable) -> Check:
     """Whether the scenario, and the map that it names, can be loaded here: for the arena and the robots' files."""
     name = team_file.team.scenario
     try:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from robrain.protocol.extras import missing_package
 from robrain.recording.errors import RecordingError
-from robrain.recording.invariants.findings import Missing
+from robrain.recording.invariants.findings import MissingEvidence
 from robrain.recording.invariants.invariant_judge import NOWHERE, Surroundings
 from robrain.recording.reader.reading import read_provenance
 
@@ -23,6 +23,6 @@ def surroundings_of_recording(path: Path) -> Surroundings:
     except ModuleNotFoundError as error:  # recordings are checked without the simulator too
         if missing_package(error) is None:
             raise
-        return Surroundings(no_floor=Missing.SIMULATOR)
+        return Surroundings(no_floor=MissingEvidence.SIMULATOR)
     with tempfile.TemporaryDirectory(prefix="robrain-check-") as folder:
         return surroundings_of_provenance(provenance, Path(folder))

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.recording.invariants.invariant_judge import ChargerPlace, Surroundings
+from robrain.recording.invariants.invariant_judge import FloorCharger, Surroundings
 from robrain.recording.writer.provenance import MAP_ATTACHMENT, MAP_YAML_ATTACHMENT, Provenance
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -82,5 +82,5 @@ def surroundings_of_provenance(provenance: Provenance, folder: Path) -> Surround
         return Surroundings(chargers=_chargers(scenario))
 
 
-def _chargers(scenario: Scenario) -> tuple[ChargerPlace, ...]:
-    return tuple(ChargerPlace(Point2D(*charger.place_m), charger.reach_m) for charger in scenario.chargers)
+def _chargers(scenario: Scenario) -> tuple[FloorCharger, ...]:
+    return tuple(FloorCharger(Point2D(*charger.place_m), charger.reach_m) for charger in scenario.chargers)

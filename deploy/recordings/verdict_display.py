@@ -6,7 +6,7 @@ from rich.text import Text
 
 from robrain.deploy.commands.terminal import results
 from robrain.deploy.recordings.recording_display import said
-from robrain.recording.invariants.findings import Ruling, Standing
+from robrain.recording.invariants.findings import InvariantState, Ruling
 from robrain.recording.invariants.judging import broken
 from robrain.recording.invariants.words import INVARIANTS, cases_words
 from robrain.recording.reader.checking import Severity, Verdict
@@ -59,9 +59,9 @@ def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
 def _standing(ruling: Ruling) -> tuple[Text, str]:
     cases = cases_words(ruling.invariant, ruling.cases)
     match ruling.standing:
-        case Standing.KEPT:
+        case InvariantState.KEPT:
             return Text("kept", "green"), cases
-        case Standing.BROKEN:
+        case InvariantState.BROKEN:
             return Text(f"broken ({ruling.broken})", "red"), cases
-        case Standing.NOT_JUDGED:
+        case InvariantState.NOT_JUDGED:
             return Text("not judged", "yellow"), ruling.why

@@ -14,16 +14,16 @@ from robrain.client.team import Team
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
 from robrain.deploy.ros2 import ros_messages as make
-from robrain.deploy.ros2.orders import Answer, Orders, TeamOrders
+from robrain.deploy.ros2.orders import OrderOutcome, Orders, TeamOrders
 from robrain.plugins.device.ros2.parameters import environment_domain
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.ros2 import message_types as ros
-from robrain.protocol.ros2.definitions import Outcome, TaskAnswer
+from robrain.protocol.ros2.definitions import SubmitTaskResponse, TriggerResponse
 from robrain.protocol.ros2.message_classes import MarkerArray, String, TFMessage
 from robrain.protocol.ros2.message_types import MessageType
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, TF, Qos
 from robrain.protocol.ros2.ros_node import RosNode
-from robrain.protocol.ros2.ros_port import Request, RosPort, Writer
+from robrain.protocol.ros2.ros_port import PendingRequest, RosPort, Writer
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
@@ -48,8 +48,8 @@ R = TypeVar("R")
 
 
 class _Waiting(NamedTuple):
-    future: "Future[Answer]"
-    tell: Callable[[Answer], None]
+    future: "Future[OrderOutcome]"
+    tell: Callable[[OrderOutcome], None]
     """Passes the answer on."""
 
 
@@ -176,9 +176,9 @@ class Gateway:
 
     def _answer(self, orders: Orders) -> None:
         for halt in self._halts.requests():
-            self._waiting.append(_Waiting(orders.halt(), _reply(halt, Outcome)))
+            self._waiting.append(_Waiting(orders.halt(), _reply(halt, TriggerResponse)))
         for asked in self._submissions.requests():
-            self._waiting.append(_Waiting(orders.submit(asked.request.task), _reply(asked, TaskAnswer)))
+            self._waiting.append(_Waiting(orders.submit(asked.request.task), _reply(asked, SubmitTaskResponse)))
         for heard in self._texts.take():
             self._waiting.append(_Waiting(orders.submit(heard.message.data), self._tell_all))
         waiting, self._waiting = self._waiting, []
@@ -188,7 +188,7 @@ class Gateway:
             else:
                 self._waiting.append(each)
 
-    def _tell_all(self, answer: Answer) -> None:
+    def _tell_all(self, answer: OrderOutcome) -> None:
         text = msgspec.json.encode({"accepted": answer.accepted, "answer": answer.text}).decode()
         self._write("task_answers", ros.STRING, RELIABLE, String(text))
 
@@ -198,7 +198,7 @@ def _is_placed(state: RobotState) -> bool:
     return state.pose is not None and state.frame == ARENA and not state.lost
 
 
-def _reply(request: Request[Any, R], response: Callable[[bool, str], R]) -> Callable[[Answer], None]:
+def _reply(request: PendingRequest[Any, R], response: Callable[[bool, str], R]) -> Callable[[OrderOutcome], None]:
     return lambda answer: request.reply(response(answer.accepted, answer.text))
 
 

@@ -15,7 +15,7 @@ TEXT_MAX = 65_536
 """Characters of a task."""
 
 
-class Answer(NamedTuple):
+class OrderOutcome(NamedTuple):
     """What became of an order."""
 
     accepted: bool
@@ -26,10 +26,10 @@ class Answer(NamedTuple):
 class Orders(Protocol):
     """To whom the gateway takes orders."""
 
-    def submit(self, text: str) -> "Future[Answer]":
+    def submit(self, text: str) -> "Future[OrderOutcome]":
         """Submit a task, given as JSON."""
 
-    def halt(self) -> "Future[Answer]":
+    def halt(self) -> "Future[OrderOutcome]":
         """Halt all robots."""
 
 
@@ -64,11 +64,11 @@ class TeamOrders:
         self._submitting = _Desk("ros2-submit")
         self._halting = _Desk("ros2-halt")
 
-    def submit(self, text: str) -> "Future[Answer]":
+    def submit(self, text: str) -> "Future[OrderOutcome]":
         """See `Orders`."""
         return self._submitting.put(lambda: submit(self._tasks, text))
 
-    def halt(self) -> "Future[Answer]":
+    def halt(self) -> "Future[OrderOutcome]":
         """See `Orders`."""
         return self._halting.put(lambda: halt(self._halts, self._by))
 
@@ -80,29 +80,29 @@ class TeamOrders:
         self._halts.close()
 
 
-def submit(team: Team, text: str) -> Answer:
+def submit(team: Team, text: str) -> OrderOutcome:
     """Submit a task that is given as JSON; waits for the coordinator."""
     if len(text) > TEXT_MAX:
-        return Answer(False, f"expected a task of at most {TEXT_MAX} characters, got {len(text)}")
+        return OrderOutcome(False, f"expected a task of at most {TEXT_MAX} characters, got {len(text)}")
     try:
         asked = msgspec.json.decode(text, type=AskedTask)
         fields = {name: getattr(asked, name) for name in asked.__struct_fields__ if name != "kind"}
-        return Answer(True, msgspec.json.encode(team.submit(asked.kind, **fields)).decode())
+        return OrderOutcome(True, msgspec.json.encode(team.submit(asked.kind, **fields)).decode())
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        return Answer(False, f'expected a task as JSON, such as {{"kind": "visit", "place": [1, 2]}}: {error}')
+        return OrderOutcome(False, f'expected a task as JSON, such as {{"kind": "visit", "place": [1, 2]}}: {error}')
     except RobrainError as error:
-        return Answer(False, str(error))
+        return OrderOutcome(False, str(error))
 
 
-def halt(team: Team, by: str) -> Answer:
+def halt(team: Team, by: str) -> OrderOutcome:
     """Halt all robots; waits until they have stopped, or for two seconds."""
     try:
         report = team.halt(reason="asked by a ROS 2 node", by=by)
     except RobrainError as error:
-        return Answer(False, str(error))
+        return OrderOutcome(False, str(error))
     lines = [f"{robot}: halted" for robot in report.confirmed]
     lines += [f"{robot}: NOT halted: {why}" for robot, why in report.unconfirmed.items()]
-    return Answer(not report.unconfirmed, "; ".join(lines))
+    return OrderOutcome(not report.unconfirmed, "; ".join(lines))
 
 
 class _Desk:
@@ -110,13 +110,13 @@ class _Desk:
 
     def __init__(self, name: str) -> None:
         self._pool = ThreadPoolExecutor(1, name)
-        self._open: list[Future[Answer]] = []
+        self._open: list[Future[OrderOutcome]] = []
 
-    def put(self, order: Callable[[], Answer]) -> "Future[Answer]":
+    def put(self, order: Callable[[], OrderOutcome]) -> "Future[OrderOutcome]":
         self._open = [future for future in self._open if not future.done()]
         if len(self._open) >= WAITING_MAX:
-            refused: Future[Answer] = Future()
-            refused.set_result(Answer(False, f"{WAITING_MAX} orders wait already"))
+            refused: Future[OrderOutcome] = Future()
+            refused.set_result(OrderOutcome(False, f"{WAITING_MAX} orders wait already"))
             return refused
         future = self._pool.submit(order)
         self._open.append(future)

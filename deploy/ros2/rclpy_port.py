@@ -13,11 +13,11 @@ from typing import Any, Generic, TypeVar
 import rclpy.serialization
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from robrain.plugins.device.ros2.link import Publisher, Ros2Link, Subscription
+from robrain.plugins.device.ros2.link import Ros2Link, Ros2Publisher, Ros2Subscription
 from robrain.protocol.ros2.errors import BadCdr
 from robrain.protocol.ros2.message_types import MessageType, ServiceType
 from robrain.protocol.ros2.qos import RELIABLE, Qos, Reliability
-from robrain.protocol.ros2.ros_port import Heard, Request, Writer
+from robrain.protocol.ros2.ros_port import PendingRequest, ReceivedMessage, Writer
 
 logger = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ class RclpyPort:
 class RclpyWriter(Generic[M]):
     """See Writer."""
 
-    def __init__(self, kind: MessageType[M], publisher: Publisher) -> None:
+    def __init__(self, kind: MessageType[M], publisher: Ros2Publisher) -> None:
         self._kind, self._publisher = kind, publisher
 
     def publish(self, message: M) -> None:
@@ -111,7 +111,7 @@ class _Silent:
 class RclpyReader(Generic[M]):
     """See Reader; without a subscription nothing comes."""
 
-    def __init__(self, kind: MessageType[M], subscription: Subscription[bytes] | None) -> None:
+    def __init__(self, kind: MessageType[M], subscription: Ros2Subscription[bytes] | None) -> None:
         self.refused = 0
         self._kind, self._subscription = kind, subscription
 
@@ -120,7 +120,7 @@ class RclpyReader(Generic[M]):
         """As Reader."""
         return self._subscription.dropped if self._subscription is not None else 0
 
-    def take(self) -> list[Heard[M]]:
+    def take(self) -> list[ReceivedMessage[M]]:
         """As Reader."""
         heard = []
         for arrived in self._subscription.drain() if self._subscription is not None else ():
@@ -129,7 +129,7 @@ class RclpyReader(Generic[M]):
             except BadCdr:
                 self.refused += 1
                 continue
-            heard.append(Heard(message, arrived.arrived_ns, b"", arrived.number))
+            heard.append(ReceivedMessage(message, arrived.arrived_ns, b"", arrived.number))
         return heard
 
     def close(self) -> None:
@@ -178,7 +178,7 @@ class RclpyServer(Generic[Q, R]):
             self._link = link = Ros2Link(f"robrain_{service.rpartition('/')[2]}", domain_id)
             link.do(lambda: link.node.create_service(known, service, self._serve))
 
-    def requests(self) -> Sequence[Request[Q, R]]:
+    def requests(self) -> Sequence[PendingRequest[Q, R]]:
         """As Server."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 

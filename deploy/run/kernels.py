@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedCo
 
 from robrain.algorithms.allocation.warm_up import warm_up as warm_up_allocation
 from robrain.algorithms.exploration.warm_up import warm_up as warm_up_exploration
-from robrain.algorithms.warm_up import Part
+from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.commands.terminal import console, say, text_column
 from robrain.protocol.model import warm_up as model
 from robrain.sim.warm_up import warm_up as warm_up_arena
@@ -24,11 +24,11 @@ COMPILING = "numba:compile"
 WORDS = "compiling kernels, once on this computer"
 OURS = "robrain."
 
-PARTS: dict[str, Part] = {
+PARTS: dict[str, KernelPart] = {
     **{name: part for name, part in model.PARTS.items() if part.at_start},
-    "simulation": Part(warm_up_arena, at_start=True),
-    "exploration": Part(warm_up_exploration, at_start=True),
-    "plans": Part(warm_up_allocation, at_start=False),
+    "simulation": KernelPart(warm_up_arena, at_start=True),
+    "exploration": KernelPart(warm_up_exploration, at_start=True),
+    "plans": KernelPart(warm_up_allocation, at_start=False),
     **{name: part for name, part in model.PARTS.items() if not part.at_start},
 }
 """All parts, in the order in which they are compiled."""

@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID
 
-from robrain.algorithms.warm_up import Part
+from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.commands.terminal import both_at_a_terminal, console, say, text_column
 from robrain.deploy.run.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.run.run_options import Watched
@@ -56,7 +56,7 @@ class KernelCompiler:
 
     """
 
-    def __init__(self, parts: Mapping[str, Part], processes: int) -> None:
+    def __init__(self, parts: Mapping[str, KernelPart], processes: int) -> None:
         self._at_start = {name for name, part in parts.items() if part.at_start}
         self._waiting = deque(parts)
         self._ready: set[str] = set()
@@ -237,7 +237,7 @@ class Preparing:
         if self._picture is not None:
             self._picture.show(*progress)
 
-    def _compile(self, parts: Mapping[str, Part]) -> None:
+    def _compile(self, parts: Mapping[str, KernelPart]) -> None:
         self._compiler = self._closing.enter_context(KernelCompiler(parts, min(PROCESSES, os.cpu_count() or 1)))
 
     def wait(self, _run: LockstepRun) -> None:

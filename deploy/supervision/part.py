@@ -8,7 +8,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.deploy.processes.children import STOP_TIMEOUT_S
-from robrain.deploy.supervision.restarts import Cause, Failure, Phase, RestartPolicy
+from robrain.deploy.supervision.restarts import Cause, Phase, ProcessFailure, RestartPolicy
 
 HUB, ARENA, COORDINATOR = "hub", "arena", "coordinator"
 STAND_BY, RECORDER, DASHBOARD = "stand-by", "recorder", "dashboard"
@@ -107,7 +107,7 @@ class PartView(NamedTuple):
     """What else is to be said of it."""
 
 
-def failed(part: str, failure: Failure, said: str) -> PartEvent:
+def failed(part: str, failure: ProcessFailure, said: str) -> PartEvent:
     """The event of a failure."""
     return PartEvent(
         part=part,

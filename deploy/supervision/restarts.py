@@ -61,7 +61,7 @@ class Phase(StrEnum):
     GIVEN_UP = "given up"
 
 
-class Step(StrEnum):
+class RestartStep(StrEnum):
     """What is to be done with a process now."""
 
     NOTHING = "nothing"
@@ -77,7 +77,7 @@ class Cause(StrEnum):
     SLOW_START = "slow_start"
 
 
-class Failure(NamedTuple):
+class ProcessFailure(NamedTuple):
     """One failure of a process."""
 
     at_s: float
@@ -137,7 +137,7 @@ class Restarts:
         if self.phase is Phase.STARTING:
             self.phase, self.was_ready, self._silent_s = Phase.UP, True, 0.0
 
-    def ended(self, now_s: float, status: int) -> Failure:
+    def ended(self, now_s: float, status: int) -> ProcessFailure:
         """It has ended, or could not be started."""
         self._failures.append(now_s)
         while self._failures[0] <= now_s - self.policy.within_s:
@@ -148,9 +148,9 @@ class Restarts:
         else:
             delay_s = self.policy.delay_s(len(self._failures))
             self.phase, self._start_s = Phase.WAITING, now_s + delay_s
-        return Failure(now_s, self._cause, status, self._silent_s, delay_s)
+        return ProcessFailure(now_s, self._cause, status, self._silent_s, delay_s)
 
-    def next_step(self, now_s: float, waited_s: float = 0.0) -> Step:
+    def next_step(self, now_s: float, waited_s: float = 0.0) -> RestartStep:
         """What to do now; has to be asked a few times a second.
 
         Args:
@@ -160,14 +160,14 @@ class Restarts:
         """
         looked_s, self._looked_s = self._looked_s, now_s
         if self.phase is Phase.WAITING:
-            return Step.START if now_s >= self._start_s else Step.NOTHING
+            return RestartStep.START if now_s >= self._start_s else RestartStep.NOTHING
         if self.phase not in (Phase.STARTING, Phase.UP):
-            return Step.NOTHING
+            return RestartStep.NOTHING
         if looked_s is not None:
             look_s = min(max(now_s - looked_s, 0.0), LONGEST_LOOK_S)
             self._silent_s += look_s - (1.0 - WAITED_SHARE) * min(max(waited_s, 0.0), look_s)
         is_up = self.phase is Phase.UP
         if self._silent_s < (self.policy.hang_s if is_up else self.policy.start_s):
-            return Step.NOTHING
+            return RestartStep.NOTHING
         self._cause, self.phase = Cause.SILENT if is_up else Cause.SLOW_START, Phase.KILLED
-        return Step.KILL
+        return RestartStep.KILL

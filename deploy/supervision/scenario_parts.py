@@ -19,7 +19,7 @@ from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.world import World, manifest_texts
 
 
-class Wanted(NamedTuple):
+class WantedParts(NamedTuple):
     """What is started of a scenario on this machine."""
 
     parts: Sequence[str]
@@ -37,7 +37,7 @@ class Wanted(NamedTuple):
     """Report nothing while kernels are compiled."""
 
 
-def scenario_parts(site: Site, scenario: Scenario, words: Sequence[str], wanted: Wanted) -> list[Part]:
+def scenario_parts(site: Site, scenario: Scenario, words: Sequence[str], wanted: WantedParts) -> list[Part]:
     """The parts in the order of their start.
 
     Args:

@@ -16,7 +16,7 @@ from robrain.deploy.processes.lifeline import LifelineEnd
 from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.part import HUB, Part, PartEvent, PartEventKind, PartView, failed
 from robrain.deploy.supervision.process_figures import CoreWait, ProcessFigures
-from robrain.deploy.supervision.restarts import Phase, Restarts, Step
+from robrain.deploy.supervision.restarts import Phase, Restarts, RestartStep
 
 BAD_INPUT = 2
 """Exit status of a process that refuses to start."""
@@ -68,7 +68,7 @@ class Supervised:
             self.restarts.beat()
         return self.is_up and not was_up
 
-    def next_step(self, now_s: float) -> Step:
+    def next_step(self, now_s: float) -> RestartStep:
         """What to do with its process now."""
         waited_s = 0.0
         if self._core_wait is not None:
@@ -154,9 +154,9 @@ class Supervisor:
             if each.child is not None and (status := each.child.exit_status) is not None:
                 self._note_end(each, status, now_s)
             step = each.next_step(now_s)
-            if step is Step.KILL and each.child is not None:
+            if step is RestartStep.KILL and each.child is not None:
                 each.child.kill_group()
-            elif step is Step.START:
+            elif step is RestartStep.START:
                 self._start(each, now_s)
 
     def stop(self) -> None:

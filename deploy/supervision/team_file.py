@@ -42,7 +42,7 @@ def _is_address(text: str) -> bool:
     return True
 
 
-class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class SiteTeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """`[team]`: what all machines share."""
 
     name: str = DEFAULT_TEAM
@@ -76,7 +76,7 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_de
             raise ValueError(f"dashboard_port: expected 0 to 65535, got {self.dashboard_port}")
 
 
-class Host(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class HostTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[[hosts]]`: one machine and its parts. Each part is on one machine, and one machine has the hub."""
 
     name: str
@@ -107,8 +107,8 @@ class Host(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TeamFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole file."""
 
-    hosts: list[Host]
-    team: TeamTable = TeamTable()
+    hosts: list[HostTable]
+    team: SiteTeamTable = SiteTeamTable()
     robots: dict[str, str] = {}
     """ROBOT.toml of each robot, relative to this file; robots of the scenario need none."""
 
@@ -135,7 +135,7 @@ class TeamFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise ValueError(f"robots: expected the ROBOT.toml of {unknown[0]}, as there is no scenario")
 
     @property
-    def hub_host(self) -> Host:
+    def hub_host(self) -> HostTable:
         """The host with the hub."""
         return next(host for host in self.hosts if HUB in host.parts)
 
@@ -145,7 +145,7 @@ class TeamFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         address = self.hub_host.address
         return f"{'tls' if self.team.pki else 'tcp'}/{f'[{address}]' if ':' in address else address}:{self.team.port}"
 
-    def host(self, path: Path, name: str | None) -> Host:
+    def host(self, path: Path, name: str | None) -> HostTable:
         """The host of a name; without one the only host, or else a UsageError that lists all."""
         names = ", ".join(host.name for host in self.hosts)
         if name is None:

@@ -37,7 +37,7 @@ ONCE_S = 2.5
 """Time to hear a team before its table is printed once."""
 
 
-class Member(msgspec.Struct, frozen=True, omit_defaults=True):
+class TopMember(msgspec.Struct, frozen=True, omit_defaults=True):
     """A member of a team, as `robrain top --json` prints it. What is unknown is left out."""
 
     name: str
@@ -115,7 +115,7 @@ class Top:
         pids = {info.pid for info in (*self._known.values(), *self._beside.values())}
         self._figures = {pid: figures for pid, figures in self._figures.items() if pid in pids}
 
-    def members(self, now_s: float) -> list[Member]:
+    def members(self, now_s: float) -> list[TopMember]:
         """The members, the coordinator first."""
         words = {robot.name: robot.words for robot in self.watch.robots()}
         return [self._member(name, words.get(name, "up"), now_s) for name in self._names()]
@@ -138,16 +138,16 @@ class Top:
             return self._wire.ask_later(COORDINATOR_WHO, timeout_s=ASK_TIMEOUT_S)
         return self._wire.ask_later(ROBOT_WHO, timeout_s=ASK_TIMEOUT_S, robot=name)
 
-    def _member(self, name: str, words: str, now_s: float) -> Member:
+    def _member(self, name: str, words: str, now_s: float) -> TopMember:
         info = self._known.get(name) or self._beside.get(name)
         messages = self.watch.messages(name) or None
         if info is None:
-            return Member(name, words, messages=messages)
+            return TopMember(name, words, messages=messages)
         figures = None
         if info.host == self._host:
             follow = self._figures.setdefault(info.pid, self._make_figures(info.pid))
             figures = follow.at(now_s)
-        return Member(
+        return TopMember(
             name,
             words,
             info.host,
@@ -188,7 +188,7 @@ def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) ->
 
 
 @contextmanager
-def _showing(*, prints_once: bool) -> Iterator[Callable[[str, list[Member]], None]]:
+def _showing(*, prints_once: bool) -> Iterator[Callable[[str, list[TopMember]], None]]:
     if prints_once:
         yield lambda _heading, _members: None
         return
@@ -196,7 +196,7 @@ def _showing(*, prints_once: bool) -> Iterator[Callable[[str, list[Member]], Non
         yield lambda heading, members: live.update(drawn(heading, [_view(member) for member in members]))
 
 
-def _print(members: list[Member], *, as_json: bool) -> None:
+def _print(members: list[TopMember], *, as_json: bool) -> None:
     if as_json:
         tell_json(members)
         return
@@ -204,7 +204,7 @@ def _print(members: list[Member], *, as_json: bool) -> None:
         print_line(line)
 
 
-def _view(member: Member) -> PartView:
+def _view(member: TopMember) -> PartView:
     where = f"on {member.host}, " if member.host is not None and member.cpu_share is None else ""
     return PartView(
         member.name,

@@ -36,7 +36,7 @@ STARTING_PERIOD_S = 0.01
 """Between two looks at a hub that starts, for which everything else waits."""
 
 
-class TeamStatus(NamedTuple):
+class UpStatus(NamedTuple):
     """The team at one moment, for display."""
 
     robots: list[tuple[str, str]]
@@ -122,7 +122,7 @@ class UpDisplay(Protocol):
     def part(self, event: PartEvent) -> None:
         """A part has failed, or is back."""
 
-    def show(self, status: TeamStatus) -> None:
+    def show(self, status: UpStatus) -> None:
         """Status of the team, ten times a second."""
 
     def ended(self, result: UpResult) -> None:
@@ -305,12 +305,12 @@ def _await_hub(supervisor: Supervisor, printed: Printed, should_stop: Callable[[
     return False
 
 
-def _status(watch: TeamWatch, supervisor: Supervisor, printed: Printed) -> TeamStatus:
+def _status(watch: TeamWatch, supervisor: Supervisor, printed: Printed) -> UpStatus:
     robots = watch.robots()
     words = {robot.name: robot.words for robot in robots}
     now_s = time.monotonic()
     truth = watch.truth
-    return TeamStatus(
+    return UpStatus(
         [(robot.name, robot.words) for robot in robots],
         watch.has_coordinator,
         [each.view(now_s, watch.messages(each.part.name), words.get(each.part.name, "")) for each in supervisor.all],

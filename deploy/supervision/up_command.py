@@ -9,7 +9,7 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, note
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY, STOCK_PARTS, Part
 from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts, dashboard_part, recorder_part
-from robrain.deploy.supervision.team_file import Host, TeamFile, read_team_file
+from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.deploy.supervision.up import Printed, UpOptions, UpResult, run_up
 from robrain.deploy.supervision.up_display import up_display
 
@@ -169,9 +169,9 @@ def _of_scenario(
     record: Path | None,
     files: dict[str, Path],
 ) -> list[Part]:
-    from robrain.deploy.supervision.scenario_parts import Wanted, scenario_parts
+    from robrain.deploy.supervision.scenario_parts import WantedParts, scenario_parts
 
-    wanted = Wanted(
+    wanted = WantedParts(
         parts,
         journal,
         record,
@@ -187,7 +187,7 @@ def _of_scenario(
 
 def _of_robot_files(
     site: Site,
-    host: Host,
+    host: HostTable,
     printed: Printed,
     journal: Path,
     coordination: Sequence[str],
@@ -206,7 +206,7 @@ def _of_robot_files(
     return parts
 
 
-def _recording(path: Path, team_file: TeamFile, host: Host) -> Path | None:
+def _recording(path: Path, team_file: TeamFile, host: HostTable) -> Path | None:
     if RECORDER not in host.parts:
         return None
     if team_file.team.record:

@@ -13,7 +13,7 @@ from robrain.deploy.processes.forwarder_words import said
 from robrain.deploy.processes.live_process import tell_json
 from robrain.deploy.supervision.part import PartEvent
 from robrain.deploy.supervision.part_table import drawn
-from robrain.deploy.supervision.up import TeamStatus, UpDisplay, UpResult
+from robrain.deploy.supervision.up import UpDisplay, UpResult, UpStatus
 from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, hub_endpoint
 
@@ -69,7 +69,7 @@ class JsonEvents:
         """Print what happened to a part."""
         _print(event)
 
-    def show(self, status: TeamStatus) -> None:
+    def show(self, status: UpStatus) -> None:
         """Print new forwarders."""
         for robot, address in status.forwarders.items():
             if self._forwarders.get(robot) != address:
@@ -110,7 +110,7 @@ class PlainLines:
         if event.is_news:
             say(event.words)
 
-    def show(self, status: TeamStatus) -> None:
+    def show(self, status: UpStatus) -> None:
         """Print what has changed."""
         now = dict(status.robots) | {"coordinator": "up" if status.coordinator_up else "starting"}
         for name, text in now.items():
@@ -120,7 +120,7 @@ class PlainLines:
                 say(f"{name}: {seen}")
         self._show_forwarders(status)
 
-    def _show_forwarders(self, status: TeamStatus) -> None:
+    def _show_forwarders(self, status: UpStatus) -> None:
         for robot, address in status.forwarders.items():
             if self._before.get(address) != robot:
                 self._before[address] = robot
@@ -153,7 +153,7 @@ class DrawnTable(PlainLines):
         super().__init__(say if both_at_a_terminal() else print_line)
         self._live = live
 
-    def show(self, status: TeamStatus) -> None:
+    def show(self, status: UpStatus) -> None:
         """Draw the team's status."""
         self._show_forwarders(status)
         heading = f"{status.explored_fraction:.1%} explored, {clock_of(status.sim_time_s)}; Ctrl-C stops the team"

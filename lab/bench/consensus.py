@@ -17,7 +17,7 @@ from robrain.algorithms.allocation.plan import Plan, make_plan
 from robrain.algorithms.allocation.problem import Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.consensus.negotiation import Negotiation
-from robrain.algorithms.consensus.route_scorer import Drive, RouteScorer, Stop
+from robrain.algorithms.consensus.route_scorer import DriveCost, RouteScorer, RouteStop
 from robrain.lab.bench.allocation.instances import team_problem
 from robrain.lab.bench.figure import Figure, at_most, deterministic
 
@@ -33,7 +33,7 @@ EXCHANGES_MAX = 20_000
 """Exchanges after which a team that has not agreed counts as one that does not."""
 
 
-class Told(NamedTuple):
+class NegotiationTrace(NamedTuple):
     """A negotiation of a team, seen from outside."""
 
     plan: Plan
@@ -51,16 +51,16 @@ class Told(NamedTuple):
 def scorer_of(problem: Problem, worker: Worker) -> RouteScorer:
     """What one robot knows of a problem."""
     stops = {
-        job.id: Stop(job.place, job.prize_j, job.service_s, job.service_j, job.earliest_s, job.latest_s)
+        job.id: RouteStop(job.place, job.prize_j, job.service_s, job.service_j, job.earliest_s, job.latest_s)
         for job in problem.jobs
         if job.admits(worker)
     }
     energy_j, time_s = (matrix[worker.profile].tolist() for matrix in (problem.energy_j, problem.time_s))
-    drive = Drive(energy_j, time_s, worker.start, worker.ends, worker.usable_j, worker.ready_s, worker.wait_w)
+    drive = DriveCost(energy_j, time_s, worker.start, worker.ends, worker.usable_j, worker.ready_s, worker.wait_w)
     return RouteScorer(drive, stops)
 
 
-def negotiate(problem: Problem, rounds: int, loss: float, seed: int) -> Told | None:
+def negotiate(problem: Problem, rounds: int, loss: float, seed: int) -> NegotiationTrace | None:
     """Have the robots of a problem allocate its jobs; None if they do not agree.
 
     Args:
@@ -88,7 +88,7 @@ def negotiate(problem: Problem, rounds: int, loss: float, seed: int) -> Told | N
         first = first or (exchange if all(member.is_agreed for member in members) else 0)
         if all(member.is_over for member in members):
             plan = make_plan(problem, [member.path for member in members], Objective.ENERGY)
-            return None if plan is None else Told(plan, exchange, messages, total, largest, first)
+            return None if plan is None else NegotiationTrace(plan, exchange, messages, total, largest, first)
     return None
 
 
@@ -125,7 +125,7 @@ def measure(sizes: Sequence[tuple[int, int, float]] = SIZES, seeds: Sequence[int
 
 
 def _figures(
-    size: str, problems: list[Problem], best: list[Plan], told: list[Told | None], rounds: int, loss: float
+    size: str, problems: list[Problem], best: list[Plan], told: list[NegotiationTrace | None], rounds: int, loss: float
 ) -> Iterator[Figure]:
     how = "bundles alone" if not rounds else f"{rounds} rounds"
     what = f"{size}, {how}, {loss:.0%} lost" if loss else f"{size}, {how}"

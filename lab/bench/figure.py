@@ -22,7 +22,7 @@ KEPT_WORDS = {True: "yes", False: "no", None: "–"}
 NO_VALUE = "none"
 
 
-class Kind(StrEnum):
+class FigureKind(StrEnum):
     """What a figure depends on."""
 
     DETERMINISTIC = "deterministic"
@@ -73,7 +73,7 @@ class Figure(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     value: float | None
     unit: str = ""
     bound: Bound | None = None
-    kind: Kind
+    kind: FigureKind
     beside: str = ""
     """Text shown with the number: a comparison in the same run, a spread, a size."""
     kept: bool | None = None
@@ -92,7 +92,7 @@ class Figure(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         return "–" if self.bound is None else self.bound.words(self.unit)
 
 
-class Measured(msgspec.Struct, frozen=True, kw_only=True):
+class SectionResult(msgspec.Struct, frozen=True, kw_only=True):
     """Output of one benchmark with `--json`."""
 
     bench: str
@@ -102,12 +102,12 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
 
 def deterministic(name: str, value: float, unit: str = "", bound: Bound | None = None, beside: str = "") -> Figure:
     """A figure that is equal on every machine."""
-    return Figure(name=name, value=float(value), unit=unit, bound=bound, kind=Kind.DETERMINISTIC, beside=beside)
+    return Figure(name=name, value=float(value), unit=unit, bound=bound, kind=FigureKind.DETERMINISTIC, beside=beside)
 
 
 def timing(name: str, value: float, unit: str = "", bound: Bound | None = None, beside: str = "") -> Figure:
     """A figure that depends on the machine."""
-    return Figure(name=name, value=float(value), unit=unit, bound=bound, kind=Kind.TIMING, beside=beside)
+    return Figure(name=name, value=float(value), unit=unit, bound=bound, kind=FigureKind.TIMING, beside=beside)
 
 
 def at_most(limit: float) -> Bound:
@@ -148,10 +148,10 @@ def with_unit(value: float, unit: str) -> str:
     return f"{number} {unit}" if unit else number
 
 
-def measured(bench: str, figures: Iterable[Figure]) -> Measured:
+def measured(bench: str, figures: Iterable[Figure]) -> SectionResult:
     """The figures of one benchmark, put together."""
     found = list(figures)
-    return Measured(bench=bench, figures=found, all_kept=are_kept(found))
+    return SectionResult(bench=bench, figures=found, all_kept=are_kept(found))
 
 
 def are_kept(figures: Iterable[Figure]) -> bool:

@@ -263,7 +263,7 @@ details { margin: 0.6em 0; } pre { background: #f5f7fa; padding: 1em; overflow: 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 
 
-class Report(msgspec.Struct, frozen=True, kw_only=True):
+class WrittenReport(msgspec.Struct, frozen=True, kw_only=True):
     """What was written."""
 
     page: Path
@@ -293,7 +293,7 @@ def write_report(
     on_progress: Callable[[float], None] | None = None,
     *,
     forms: Sequence[str] = (VECTOR,),
-) -> Report:
+) -> WrittenReport:
     """Write `folder/report.html` and a file for each figure; those of an earlier report there are replaced.
 
     Args:
@@ -332,7 +332,7 @@ def write_report(
     except OSError as error:
         raise RecordingError(folder, f"cannot write to {folder}: {error.strerror or error}") from error
     show(1.0)
-    return Report(page=folder / "report.html", figures=paths)
+    return WrittenReport(page=folder / "report.html", figures=paths)
 
 
 def _page(runs: Sequence[RunData], body: str) -> str:

@@ -15,10 +15,10 @@ from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.stand_in.fault_script import FaultScript
-from robrain.sim.stand_in.judge import QUIET_S, Broken, Invariant, broken_in
+from robrain.sim.stand_in.judge import QUIET_S, Broken, TeamInvariant, broken_in
 from robrain.sim.stand_in.operator import OPERATOR, PointOperator
 from robrain.sim.stand_in.promises import Promises
-from robrain.sim.stand_in.trial import Verdict, quiet
+from robrain.sim.stand_in.trial import TrialVerdict, quiet
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.robot_specs import RobotSpec
 
@@ -58,7 +58,7 @@ def scenario_of(script: FaultScript) -> Scenario:
 
 def run_full_trial(
     script: FaultScript, should_stop: Callable[[], bool] = lambda: False, record: Path | None = None
-) -> Verdict:
+) -> TrialVerdict:
     """Run a script to its end, or to `should_stop`, and judge it."""
     scenario = scenario_of(script)
     with quiet():
@@ -72,7 +72,9 @@ def run_full_trial(
         finally:
             run.close()
     broken = [*broken_in(judging), *trial.unsettled(), *trial.lost()]
-    return Verdict(broken=tuple(broken), sim_time_s=round(run.sim_time_s, 1), done=trial.done, lost=run.lost_by_faults)
+    return TrialVerdict(
+        broken=tuple(broken), sim_time_s=round(run.sim_time_s, 1), done=trial.done, lost=run.lost_by_faults
+    )
 
 
 class _Trial:
@@ -128,7 +130,7 @@ class _Trial:
             what = f"there is left: {', '.join(left) or 'nothing of the tasks'}"
             if not self._operator.is_content:
                 what += "; the operator still waits for answers"
-            yield Broken(Invariant.UNSETTLED, round(self._run.sim_time_s, 1), what)
+            yield Broken(TeamInvariant.UNSETTLED, round(self._run.sim_time_s, 1), what)
 
     def lost(self) -> Iterator[Broken]:
         """Promises that were not kept; a task may fail at a robot with broken hardware."""
@@ -138,7 +140,7 @@ class _Trial:
             if may_fail and record is not None and record.state in (TaskState.FAILED, TaskState.CANCELLED):
                 continue
             if why := self._promises.why_broken(task, record):
-                yield Broken(Invariant.LOST, round(self._run.sim_time_s, 1), why)
+                yield Broken(TeamInvariant.LOST, round(self._run.sim_time_s, 1), why)
 
     @property
     def _is_settled(self) -> bool:

@@ -15,7 +15,7 @@ from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks import reconcile as reconciling
 from robrain.coordinator.tasks import task_lifecycle
-from robrain.coordinator.tasks.backoff import Backoff, RobotPauses
+from robrain.coordinator.tasks.backoff import RobotPauses, TaskBackoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.halt_watch import HaltWatch
@@ -109,7 +109,7 @@ def _strays_stay() -> list[Patch]:
 
 
 def _backoff_without_end() -> list[Patch]:
-    def why(self: Backoff, task_id: str, robot: str, now_ns: int) -> Any:
+    def why(self: TaskBackoff, task_id: str, robot: str, now_ns: int) -> Any:
         avoided = self._avoided.get((task_id, robot))
         return avoided.reason if avoided is not None else self.robots.why_unreached(robot, now_ns)
 
@@ -117,7 +117,7 @@ def _backoff_without_end() -> list[Patch]:
         pause = self._unreached.get(robot)
         return None if pause is None else pause.reason
 
-    return [(Backoff, "why", why), (RobotPauses, "why_unreached", why_unreached)]
+    return [(TaskBackoff, "why", why), (RobotPauses, "why_unreached", why_unreached)]
 
 
 def _cancelled_forgotten() -> list[Patch]:

@@ -12,7 +12,7 @@ from robrain.lab.soak.soaking import PlantedFind, SoakResult
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.stand_in.fault_script import FaultScript
 from robrain.sim.stand_in.judge import Broken
-from robrain.sim.stand_in.trial import Verdict
+from robrain.sim.stand_in.trial import TrialVerdict
 
 SHOWN_FAILURES = 20
 
@@ -81,7 +81,7 @@ def show_soak(result: SoakResult) -> None:
         print_line("interrupted")
 
 
-def show_script(script: FaultScript, verdict: Verdict) -> None:
+def show_script(script: FaultScript, verdict: TrialVerdict) -> None:
     """Print what a repeated script does, and how it ended."""
     print_line(f"{len(script.robots)} robots, {len(script.tasks)} tasks, method {script.method}")
     for halt in script.halts:

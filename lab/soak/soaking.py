@@ -30,13 +30,13 @@ from robrain.sim.stand_in.fault_script import (
     FaultScript,
     HaltOrder,
     PointRobot,
+    ScriptedTask,
     ScriptRadio,
-    TaskOrder,
     script_json,
 )
 from robrain.sim.stand_in.judge import Broken
 from robrain.sim.stand_in.script_drawing import draw_script
-from robrain.sim.stand_in.trial import Verdict, run_trial
+from robrain.sim.stand_in.trial import TrialVerdict, run_trial
 
 SCENARIO = "arena_small"
 ROBOTS = 3
@@ -116,8 +116,8 @@ def _robots(rng: np.random.Generator, count: int) -> tuple[PointRobot, ...]:
     return tuple(found)
 
 
-def _task(rng: np.random.Generator, order: TaskOrder) -> TaskOrder:
-    return TaskOrder(at_s=_sooner(order.at_s), task=msgspec.structs.replace(order.task, place=_place(rng)))
+def _task(rng: np.random.Generator, order: ScriptedTask) -> ScriptedTask:
+    return ScriptedTask(at_s=_sooner(order.at_s), task=msgspec.structs.replace(order.task, place=_place(rng)))
 
 
 def _faults(base: FaultScript, names: list[str]) -> Iterator[FaultSpec]:
@@ -190,7 +190,7 @@ class SoakRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     seed: int
     state: RunState
-    verdict: Verdict | None = None
+    verdict: TrialVerdict | None = None
     script: FaultScript | None = None
     """Of a failing seed: what it was shrunk to."""
     trials: int = 0
@@ -216,7 +216,7 @@ class SoakOptions(msgspec.Struct, frozen=True, kw_only=True):
     quiet: bool = True
 
 
-class Failure(msgspec.Struct, frozen=True, kw_only=True):
+class FailedSeed(msgspec.Struct, frozen=True, kw_only=True):
     """A seed whose script breaks an invariant."""
 
     seed: int
@@ -238,7 +238,7 @@ class SoakResult(msgspec.Struct, kw_only=True):
 
     runs: int = 0
     """Trials that have ended, without those that were interrupted."""
-    failures: list[Failure] = []
+    failures: list[FailedSeed] = []
     errors: list[str] = []
     """Trials whose process died."""
     sim_time_s: float = 0.0
@@ -262,7 +262,7 @@ def draw(seed: int, *, is_full: bool) -> FaultScript:
     return draw_full_script(seed) if is_full else draw_script(seed)
 
 
-def run_script(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> Verdict:
+def run_script(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> TrialVerdict:
     """Run a script with what it is for, and judge it."""
     return run_full_trial(script, should_stop) if script.scenario else run_trial(script, should_stop)
 
@@ -391,7 +391,7 @@ def _crew(jobs: int) -> LocalCrew[SoakTask, SoakRecord]:
     return LocalCrew(jobs, soak_one)
 
 
-def _add(result: SoakResult, record: SoakRecord, verdict: Verdict, output: Path) -> None:
+def _add(result: SoakResult, record: SoakRecord, verdict: TrialVerdict, output: Path) -> None:
     result.sim_time_s += verdict.sim_time_s
     result.cpu_s += record.cpu_s
     result.tasks_done += verdict.done
@@ -402,7 +402,7 @@ def _add(result: SoakResult, record: SoakRecord, verdict: Verdict, output: Path)
     file = output / f"seed-{record.seed}.json"
     file.write_bytes(script_json(record.script))
     result.failures.append(
-        Failure(
+        FailedSeed(
             seed=record.seed,
             broken=verdict.broken,
             faults=len(record.script.faults) + len(record.script.halts),

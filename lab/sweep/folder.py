@@ -18,7 +18,7 @@ RECORDINGS = "recordings"
 SETTINGS = "settings"
 
 
-class Identity(msgspec.Struct, frozen=True, kw_only=True):
+class SweepIdentity(msgspec.Struct, frozen=True, kw_only=True):
     """What two calls must share to continue the same sweep."""
 
     scenario: str
@@ -46,7 +46,7 @@ class SweepFolder:
 
     """
 
-    def __init__(self, path: Path, identity: Identity) -> None:
+    def __init__(self, path: Path, identity: SweepIdentity) -> None:
         self.path = path
         self.records: dict[str, RunRecord] = {}
         """The last record of each run that has ended, by its name."""
@@ -105,7 +105,7 @@ class SweepFolder:
         except OSError as error:
             raise SweepError(f"{self.path}: another sweep is running in it") from error
 
-    def _check(self, identity: Identity) -> None:
+    def _check(self, identity: SweepIdentity) -> None:
         """Compare with the sweep that is there; the identity is the journal's first line."""
         self._journal.seek(0)
         first = self._journal.readline()
@@ -115,7 +115,7 @@ class SweepFolder:
             self._journal.flush()
             return
         try:
-            there = msgspec.json.decode(first, type=Identity)
+            there = msgspec.json.decode(first, type=SweepIdentity)
         except msgspec.DecodeError as error:
             raise SweepError(f"{self.path / JOURNAL}: line 1 is not that of a sweep: {error}") from error
         if difference := _difference(msgspec.to_builtins(there), msgspec.to_builtins(identity)):

@@ -18,7 +18,7 @@ from robrain.lab.sweep.run_outcome import RunRecord, RunState
 from robrain.lab.sweep.variables import Value
 
 
-class Measure(msgspec.Struct, frozen=True, kw_only=True):
+class SummaryColumn(msgspec.Struct, frozen=True, kw_only=True):
     """One column of the table that is summarised."""
 
     title: str
@@ -29,28 +29,28 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True):
 
 
 MEASURES = {
-    "explored_50_s": Measure(title="time to 50 % explored", unit="s"),
-    "explored_90_s": Measure(title="time to 90 % explored", unit="s"),
-    "explored_95_s": Measure(title="time to 95 % explored", unit="s"),
-    "explored_99_s": Measure(title="time to 99 % explored", unit="s"),
-    "sim_time_s": Measure(title="duration", unit="s"),
-    "explored_share": Measure(title="explored", unit="%", scale=100.0, higher_is_better=True),
-    "distance_m": Measure(title="distance", unit="m"),
-    "energy_j": Measure(title="energy", unit="kJ", scale=0.001),
-    "tasks_done": Measure(title="tasks done", higher_is_better=True),
-    "tasks_failed": Measure(title="tasks failed"),
-    "tasks_open": Measure(title="tasks open"),
-    "makespan_s": Measure(title="makespan", unit="s"),
-    "energy_per_task_j": Measure(title="energy per task", unit="kJ", scale=0.001),
-    "waiting_s": Measure(title="waiting", unit="s"),
-    "overlap": Measure(title="overlap", unit="%", scale=100.0),
-    "collisions": Measure(title="collisions"),
-    "map_cells_off_share": Measure(title="map cells off", unit="%", scale=100.0),
-    "map_walls_doubled_m": Measure(title="walls doubled", unit="m"),
-    "position_rmse_m": Measure(title="worst position RMSE", unit="m"),
-    "silent_divergence_s": Measure(title="silent divergence", unit="s"),
-    "invariants_broken": Measure(title="invariants broken"),
-    "mote_readings": Measure(title="mote readings", higher_is_better=True),
+    "explored_50_s": SummaryColumn(title="time to 50 % explored", unit="s"),
+    "explored_90_s": SummaryColumn(title="time to 90 % explored", unit="s"),
+    "explored_95_s": SummaryColumn(title="time to 95 % explored", unit="s"),
+    "explored_99_s": SummaryColumn(title="time to 99 % explored", unit="s"),
+    "sim_time_s": SummaryColumn(title="duration", unit="s"),
+    "explored_share": SummaryColumn(title="explored", unit="%", scale=100.0, higher_is_better=True),
+    "distance_m": SummaryColumn(title="distance", unit="m"),
+    "energy_j": SummaryColumn(title="energy", unit="kJ", scale=0.001),
+    "tasks_done": SummaryColumn(title="tasks done", higher_is_better=True),
+    "tasks_failed": SummaryColumn(title="tasks failed"),
+    "tasks_open": SummaryColumn(title="tasks open"),
+    "makespan_s": SummaryColumn(title="makespan", unit="s"),
+    "energy_per_task_j": SummaryColumn(title="energy per task", unit="kJ", scale=0.001),
+    "waiting_s": SummaryColumn(title="waiting", unit="s"),
+    "overlap": SummaryColumn(title="overlap", unit="%", scale=100.0),
+    "collisions": SummaryColumn(title="collisions"),
+    "map_cells_off_share": SummaryColumn(title="map cells off", unit="%", scale=100.0),
+    "map_walls_doubled_m": SummaryColumn(title="walls doubled", unit="m"),
+    "position_rmse_m": SummaryColumn(title="worst position RMSE", unit="m"),
+    "silent_divergence_s": SummaryColumn(title="silent divergence", unit="s"),
+    "invariants_broken": SummaryColumn(title="invariants broken"),
+    "mote_readings": SummaryColumn(title="mote readings", higher_is_better=True),
 }
 """Measures by column."""
 MILESTONES = ("explored_99_s", "explored_95_s", "explored_90_s", "explored_50_s")

@@ -33,7 +33,7 @@ from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.sweep.crew import Crew, DaskCrew, LocalCrew
 from robrain.lab.sweep.execution import execute
 from robrain.lab.sweep.figures import figure_files
-from robrain.lab.sweep.folder import MANIFEST, RECORDINGS, SETTINGS, Identity, SweepFolder
+from robrain.lab.sweep.folder import MANIFEST, RECORDINGS, SETTINGS, SweepFolder, SweepIdentity
 from robrain.lab.sweep.plan import DEFAULT_LIMIT, SweepPlan, make_plan
 from robrain.lab.sweep.run_outcome import RunOutcome, RunRecord, RunState
 from robrain.lab.sweep.summary import SweepSummary, summarise, summary_csv
@@ -113,9 +113,9 @@ class SweepManifest(msgspec.Struct, frozen=True, kw_only=True):
     runs: list[ManifestRun]
 
 
-def identity_of(plan: SweepPlan, *, record: bool) -> Identity:
+def identity_of(plan: SweepPlan, *, record: bool) -> SweepIdentity:
     """What another call must share to continue this sweep."""
-    return Identity(
+    return SweepIdentity(
         scenario=plan.scenario,
         seeds=",".join(map(str, plan.seeds)),
         varied={name: ",".join(map(str, values)) for name, values in plan.varied.items()},

@@ -10,7 +10,7 @@ from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_
 from robrain.lab.report.mean_interval import FEW, MeanInterval
 from robrain.lab.sweep.plan import SweepPlan
 from robrain.lab.sweep.run_outcome import RunState
-from robrain.lab.sweep.summary import MEASURES, MILESTONES, Comparison, Measure, SweepSummary
+from robrain.lab.sweep.summary import MEASURES, MILESTONES, Comparison, SummaryColumn, SweepSummary
 from robrain.lab.sweep.sweep import SweepProgress, SweepResult
 
 SHOWN = (
@@ -102,7 +102,7 @@ def left_out(summary: SweepSummary) -> list[str]:
     return [f"left out: of {total} runs, {', '.join(counted)}"] if counted else []
 
 
-def digits_for(means: Sequence[MeanInterval], measure: Measure) -> int:
+def digits_for(means: Sequence[MeanInterval], measure: SummaryColumn) -> int:
     """Decimals that suit a column: two significant digits of its widest interval."""
     widths = [mean.width / 2 for mean in means if mean.width]
     size = abs(measure.scale) * max(widths or [abs(mean.mean) for mean in means], default=0.0)

@@ -33,7 +33,7 @@ RECHARGES = "recharge"
 """What the behavior of a robot that charges, or wants to, is called."""
 
 
-class Verdict(msgspec.Struct, frozen=True):
+class BudgetVerdict(msgspec.Struct, frozen=True):
     """What something needs, and what there is, in joules at the battery's terminals."""
 
     needed_j: float
@@ -87,10 +87,10 @@ class Budget:
         self._planner = self._env.use("planner", PlannerInterface)
         self.docks = Docks(self._env.robot, self._travel)
 
-    def judge(self, work: Work, home_m: float) -> Verdict:
+    def judge(self, work: Work, home_m: float) -> BudgetVerdict:
         """Whether this work and then so long a way home can be afforded now."""
         bound_j = self._energy.estimate(work + Work(path_m=home_m)).high_j(CONFIDENCE)
-        return Verdict(bound_j, self._energy.usable_j(), self._energy.estimate(work).duration_s)
+        return BudgetVerdict(bound_j, self._energy.usable_j(), self._energy.estimate(work).duration_s)
 
     def duration_s(self, work: Work) -> float:
         """How long this work takes."""

@@ -1,7 +1,7 @@
 """Deconfliction: who goes first where robots meet, and how far along its path that lets a robot go.
 
-`Encounter` is the mates around it at one moment, `Standing` its own right of way among them, and `Leg` the path that it
-drives as far as they let it, and tells them of.
+`Encounter` is the other robots around it at one moment, `TravelClaim` its own right of way among them, and `Leg` the
+path that it drives as far as they let it, and that it publishes.
 """
 
 import math
@@ -15,10 +15,10 @@ from robrain.algorithms.navigation.navigation_grid import Zone
 from robrain.algorithms.navigation.right_of_way import (
     LOOK_AHEAD_M,
     STEP_M,
+    DrivenPath,
     Margins,
     Release,
     Track,
-    Way,
     meet,
     release,
 )
@@ -131,7 +131,7 @@ def zones(mates: Sequence[Mate], encounter: Encounter, margin_m: float) -> list[
     return found
 
 
-class Standing:
+class TravelClaim:
     """The claim of one robot while it travels.
 
     Args:
@@ -230,7 +230,7 @@ class Leg:
     ) -> None:
         self.is_escape = is_escape
         self.is_narrow = is_narrow
-        self.way = Way(np.array([(pose.x_m, pose.y_m), *[(point.x_m, point.y_m) for point in path]]))
+        self.way = DrivenPath(np.array([(pose.x_m, pose.y_m), *[(point.x_m, point.y_m) for point in path]]))
         self.end = path[-1]
         self._outlet = outlet
         self._released_m = -1.0
@@ -296,5 +296,5 @@ class Leg:
         )
 
 
-def _points(way: Way, until_m: float) -> list[Point2D]:
+def _points(way: DrivenPath, until_m: float) -> list[Point2D]:
     return [Point2D(float(x_m), float(y_m)) for x_m, y_m in way.points_until(until_m)]

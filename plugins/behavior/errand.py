@@ -30,7 +30,7 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.budget import Budget, length_m
-from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, Travel, TravelParameters
+from robrain.plugins.behavior.travel import PRIORITY_MAX, Travel, TravelParameters, TravelState
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
@@ -58,10 +58,10 @@ Part = Generator[None, None, None]
 """A piece of a script, for `yield from`."""
 
 TROUBLE = {
-    Progress.BLOCKED: "the way is blocked",
-    Progress.TOO_NARROW: "the way is too narrow",
-    Progress.NO_WAY: "no way there",
-    Progress.LOST: "the robot does not know where it is",
+    TravelState.BLOCKED: "the way is blocked",
+    TravelState.TOO_NARROW: "the way is too narrow",
+    TravelState.NO_WAY: "no way there",
+    TravelState.LOST: "the robot does not know where it is",
 }
 TURNS = 3
 """Where the robot believes to look may be corrected while it turns; it turns again so often."""
@@ -167,7 +167,7 @@ class Errand(Behavior, ABC, Generic[P]):
         priority = 0.0 if self.run is None else self.run.task.priority
         if not self.travel.set_out(goal, priority=round(min(priority, PRIORITY_MAX))):
             raise Failed("no way there")
-        while (progress := self.travel.step()) is not Progress.ARRIVED:
+        while (progress := self.travel.step()) is not TravelState.ARRIVED:
             if progress in TROUBLE:
                 raise Failed(TROUBLE[progress])
             yield

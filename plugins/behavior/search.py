@@ -25,7 +25,7 @@ TASK_PATIENCE_S = 15.0
 """So long a task waits for a robot that maps in a frame of its own: then others do it, and the robot may explore."""
 
 
-class Search:
+class LostSearch:
     """One robot's search; made when it is lost, stepped until it is not.
 
     Args:

@@ -10,8 +10,8 @@ from robrain.agent.environment import Environment
 from robrain.algorithms.navigation.clearance import least_gap_m
 from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, Standing, circles, zones
-from robrain.plugins.behavior.search import PATIENCE_S, TASK_PATIENCE_S, Search
+from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, zones
+from robrain.plugins.behavior.search import PATIENCE_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.localisation.interface import LocalisationInterface
 from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
 from robrain.plugins.skill.planner.interface import PlannerInterface
@@ -75,7 +75,7 @@ class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_positive(self, *TravelParameters.__struct_fields__)
 
 
-class Progress(Enum):
+class TravelState(Enum):
     """State of a travel."""
 
     UNDER_WAY = auto()
@@ -109,7 +109,7 @@ class Travel:
         self._end: Point2D | None = None
         """As near to the goal as the planner leads."""
         self._leg: Leg | None = None
-        self._standing = Standing(parameters.ageing_s)
+        self._standing = TravelClaim(parameters.ageing_s)
         self._planned_ns = 0
         self._looked_ns = 0
         """When another way, or one out of the way, was last looked for."""
@@ -120,7 +120,7 @@ class Travel:
         """Since when the planner has found no way any more."""
         self._version = -1
         """Of the map on which the way was last found safe."""
-        self._search: Search | None = None
+        self._search: LostSearch | None = None
         self.roams = False
         """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
         self.gap_m: float | None = None
@@ -173,7 +173,7 @@ class Travel:
             goal = self._goal
             self.stand()
             self._goal = goal
-            self._search = Search(self.driver, now_ns)
+            self._search = LostSearch(self.driver, now_ns)
         may_explore = for_task and self._env.board.frame != ARENA
         self._search.step(now_ns, TASK_PATIENCE_S if may_explore else PATIENCE_S)
         return not self._search.has_given_up
@@ -239,24 +239,24 @@ class Travel:
                     return True
         return False
 
-    def step(self) -> Progress:
+    def step(self) -> TravelState:
         """Advance by one step, with a new path for the driver if one is due. Without a goal the travel has arrived."""
         if self._goal is None:
-            return Progress.ARRIVED
+            return TravelState.ARRIVED
         if self.lost and not self.roams:
-            return Progress.WAITING if self.find_itself(for_task=True) else Progress.LOST
+            return TravelState.WAITING if self.find_itself(for_task=True) else TravelState.LOST
         self._search = None
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:
-            return Progress.ARRIVED
+            return TravelState.ARRIVED
         if self.driver.blocked_s() > self._parameters.patience_s:
             self.gap_m = self.driver.gap_m()
-            return Progress.BLOCKED if self.gap_m is None else Progress.TOO_NARROW
+            return TravelState.BLOCKED if self.gap_m is None else TravelState.TOO_NARROW
         encounter = self._meet(pose)
         if self._must_replan(pose, now_ns) and not self._replan(encounter, self._goal, pose, now_ns):
-            return Progress.NO_WAY
+            return TravelState.NO_WAY
         leg = self._leg
-        return Progress.WAITING if leg is None else self._go(leg, encounter, pose)
+        return TravelState.WAITING if leg is None else self._go(leg, encounter, pose)
 
     def make_room(self) -> bool:
         """While idle, step aside for a robot that is to pass here; returns whether this robot is doing so."""
@@ -402,7 +402,7 @@ class Travel:
         self._standing.take_back()
         return leg
 
-    def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> Progress:
+    def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> TravelState:
         """Drive as far as others allow, or out of their way."""
         if leg.is_escape:
             leg.drive(leg.guard(encounter, pose), self._standing.claim)
@@ -416,14 +416,14 @@ class Travel:
             if now_ns - self._looked_ns > to_ns(self._parameters.replan_blocked_s):
                 self._looked_ns = now_ns
                 if self._detour(leg, encounter, pose, allowed):
-                    return Progress.UNDER_WAY
+                    return TravelState.UNDER_WAY
                 if allowed.must_leave:
                     self._escape(leg, encounter, pose, encounter.mates[allowed.by])
                     return self._wait()
         leg.drive(self._careful(leg, allowed, ahead, now_ns), self._standing.claim)
         if allowed.is_whole or allowed.positions > 2:
             self._standing.go_on()
-            return Progress.UNDER_WAY
+            return TravelState.UNDER_WAY
         return self._wait()
 
     def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
@@ -469,9 +469,9 @@ class Travel:
         self._leg = out = Leg(self._outlet, pose, path, is_escape=True, is_narrow=is_narrow)
         out.drive(out.guard(encounter, pose), self._standing.claim)
 
-    def _wait(self) -> Progress:
+    def _wait(self) -> TravelState:
         held_ns = self._standing.wait(self._env.clock.now_ns())
-        return Progress.BLOCKED if held_ns > to_ns(self._parameters.mate_patience_s) else Progress.WAITING
+        return TravelState.BLOCKED if held_ns > to_ns(self._parameters.mate_patience_s) else TravelState.WAITING
 
 
 def _here(pose: Pose2D) -> Floats:

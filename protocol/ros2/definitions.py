@@ -32,7 +32,7 @@ class Nothing:
 
 
 @dataclass
-class Outcome:
+class TriggerResponse:
     """Response of `std_srvs/srv/Trigger` and `std_srvs/srv/SetBool`."""
 
     success: bool
@@ -54,7 +54,7 @@ class TaskText:
 
 
 @dataclass
-class TaskAnswer:
+class SubmitTaskResponse:
     """Response of `robrain_msgs/srv/SubmitTask`: the accepted task as JSON, or why it is not accepted."""
 
     accepted: bool
@@ -151,11 +151,11 @@ _EVENT_INFO = "uint8 event_type\nbuiltin_interfaces/Time stamp\nuint8[16] client
 _NOTHING = "uint8 structure_needs_at_least_one_member"
 _PARTS: dict[str, tuple[type, str]] = {
     f"{TRIGGER}_Request": (Nothing, _NOTHING),
-    f"{TRIGGER}_Response": (Outcome, "bool success\nstring message"),
+    f"{TRIGGER}_Response": (TriggerResponse, "bool success\nstring message"),
     f"{SET_BOOL}_Request": (Switch, "bool data"),
-    f"{SET_BOOL}_Response": (Outcome, "bool success\nstring message"),
+    f"{SET_BOOL}_Response": (TriggerResponse, "bool success\nstring message"),
     f"{SUBMIT_TASK}_Request": (TaskText, "string task"),
-    f"{SUBMIT_TASK}_Response": (TaskAnswer, "bool accepted\nstring answer"),
+    f"{SUBMIT_TASK}_Response": (SubmitTaskResponse, "bool accepted\nstring answer"),
     f"{CANCEL}_Request": (CancelRequest, "action_msgs/GoalInfo goal_info"),
     f"{CANCEL}_Response": (CancelResponse, "int8 return_code\naction_msgs/GoalInfo[] goals_canceling"),
     f"{NAVIGATE}_Goal": (NavigateGoal, "geometry_msgs/PoseStamped pose\nstring behavior_tree"),

@@ -165,9 +165,9 @@ MARKER = _message(Marker)
 MARKER_ARRAY = _message(MarkerArray)
 GOAL_STATUSES = _message(GoalStatusArray)
 
-TRIGGER = _service(definitions.TRIGGER, definitions.Nothing, definitions.Outcome)
-SET_BOOL = _service(definitions.SET_BOOL, definitions.Switch, definitions.Outcome)
-SUBMIT_TASK = _service(definitions.SUBMIT_TASK, definitions.TaskText, definitions.TaskAnswer)
+TRIGGER = _service(definitions.TRIGGER, definitions.Nothing, definitions.TriggerResponse)
+SET_BOOL = _service(definitions.SET_BOOL, definitions.Switch, definitions.TriggerResponse)
+SUBMIT_TASK = _service(definitions.SUBMIT_TASK, definitions.TaskText, definitions.SubmitTaskResponse)
 CANCEL_GOAL = _service(definitions.CANCEL, definitions.CancelRequest, definitions.CancelResponse)
 NAVIGATE_SEND_GOAL = _service(
     f"{definitions.NAVIGATE}_SendGoal", definitions.NavigateSendGoal, definitions.GoalAccepted

@@ -21,7 +21,7 @@ R = TypeVar("R")
 R_in = TypeVar("R_in", contravariant=True)
 
 
-class Heard(msgspec.Struct, Generic[M], frozen=True):
+class ReceivedMessage(msgspec.Struct, Generic[M], frozen=True):
     """A message of another node."""
 
     message: M
@@ -59,14 +59,14 @@ class Reader(Protocol[M]):
     def refused(self) -> int:
         """Messages that are too large, do not decode, or come without a sender."""
 
-    def take(self) -> list[Heard[M]]:
+    def take(self) -> list[ReceivedMessage[M]]:
         """What has arrived since the last call, in order."""
 
     def close(self) -> None:
         """End it."""
 
 
-class Request(Protocol[Q_out, R_in]):
+class PendingRequest(Protocol[Q_out, R_in]):
     """A request that waits for its response; one of `reply` and `refuse` is to be called, once."""
 
     @property
@@ -91,7 +91,7 @@ class Server(Protocol[Q_out, R_in]):
     def refused(self) -> int:
         """Requests that are too large, do not decode, or come without a sender."""
 
-    def requests(self) -> "Sequence[Request[Q_out, R_in]]":
+    def requests(self) -> "Sequence[PendingRequest[Q_out, R_in]]":
         """What has been asked since the last call, in order."""
 
     def close(self) -> None:

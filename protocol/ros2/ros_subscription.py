@@ -13,7 +13,7 @@ from robrain.protocol.ros2.attachment import Attachment
 from robrain.protocol.ros2.errors import BadAttachment, BadCdr
 from robrain.protocol.ros2.message_types import MessageType
 from robrain.protocol.ros2.qos import Qos, Reliability
-from robrain.protocol.ros2.ros_port import Heard
+from robrain.protocol.ros2.ros_port import ReceivedMessage
 from robrain.protocol.ros2.tokens import Entity
 
 INBOX_BYTES_MAX = 134_217_728
@@ -57,7 +57,7 @@ class RosSubscription(Generic[M]):
         """See `Reader`."""
         return self.reasons.total()
 
-    def take(self) -> list[Heard[M]]:
+    def take(self) -> list[ReceivedMessage[M]]:
         """See `Reader`."""
         with self._lock:
             waiting, self._waiting, self._bytes = self._waiting, deque(), 0
@@ -65,7 +65,7 @@ class RosSubscription(Generic[M]):
         for payload, attached in waiting:
             try:
                 sender = Attachment.unpack(attached)
-                heard.append(Heard(self._kind.decode(payload), sender.stamp_ns, sender.gid, sender.number))
+                heard.append(ReceivedMessage(self._kind.decode(payload), sender.stamp_ns, sender.gid, sender.number))
             except BadAttachment as error:
                 self._refuse("no_sender", str(error))
             except BadCdr as error:

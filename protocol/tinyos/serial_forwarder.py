@@ -23,7 +23,7 @@ def encode(packet: bytes) -> bytes:
     return len(packet).to_bytes() + packet
 
 
-class Decoder:
+class PacketDecoder:
     """Takes what arrives from the other side, in whatever pieces, and gives its packets."""
 
     def __init__(self) -> None:

@@ -146,7 +146,7 @@ class Proto(IntEnum):
     """Packet."""
 
 
-class LinkCounters(msgspec.Struct):
+class SerialLineCounters(msgspec.Struct):
     """How the packets fared."""
 
     received: int = 0
@@ -172,7 +172,7 @@ class SerialLink:
     """
 
     def __init__(self, *, ack_timeout_ns: int, resends: int, capacity: int = 64) -> None:
-        self.counters = LinkCounters()
+        self.counters = SerialLineCounters()
         self._deframer = Deframer()
         self._ack_timeout_ns = ack_timeout_ns
         self._resends = resends

@@ -40,7 +40,7 @@ from robrain.protocol.wire.links.link import Link
 from robrain.protocol.wire.links.local_link import LocalLink
 from robrain.protocol.wire.links.qos import query_options
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
-from robrain.protocol.wire.links.radio_link import RadioLink
+from robrain.protocol.wire.links.radio_link import LocalRadioLink
 from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.protocol.wire.links.thinning import Thinning
 from robrain.protocol.wire.links.zenoh_link import ZenohLink
@@ -543,5 +543,5 @@ def _link(session: zenoh.Session, drive: Drive, party: str) -> Link:
         return ZenohLink(session, None)
     exchange = Exchange.of(session)
     if isinstance(exchange, RadioExchange):
-        return RadioLink(exchange, party)
+        return LocalRadioLink(exchange, party)
     return LocalLink(exchange) if exchange.is_alone else ZenohLink(session, exchange)

@@ -21,7 +21,7 @@ R = TypeVar("R")
 """Its reply."""
 
 
-class Kind(StrEnum):
+class TopicKind(StrEnum):
     """What travels under a key."""
 
     PUT = "put"
@@ -88,7 +88,7 @@ PARSED_KEYS = 4096
 class WireKey:
     """A key of the wire; see `Topic`, `Query` and `Token`."""
 
-    kind: ClassVar[Kind]
+    kind: ClassVar[TopicKind]
     name: str
     pattern: str
     """Key below `robrain/{team}/`; `{name}` chunks are filled in."""
@@ -166,7 +166,7 @@ class WireKey:
 class Topic(WireKey, Generic[M]):
     """What is published under a key."""
 
-    kind: ClassVar[Kind] = Kind.PUT
+    kind: ClassVar[TopicKind] = TopicKind.PUT
     message: type[M] | None = None
     """Type of the payload; None for bytes."""
     rate_hz: float | None = None
@@ -231,7 +231,7 @@ class Query(WireKey, Generic[Q, R]):
     Requests and replies of type `bytes` are not decoded: pictures, and JSON whose types the two ends agree on.
     """
 
-    kind: ClassVar[Kind] = Kind.QUERY
+    kind: ClassVar[TopicKind] = TopicKind.QUERY
     request: type[Q]
     """Type of the request; `NoneType` if nothing is said, `bytes` for free JSON. An empty payload counts as `{}`."""
     reply: type[R]
@@ -270,7 +270,7 @@ class Query(WireKey, Generic[Q, R]):
 class Token(WireKey):
     """Declares presence while it is held."""
 
-    kind: ClassVar[Kind] = Kind.TOKEN
+    kind: ClassVar[TopicKind] = TopicKind.TOKEN
 
 
 def _fields_of(kind: Any) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ FAR_M = 1e6
 _DECODER = msgspec.json.Decoder(MapPatch)
 
 
-class MapView:
+class ComposedMap:
     """Composes the submaps of all robots to one grid; the geometry is that of the first patch."""
 
     def __init__(self, atlas: "SubmapAtlas | None" = None) -> None:

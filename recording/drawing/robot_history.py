@@ -21,7 +21,7 @@ FAR_J = 1e9
 NAN = float("nan")
 
 
-class Sample(NamedTuple):
+class HistorySample(NamedTuple):
     """One line of the history; what is not known is nan."""
 
     time_s: float
@@ -43,7 +43,7 @@ class RobotHistory:
     """Samples a robot's states once a second of its own clock; ten minutes are kept."""
 
     def __init__(self) -> None:
-        self.samples: deque[Sample] = deque(maxlen=POINTS)
+        self.samples: deque[HistorySample] = deque(maxlen=POINTS)
         self._before: RobotState | None = None
         self._first_ns: int | None = None
         self._measured_j = self._predicted_j = 0.0
@@ -62,7 +62,7 @@ class RobotHistory:
             return
         battery = state.battery
         self.samples.append(
-            Sample(
+            HistorySample(
                 time_s,
                 100 * battery.soc if battery is not None else NAN,
                 battery.voltage_v * battery.current_a if battery is not None else NAN,
@@ -74,7 +74,7 @@ class RobotHistory:
             )
         )
 
-    def go_on_from(self, samples: list[Sample], whole: "RobotHistory") -> None:
+    def go_on_from(self, samples: list[HistorySample], whole: "RobotHistory") -> None:
         """Have these samples of the whole history as one's own past."""
         self.samples.clear()
         self.samples.extend(samples)
@@ -85,8 +85,8 @@ class RobotHistory:
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """The samples as one array for each field, oldest first."""
-        table = np.array(self.samples, np.float64).reshape(-1, len(Sample._fields))
-        return dict(zip(Sample._fields, table.T, strict=True))
+        table = np.array(self.samples, np.float64).reshape(-1, len(HistorySample._fields))
+        return dict(zip(HistorySample._fields, table.T, strict=True))
 
     def _reckon(self, before: RobotState, passed_s: float) -> None:
         if not 0 < passed_s <= LONGEST_STEP_S:

@@ -55,7 +55,7 @@ LINES_MAX = 1000
 """Log lines between two calls of `due`."""
 
 
-class Battery(msgspec.Struct, frozen=True, kw_only=True):
+class BatteryPlot(msgspec.Struct, frozen=True, kw_only=True):
     """A battery as a few numbers to plot; JSON."""
 
     robot: str
@@ -69,7 +69,7 @@ class VisualMessage(NamedTuple):
     """One derived message."""
 
     channel: str
-    message: Message | Battery
+    message: Message | BatteryPlot
     """Protobuf as Foxglove defines it, or a struct that goes as JSON."""
     stamp_ns: int
 
@@ -277,10 +277,10 @@ class FoxgloveChannels:
         return message
 
 
-def _battery(state: RobotState) -> Battery:
+def _battery(state: RobotState) -> BatteryPlot:
     battery = state.battery
     assert battery is not None
-    return Battery(
+    return BatteryPlot(
         robot=state.robot,
         soc=battery.soc,
         remaining_j=battery.remaining_j,

@@ -14,7 +14,7 @@ from robrain.recording.invariants.findings import (
     ChargeRose,
     DeliveredFell,
     Invariant,
-    Missing,
+    MissingEvidence,
     Unbalanced,
 )
 from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
@@ -61,9 +61,9 @@ class EnergyBalance(InvariantJudge):
         """What is to be called with each type of message."""
         return {RobotState: self._take_state, ArenaTruth: self._take_truth}
 
-    def lacks(self) -> Missing | None:
+    def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
-        return None if self.cases else Missing.BATTERIES
+        return None if self.cases else MissingEvidence.BATTERIES
 
     def _robot(self, name: str) -> _Robot:
         robot = self._robots.get(name)

@@ -30,7 +30,7 @@ class Invariant(StrEnum):
     """Energy balances: what is delivered never falls, and charge rises at chargers only."""
 
 
-class Standing(StrEnum):
+class InvariantState(StrEnum):
     """How an invariant stands at the end of a run."""
 
     KEPT = "kept"
@@ -38,7 +38,7 @@ class Standing(StrEnum):
     NOT_JUDGED = "not_judged"
 
 
-class Missing(StrEnum):
+class MissingEvidence(StrEnum):
     """Why an invariant could not be judged: what the messages lack."""
 
     BATTERIES = "batteries"
@@ -63,11 +63,11 @@ class Missing(StrEnum):
     """There is no ground truth."""
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True, tag_field="code"):
+class Violation(msgspec.Struct, frozen=True, kw_only=True, tag_field="code"):
     """What breaks an invariant."""
 
 
-class TasksForgotten(Finding, frozen=True, kw_only=True, tag="tasks_forgotten"):
+class TasksForgotten(Violation, frozen=True, kw_only=True, tag="tasks_forgotten"):
     """The coordinator counts fewer open tasks than there are by their changes."""
 
     missing: int
@@ -78,7 +78,7 @@ class TasksForgotten(Finding, frozen=True, kw_only=True, tag="tasks_forgotten"):
     """How many may be meant."""
 
 
-class TaskAbandoned(Finding, frozen=True, kw_only=True, tag="task_abandoned"):
+class TaskAbandoned(Violation, frozen=True, kw_only=True, tag="task_abandoned"):
     """A task stands at a robot that does not have it, and is not given back."""
 
     task: str
@@ -89,7 +89,7 @@ class TaskAbandoned(Finding, frozen=True, kw_only=True, tag="task_abandoned"):
     """Time since the robot last reported it, or was given it."""
 
 
-class TaskAtTwo(Finding, frozen=True, kw_only=True, tag="task_at_two"):
+class TaskAtTwo(Violation, frozen=True, kw_only=True, tag="task_at_two"):
     """Two robots do the same task at the same time."""
 
     task: str
@@ -99,7 +99,7 @@ class TaskAtTwo(Finding, frozen=True, kw_only=True, tag="task_at_two"):
     """Time for which both have reported it so far."""
 
 
-class DoneAgain(Finding, frozen=True, kw_only=True, tag="done_again"):
+class DoneAgain(Violation, frozen=True, kw_only=True, tag="done_again"):
     """A task that was done is done once more."""
 
     task: str
@@ -110,7 +110,7 @@ class DoneAgain(Finding, frozen=True, kw_only=True, tag="done_again"):
     """When it was done first."""
 
 
-class Reopened(Finding, frozen=True, kw_only=True, tag="reopened"):
+class Reopened(Violation, frozen=True, kw_only=True, tag="reopened"):
     """A task that has ended changes again."""
 
     task: str
@@ -119,7 +119,7 @@ class Reopened(Finding, frozen=True, kw_only=True, tag="reopened"):
     """What follows the end."""
 
 
-class StillAtDone(Finding, frozen=True, kw_only=True, tag="still_at_done"):
+class StillAtDone(Violation, frozen=True, kw_only=True, tag="still_at_done"):
     """A robot works on a task that was done before."""
 
     task: str
@@ -130,7 +130,7 @@ class StillAtDone(Finding, frozen=True, kw_only=True, tag="still_at_done"):
     """For how long the robot has reported it since."""
 
 
-class OutOfEnergy(Finding, frozen=True, kw_only=True, tag="out_of_energy"):
+class OutOfEnergy(Violation, frozen=True, kw_only=True, tag="out_of_energy"):
     """A robot's battery gives nothing, and no charger is there."""
 
     robot: str
@@ -144,7 +144,7 @@ class OutOfEnergy(Finding, frozen=True, kw_only=True, tag="out_of_energy"):
     """Whether the ground truth says so, and not only the robot's estimate."""
 
 
-class InWall(Finding, frozen=True, kw_only=True, tag="in_wall"):
+class InWall(Violation, frozen=True, kw_only=True, tag="in_wall"):
     """A robot's footprint overlaps a wall."""
 
     robot: str
@@ -153,7 +153,7 @@ class InWall(Finding, frozen=True, kw_only=True, tag="in_wall"):
     """The deepest so far."""
 
 
-class MovedHalted(Finding, frozen=True, kw_only=True, tag="moved_halted"):
+class MovedHalted(Violation, frozen=True, kw_only=True, tag="moved_halted"):
     """A robot that says to be halted moves."""
 
     robot: str
@@ -164,7 +164,7 @@ class MovedHalted(Finding, frozen=True, kw_only=True, tag="moved_halted"):
     """Whether the ground truth says so, and not the robot's own pose."""
 
 
-class HaltIgnored(Finding, frozen=True, kw_only=True, tag="halt_ignored"):
+class HaltIgnored(Violation, frozen=True, kw_only=True, tag="halt_ignored"):
     """The team is halted, and a robot that is in contact is not."""
 
     robot: str
@@ -174,7 +174,7 @@ class HaltIgnored(Finding, frozen=True, kw_only=True, tag="halt_ignored"):
     """Time since the robot could know."""
 
 
-class DeliveredFell(Finding, frozen=True, kw_only=True, tag="delivered_fell"):
+class DeliveredFell(Violation, frozen=True, kw_only=True, tag="delivered_fell"):
     """The energy that a battery has delivered falls."""
 
     robot: str
@@ -182,7 +182,7 @@ class DeliveredFell(Finding, frozen=True, kw_only=True, tag="delivered_fell"):
     now_j: float
 
 
-class ChargedAway(Finding, frozen=True, kw_only=True, tag="charged_away"):
+class ChargedAway(Violation, frozen=True, kw_only=True, tag="charged_away"):
     """A battery is being charged where no charger is."""
 
     robot: str
@@ -191,7 +191,7 @@ class ChargedAway(Finding, frozen=True, kw_only=True, tag="charged_away"):
     """Distance to the nearest charger; None if there is none."""
 
 
-class ChargeRose(Finding, frozen=True, kw_only=True, tag="charge_rose"):
+class ChargeRose(Violation, frozen=True, kw_only=True, tag="charge_rose"):
     """A battery has more energy than before, by the robot's own interval, and was not charged."""
 
     robot: str
@@ -201,7 +201,7 @@ class ChargeRose(Finding, frozen=True, kw_only=True, tag="charge_rose"):
     """Lower end of the interval now."""
 
 
-class Unbalanced(Finding, frozen=True, kw_only=True, tag="unbalanced"):
+class Unbalanced(Violation, frozen=True, kw_only=True, tag="unbalanced"):
     """What a battery has delivered and what the robot's estimate has lost differ."""
 
     robot: str
@@ -243,14 +243,14 @@ class Ruling(msgspec.Struct, frozen=True, kw_only=True):
     """How one invariant stands."""
 
     invariant: Invariant
-    standing: Standing
+    standing: InvariantState
     cases: int = 0
     """How many tasks, poses, robots or halts were judged."""
     broken: int = 0
     """Number of breaches."""
     breaches: list[Breach] = []
     """The first ones."""
-    missing: Missing | None = None
+    missing: MissingEvidence | None = None
     """Why it was not judged, or not in full."""
     why: str = ""
     """The same in words."""

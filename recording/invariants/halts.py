@@ -13,7 +13,7 @@ from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
-from robrain.recording.invariants.findings import HaltIgnored, Invariant, Missing, MovedHalted
+from robrain.recording.invariants.findings import HaltIgnored, Invariant, MissingEvidence, MovedHalted
 from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 
 STOPPED_NS = to_ns(1.0)
@@ -79,9 +79,9 @@ class Halts(InvariantJudge):
             ArenaTruth: self._take_truth,
         }
 
-    def lacks(self) -> Missing | None:
+    def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
-        return None if self._robots else Missing.ROBOTS
+        return None if self._robots else MissingEvidence.ROBOTS
 
     def _take_halt(self, halt: Halt, time_ns: int) -> None:
         was_held = self._latch.is_held

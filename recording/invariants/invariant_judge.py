@@ -5,7 +5,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.clock import to_seconds
-from robrain.recording.invariants.findings import AnyFinding, Breach, Invariant, Missing, Ruling, Standing
+from robrain.recording.invariants.findings import AnyFinding, Breach, Invariant, InvariantState, MissingEvidence, Ruling
 from robrain.recording.invariants.words import breach_words, missing_words
 
 KEPT_BREACHES = 10
@@ -15,7 +15,7 @@ Handler = Callable[[Any, int], None]
 """Takes a message and the time at which it was recorded, in ns."""
 
 
-class ChargerPlace(NamedTuple):
+class FloorCharger(NamedTuple):
     """A charger on the floor."""
 
     place: Point2D
@@ -29,9 +29,9 @@ class Surroundings(NamedTuple):
 
     clearance_m: Callable[[float, float], float] | None = None
     """Distance from a place (x, y), arena frame, to the nearest wall, 0 inside one; None if the floor is not known."""
-    chargers: tuple[ChargerPlace, ...] | None = None
+    chargers: tuple[FloorCharger, ...] | None = None
     """Every charger; None if they are not known."""
-    no_floor: Missing = Missing.FLOOR
+    no_floor: MissingEvidence = MissingEvidence.FLOOR
     """Why there is no floor, if there is none."""
 
     def charger_distance_m(self, place: Point2D) -> float | None:
@@ -62,7 +62,7 @@ class InvariantJudge:
         self.surroundings = surroundings
         self.cases = 0
         """What was judged so far."""
-        self.missing: Missing | None = None
+        self.missing: MissingEvidence | None = None
         """What keeps it from being judged in full."""
         self._start_ns = start_ns
         self._broken = 0
@@ -72,14 +72,16 @@ class InvariantJudge:
         """What is to be called with each type of message."""
         raise NotImplementedError
 
-    def lacks(self) -> Missing | None:
+    def lacks(self) -> MissingEvidence | None:
         """What the messages lacked, at the end of the run; None if it could be judged."""
         return self.missing
 
     def ruling(self) -> Ruling:
         """How the invariant stands, when the run has ended."""
         missing = self.lacks()
-        standing = Standing.BROKEN if self._broken else Standing.NOT_JUDGED if missing else Standing.KEPT
+        standing = (
+            InvariantState.BROKEN if self._broken else InvariantState.NOT_JUDGED if missing else InvariantState.KEPT
+        )
         return Ruling(
             invariant=self.invariant,
             standing=standing,

@@ -24,11 +24,11 @@ from robrain.protocol.wire.topic import Topic
 from robrain.recording.invariants.energy_balance import EnergyBalance
 from robrain.recording.invariants.findings import (
     Invariant,
+    InvariantState,
     InWall,
-    Missing,
+    MissingEvidence,
     OutOfEnergy,
     Ruling,
-    Standing,
     TaskAbandoned,
     TasksForgotten,
 )
@@ -77,14 +77,14 @@ class TaskKept(InvariantJudge):
         """What is to be called with each type of message."""
         return {TaskEvent: self._take_event, RobotState: self._take_state, TeamState: self._take_summary}
 
-    def lacks(self) -> Missing | None:
+    def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
         changes = self._changes
         if self._summary_ns is None:
-            return Missing.SUMMARIES
+            return MissingEvidence.SUMMARIES
         if not self._is_complete:
-            return Missing.START
-        return Missing.EVENTS if changes.has_gap or self._may_lack else None
+            return MissingEvidence.START
+        return MissingEvidence.EVENTS if changes.has_gap or self._may_lack else None
 
     @property
     def _is_complete(self) -> bool:
@@ -206,9 +206,9 @@ class NotStranded(InvariantJudge):
         """What is to be called with each type of message."""
         return {RobotState: self._take_state, ArenaTruth: self._take_truth}
 
-    def lacks(self) -> Missing | None:
+    def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
-        return None if self.cases else Missing.BATTERIES
+        return None if self.cases else MissingEvidence.BATTERIES
 
     def _take_state(self, state: RobotState, time_ns: int) -> None:
         robot = self._robots.setdefault(state.robot, _Robot())
@@ -286,13 +286,13 @@ class Walls(InvariantJudge):
         """What is to be called with each type of message."""
         return {RobotState: self._take_state, ArenaTruth: self._take_truth}
 
-    def lacks(self) -> Missing | None:
+    def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
         if not self._has_truth:
-            return Missing.TRUTH
+            return MissingEvidence.TRUTH
         if self.surroundings.clearance_m is None:
             return self.surroundings.no_floor
-        return None if self.cases else Missing.RADIUS
+        return None if self.cases else MissingEvidence.RADIUS
 
     def _take_state(self, state: RobotState, _time_ns: int) -> None:
         if state.radius_m > 0:
@@ -399,4 +399,4 @@ def judge(
 
 def broken(rulings: Iterable[Ruling]) -> int:
     """How many invariants are broken."""
-    return sum(ruling.standing is Standing.BROKEN for ruling in rulings)
+    return sum(ruling.standing is InvariantState.BROKEN for ruling in rulings)

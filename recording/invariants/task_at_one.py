@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.recording.invariants.findings import Invariant, Missing, TaskAtTwo
+from robrain.recording.invariants.findings import Invariant, MissingEvidence, TaskAtTwo
 from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 
 BOTH_NS = to_ns(FREE_AFTER_S)
@@ -44,9 +44,9 @@ class TaskAtOne(InvariantJudge):
         """What is to be called with each type of message."""
         return {RobotState: self._take_state}
 
-    def lacks(self) -> Missing | None:
+    def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
-        return None if self._heard_any else Missing.ROBOTS
+        return None if self._heard_any else MissingEvidence.ROBOTS
 
     def _take_state(self, state: RobotState, time_ns: int) -> None:
         self._heard_any = True

@@ -9,7 +9,7 @@ ENDED_KEPT = 100_000
 """Ended tasks that are remembered (chosen: some 20 MB)."""
 
 
-class Told(Enum):
+class ChangeKind(Enum):
     """What an event is."""
 
     NEWS = auto()
@@ -44,17 +44,17 @@ class TaskChanges:
         """Tasks heard of."""
         return self._tasks
 
-    def take(self, event: TaskEvent, time_ns: int) -> Told:
+    def take(self, event: TaskEvent, time_ns: int) -> ChangeKind:
         """The next event."""
         known = self._known(event.task.id)
         if known is not None and not _is_later(event, known):
-            return Told.REPEAT
+            return ChangeKind.REPEAT
         self._count(event.change)
         self._tasks += known is None
         if event.task.id in self.ended:
             if event.state.ended:
                 self.ended[event.task.id] = event, self.ended[event.task.id][1]
-            return Told.AFTER_END
+            return ChangeKind.AFTER_END
         if event.state.ended:
             self.open.pop(event.task.id, None)
             self.ended[event.task.id] = event, time_ns
@@ -62,7 +62,7 @@ class TaskChanges:
                 del self.ended[next(iter(self.ended))]
         else:
             self.open[event.task.id] = event
-        return Told.NEWS
+        return ChangeKind.NEWS
 
     def done_ns(self, task: str) -> int | None:
         """When a task was done first; None if it was not."""

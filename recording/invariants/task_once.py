@@ -6,9 +6,9 @@ from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
 from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.recording.invariants.findings import DoneAgain, Invariant, Missing, Reopened, StillAtDone
+from robrain.recording.invariants.findings import DoneAgain, Invariant, MissingEvidence, Reopened, StillAtDone
 from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
-from robrain.recording.invariants.task_changes import TaskChanges, Told
+from robrain.recording.invariants.task_changes import ChangeKind, TaskChanges
 
 STILL_AT_NS = to_ns(FREE_AFTER_S)
 """For as long a robot may go on with a task that was done: until it hears of it, or its lease ends."""
@@ -42,16 +42,16 @@ class TaskOnce(InvariantJudge):
         """What is to be called with each type of message."""
         return {TaskEvent: self._take_event, RobotState: self._take_state}
 
-    def lacks(self) -> Missing | None:
+    def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
         if self._changes.has_gap:
-            return Missing.EVENTS
-        return None if self._heard_any or self._changes.tasks else Missing.TASKS
+            return MissingEvidence.EVENTS
+        return None if self._heard_any or self._changes.tasks else MissingEvidence.TASKS
 
     def _take_event(self, event: TaskEvent, time_ns: int) -> None:
         task = event.task.id
         before = self._changes.ended.get(task)
-        if self._changes.take(event, time_ns) is not Told.AFTER_END:
+        if self._changes.take(event, time_ns) is not ChangeKind.AFTER_END:
             self.cases += event.state is TaskState.DONE and before is None
             return
         assert before is not None  # it had ended

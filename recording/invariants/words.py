@@ -2,7 +2,7 @@
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.invariants import findings as found
-from robrain.recording.invariants.findings import AnyFinding, Invariant, Missing
+from robrain.recording.invariants.findings import AnyFinding, Invariant, MissingEvidence
 
 INVARIANTS = {
     Invariant.TASK_KEPT: "no task is lost",
@@ -27,20 +27,20 @@ CASES = {
 """What each was judged of: one, several."""
 
 _MISSING = {
-    Missing.BATTERIES: "no robot reports a battery",
-    Missing.EVENTS: "changes of tasks are missing in it",
-    Missing.FLOOR: "the floor plan is not known",
-    Missing.RADIUS: "no robot reports its radius",
-    Missing.ROBOTS: "no robot reports its state",
-    Missing.SIMULATOR: "the floor plan needs the simulator: pip install 'robrain[sim]'",
-    Missing.START: "it begins in the middle of a run",
-    Missing.SUMMARIES: "it has no summaries of the coordinator",
-    Missing.TASKS: "it has no changes of tasks",
-    Missing.TRUTH: "it has no ground truth",
+    MissingEvidence.BATTERIES: "no robot reports a battery",
+    MissingEvidence.EVENTS: "changes of tasks are missing in it",
+    MissingEvidence.FLOOR: "the floor plan is not known",
+    MissingEvidence.RADIUS: "no robot reports its radius",
+    MissingEvidence.ROBOTS: "no robot reports its state",
+    MissingEvidence.SIMULATOR: "the floor plan needs the simulator: pip install 'robrain[sim]'",
+    MissingEvidence.START: "it begins in the middle of a run",
+    MissingEvidence.SUMMARIES: "it has no summaries of the coordinator",
+    MissingEvidence.TASKS: "it has no changes of tasks",
+    MissingEvidence.TRUTH: "it has no ground truth",
 }
 
 
-def missing_words(missing: Missing) -> str:
+def missing_words(missing: MissingEvidence) -> str:
     """Why an invariant could not be judged; `it` is the recording."""
     return _MISSING[missing]
 

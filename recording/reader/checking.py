@@ -40,7 +40,7 @@ JUMP_S = 60.0
 """A longer time between two messages is a jump: coordinator and robots send every second."""
 
 
-class Kind(StrEnum):
+class CheckKind(StrEnum):
     """What was found."""
 
     TRUNCATED = "truncated"
@@ -66,11 +66,11 @@ class Kind(StrEnum):
     """It does not say what it is of."""
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
+class RecordingFinding(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that was found."""
 
     severity: Severity
-    kind: Kind
+    kind: CheckKind
     key: str
     time_s: float
     """Since the first message; 0 for what is of the whole file."""
@@ -84,7 +84,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     messages: int
     problems: int
     notes: int
-    findings: list[Finding]
+    findings: list[RecordingFinding]
     """The first few of each kind and key, in order."""
     more: dict[str, int]
     """How many of each kind were not told one by one."""
@@ -115,11 +115,13 @@ def check_recording(
     info = recording_info(path)
     check = _Check(info.start_ns, Judging(surroundings, info.start_ns))
     if info.truncated:
-        check.add(Severity.PROBLEM, Kind.TRUNCATED, "", 0, "its end is missing: `robrain recover` makes it whole")
+        check.add(Severity.PROBLEM, CheckKind.TRUNCATED, "", 0, "its end is missing: `robrain recover` makes it whole")
     if info.counts and not any(map(topic_named_by, info.counts)):
-        check.add(Severity.PROBLEM, Kind.PROVENANCE, "", 0, "no key is a topic of robrain: another program recorded it")
+        check.add(
+            Severity.PROBLEM, CheckKind.PROVENANCE, "", 0, "no key is a topic of robrain: another program recorded it"
+        )
     elif not info.versions:
-        check.add(Severity.NOTE, Kind.PROVENANCE, "", 0, "it does not say which software made it")
+        check.add(Severity.NOTE, CheckKind.PROVENANCE, "", 0, "it does not say which software made it")
     for message in read_messages(path, on_progress):
         check.take(message)
     if not info.truncated:
@@ -138,35 +140,37 @@ def check_recording(
 class _Check:
     def __init__(self, start_ns: int, judging: Judging) -> None:
         self.judging = judging
-        self.findings: list[Finding] = []
+        self.findings: list[RecordingFinding] = []
         self.severities: Counter[Severity] = Counter()
         self.untold: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self._start_ns = start_ns
-        self._told: Counter[tuple[Kind, str]] = Counter()
+        self._told: Counter[tuple[CheckKind, str]] = Counter()
         self._last: dict[str, RecordedMessage] = {}
         self._last_ns: int | None = None
         self._unknown: set[str] = set()
 
-    def add(self, severity: Severity, kind: Kind, key: str, at_ns: int, text: str) -> None:
+    def add(self, severity: Severity, kind: CheckKind, key: str, at_ns: int, text: str) -> None:
         self.severities[severity] += 1
         self._told[kind, key] += 1
         if self._told[kind, key] > TOLD_OF_A_KIND:
             self.untold[kind.value] += 1
             return
         time_s = to_seconds(at_ns - self._start_ns) if at_ns else 0.0
-        self.findings.append(Finding(severity=severity, kind=kind, key=key, time_s=time_s, text=text))
+        self.findings.append(RecordingFinding(severity=severity, kind=kind, key=key, time_s=time_s, text=text))
 
     def take(self, message: RecordedMessage) -> None:
         key, now_ns = message.topic_key, message.log_time_ns
         self.counts[key] += 1
         if self._last_ns is not None and now_ns < self._last_ns:
             by_s = to_seconds(self._last_ns - now_ns)
-            self.add(Severity.PROBLEM, Kind.TIME_BACK, key, now_ns, f"recorded {by_s:g} s before the message before it")
+            self.add(
+                Severity.PROBLEM, CheckKind.TIME_BACK, key, now_ns, f"recorded {by_s:g} s before the message before it"
+            )
         elif self._last_ns is not None and now_ns - self._last_ns > to_ns(JUMP_S):
             by_s = to_seconds(now_ns - self._last_ns)
             text = f"recorded {by_s:.0f} s after the message before it: its clock was set, or the recorder stood still"
-            self.add(Severity.PROBLEM, Kind.TIME_JUMP, key, now_ns, text)
+            self.add(Severity.PROBLEM, CheckKind.TIME_JUMP, key, now_ns, text)
         self._last_ns = now_ns
         if is_visual(key):
             return
@@ -188,18 +192,18 @@ class _Check:
         for key in sorted(counts.keys() | self.counts.keys()):
             if counts.get(key, 0) != self.counts[key]:
                 text = f"its index says {counts.get(key, 0)} messages, there are {self.counts[key]}"
-                self.add(Severity.PROBLEM, Kind.COUNT, key, 0, text)
+                self.add(Severity.PROBLEM, CheckKind.COUNT, key, 0, text)
         if not summary:
-            self.add(Severity.NOTE, Kind.PROVENANCE, "", 0, f"it has no metadata {SUMMARY_METADATA}")
+            self.add(Severity.NOTE, CheckKind.PROVENANCE, "", 0, f"it has no metadata {SUMMARY_METADATA}")
             return
         written = sum(count for key, count in self.counts.items() if not is_visual(key))
         lost, dropped = int(summary.get("lost", 0)), int(summary.get("dropped", 0))
         if lost or dropped:
             text = f"its recorder could not write {lost} messages and had no room for {dropped}"
-            self.add(Severity.PROBLEM, Kind.LOST, "", 0, text)
+            self.add(Severity.PROBLEM, CheckKind.LOST, "", 0, text)
         if "part" not in summary and int(summary.get("messages", written)) - lost != written:
             text = f"its recorder says {summary['messages']} messages, there are {written}"
-            self.add(Severity.PROBLEM, Kind.COUNT, "", 0, text)
+            self.add(Severity.PROBLEM, CheckKind.COUNT, "", 0, text)
 
     def _topic_of(self, key: str, now_ns: int) -> Topic[Any] | None:
         topic = topic_named_by(key)
@@ -207,7 +211,7 @@ class _Check:
             return topic
         if key not in self._unknown:
             self._unknown.add(key)
-            self.add(Severity.NOTE, Kind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic")
+            self.add(Severity.NOTE, CheckKind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic")
         return None
 
     def _decode(self, topic: Topic[Any], message: RecordedMessage) -> Any:
@@ -217,23 +221,25 @@ class _Check:
             return topic.payloads.read(message.payload)
         except BadPayload as error:
             text = f"is malformed: {error}"
-            self.add(Severity.PROBLEM, Kind.MALFORMED, message.topic_key, message.log_time_ns, text)
+            self.add(Severity.PROBLEM, CheckKind.MALFORMED, message.topic_key, message.log_time_ns, text)
             return None
 
     def _check_order(self, before: RecordedMessage, message: RecordedMessage, *, has_numbers: bool) -> None:
         key, now_ns = message.topic_key, message.log_time_ns
         if message.publish_time_ns < before.publish_time_ns:
             by_s = to_seconds(before.publish_time_ns - message.publish_time_ns)
-            self.add(Severity.PROBLEM, Kind.STAMP_BACK, key, now_ns, f"its stamp is {by_s:g} s before the one before")
+            self.add(
+                Severity.PROBLEM, CheckKind.STAMP_BACK, key, now_ns, f"its stamp is {by_s:g} s before the one before"
+            )
         if not has_numbers:
             return
         missing = message.sequence - before.sequence - 1
         if message.sequence < before.sequence:
             text = f"its sender counts again from {message.sequence}, after {before.sequence}"
-            self.add(Severity.NOTE, Kind.RESTART, key, now_ns, text)
+            self.add(Severity.NOTE, CheckKind.RESTART, key, now_ns, text)
         elif missing > 0:
             text = f"{missing} of its sender's messages are missing, {before.sequence + 1} to {message.sequence - 1}"
-            self.add(Severity.PROBLEM, Kind.GAP, key, now_ns, text)
+            self.add(Severity.PROBLEM, CheckKind.GAP, key, now_ns, text)
 
 
 def _sender_of(message: Any) -> str:

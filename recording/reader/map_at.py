@@ -13,7 +13,7 @@ from robrain.algorithms.slam.map_patch import submap_message, take_message, whol
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.recording.drawing.map_view import MapView
+from robrain.recording.drawing.map_view import ComposedMap
 
 PATCHES_BETWEEN = 250
 KEPT_MAX = 400
@@ -70,7 +70,7 @@ class MapAt:
     def atlas_at(self, place: Place) -> SubmapAtlas | None:
         """The map before `place`; None before the first patch."""
         kept = next((kept for kept in reversed(self._kept) if kept.place <= place), None)
-        view = MapView() if kept is None else MapView(_restored(kept))
+        view = ComposedMap() if kept is None else ComposedMap(_restored(kept))
         start = (0, 0) if kept is None else kept.place
         for payload in self._patches(start, place):
             view.take(payload)
@@ -83,7 +83,7 @@ class MapBuilder:
     def __init__(self, store: MapAt, between: int) -> None:
         self._store = store
         self._between = between
-        self._view = MapView()
+        self._view = ComposedMap()
         self._since = 0
 
     def take(self, payload: bytes, place: Place) -> None:
@@ -112,7 +112,7 @@ class KnownMap:
     """Merges the recorded patches when somebody asks, or when many wait. What does not decode or fit is left out."""
 
     def __init__(self) -> None:
-        self._view = MapView()
+        self._view = ComposedMap()
         self._pending: list[bytes] = []
 
     @property
@@ -126,7 +126,7 @@ class KnownMap:
         if len(self._pending) >= PENDING_MAX:
             self.merged()
 
-    def merged(self) -> MapView:
+    def merged(self) -> ComposedMap:
         """The map with all that was taken."""
         for payload in self._pending:
             self._view.take(payload)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-class Told(NamedTuple):
+class LoadedMessage(NamedTuple):
     """One message of a recording."""
 
     t_s: float
@@ -64,7 +64,7 @@ class Recording:
         """What the run was started with (RecordingError if robrain did not make it)."""
         return read_provenance(self.path)
 
-    def messages(self, topic: str, **names: str) -> Iterator[Told]:
+    def messages(self, topic: str, **names: str) -> Iterator[LoadedMessage]:
         """The messages of one topic, decoded, in order; messages that do not decode are left out.
 
         Args:
@@ -85,7 +85,7 @@ class Recording:
                 decoded = message.payload if decoder is None else decoder.decode(message.payload)
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
                 continue
-            yield Told(t_s, parsed, decoded)
+            yield LoadedMessage(t_s, parsed, decoded)
 
     def table(self, topic: str) -> "pd.DataFrame":
         """The messages of one topic as a table: a row each, nested fields have dots in their names.

@@ -24,7 +24,7 @@ from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
-from robrain.recording.drawing.map_view import MapView
+from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.drawing.robot_history import model_power_w
 from robrain.recording.reader.contents import RecordingContents, read_contents
 from robrain.recording.reader.reading import read_front, read_messages, topic_named_by
@@ -210,7 +210,7 @@ class RunData:
     robots: dict[str, RobotRun] = field(default_factory=dict)
     motes: dict[str, MoteRun] = field(default_factory=dict)
     tasks: dict[str, TaskRun] = field(default_factory=dict)
-    map: MapView = field(default_factory=MapView)
+    map: ComposedMap = field(default_factory=ComposedMap)
     happenings: list[Happening] = field(default_factory=list)
     scenario_toml: bytes = b""
     """Scenario file of the run; empty if there is none in the recording."""

@@ -14,7 +14,7 @@ SHARES = (0.25, 0.5, 0.75, 0.9, 0.95)
 """Explored shares whose times are told."""
 
 
-class TaskOutcome(msgspec.Struct, frozen=True, kw_only=True):
+class ComparedTask(msgspec.Struct, frozen=True, kw_only=True):
     """One task of a run."""
 
     task: str
@@ -42,7 +42,7 @@ class RobotOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """Other tasks that it did."""
 
 
-class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
+class ComparedRun(msgspec.Struct, frozen=True, kw_only=True):
     """What came out of one run."""
 
     recording: Path
@@ -55,7 +55,7 @@ class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """Tasks done, those of the coordinator's own left out; the next one as well."""
     failed: int
     robots: list[RobotOutcome]
-    tasks: list[TaskOutcome]
+    tasks: list[ComparedTask]
     """Without those of the coordinator's own."""
 
     @property
@@ -102,8 +102,8 @@ class ComparedRow(msgspec.Struct, frozen=True, kw_only=True):
 class TwoRuns(msgspec.Struct, frozen=True, kw_only=True):
     """Two runs to be told beside each other."""
 
-    first: RunOutcome
-    second: RunOutcome
+    first: ComparedRun
+    second: ComparedRun
 
     @property
     def rows(self) -> list[ComparedRow]:
@@ -125,7 +125,7 @@ def compare_runs(one: Path | str, two: Path | str, on_progress: Callable[[float]
     return TwoRuns(first=outcome_of(read_run(Path(one), half(0.0))), second=outcome_of(read_run(Path(two), half(0.5))))
 
 
-def outcome_of(run: RunData) -> RunOutcome:
+def outcome_of(run: RunData) -> ComparedRun:
     """What came out of a run."""
     done = [task for task in run.tasks.values() if task.state == "done"]
     reached: dict[str, float] = {}
@@ -133,7 +133,7 @@ def outcome_of(run: RunData) -> RunOutcome:
         at_s = next((t_s for t_s, explored in run.explored if explored >= share), None)
         if at_s is not None:
             reached[f"{share:.0%}"] = at_s
-    return RunOutcome(
+    return ComparedRun(
         recording=run.path,
         duration_s=run.duration_s,
         explored_fraction=run.explored[-1][1] if run.explored else None,
@@ -155,7 +155,7 @@ def outcome_of(run: RunData) -> RunOutcome:
     )
 
 
-def _compared_rows(first: RunOutcome, second: RunOutcome) -> list[ComparedRow]:
+def _compared_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]:
     percent = [None if one.explored_fraction is None else 100 * one.explored_fraction for one in (first, second)]
     rows = [
         _row("run", "duration", "s", first.duration_s, second.duration_s),
@@ -192,7 +192,7 @@ def _with_unit(value: float | str | None, unit: str, sign: str = "") -> str:
     return f"{value:{sign},.{decimals}f}" + (f" {unit}" if unit else "")
 
 
-def _robot_rows(first: RunOutcome, second: RunOutcome) -> list[ComparedRow]:
+def _robot_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]:
     rows = []
     ones, twos = ({robot.robot: robot for robot in run.robots} for run in (first, second))
     for name in sorted(ones.keys() | twos.keys(), key=natural_key):
@@ -208,7 +208,7 @@ def _robot_rows(first: RunOutcome, second: RunOutcome) -> list[ComparedRow]:
     return rows
 
 
-def _task_rows(first: RunOutcome, second: RunOutcome) -> list[ComparedRow]:
+def _task_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]:
     ones, twos = ({task.task: task for task in run.tasks} for run in (first, second))
     return [
         _row("tasks", name, "", _task_words(ones.get(name)), _task_words(twos.get(name)))
@@ -220,8 +220,8 @@ def _row(group: str, name: str, unit: str, first: float | str | None, second: fl
     return ComparedRow(group=group, name=name, unit=unit, first=first, second=second)
 
 
-def _task(task: TaskRun) -> TaskOutcome:
-    return TaskOutcome(
+def _task(task: TaskRun) -> ComparedTask:
+    return ComparedTask(
         task=task.name,
         kind=task.kind,
         state=str(task.state),
@@ -232,7 +232,7 @@ def _task(task: TaskRun) -> TaskOutcome:
     )
 
 
-def _task_words(task: TaskOutcome | None) -> str | None:
+def _task_words(task: ComparedTask | None) -> str | None:
     """State, robot and time of a task, `done by r2 at 12.3 s`."""
     if task is None:
         return None

@@ -101,7 +101,7 @@ class BatterySpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         check_finite(self, "curve_shift_v", "ambient_c")
 
 
-class Battery:
+class SimulatedBattery:
     """State of one battery, moved on by `step`."""
 
     def __init__(self, spec: BatterySpec) -> None:

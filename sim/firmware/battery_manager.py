@@ -8,7 +8,7 @@ import numpy as np
 
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import codec
-from robrain.sim.firmware.battery import Battery, GaugeSpec
+from robrain.sim.firmware.battery import GaugeSpec, SimulatedBattery
 from robrain.sim.firmware.power_model import PowerModel
 
 STATUS_PERIOD_S = 0.2
@@ -61,7 +61,7 @@ class BatteryManager:
     def __init__(
         self,
         bus: can.BusABC,
-        battery: Battery,
+        battery: SimulatedBattery,
         power: PowerModel,
         mass_kg: float,
         tick_s: float,

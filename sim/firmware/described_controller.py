@@ -10,7 +10,14 @@ import can
 
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni
-from robrain.plugins.device.mocdevice.frame_map import Checksum, FrameMap, FrameSignals, StatusFrame, StopFrame, Unit
+from robrain.plugins.device.mocdevice.frame_map import (
+    Checksum,
+    FrameMap,
+    FrameSignals,
+    SignalUnit,
+    StatusFrame,
+    StopFrame,
+)
 from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame
@@ -35,7 +42,7 @@ def _map(dbc: str, command: FrameSignals, *encoders: FrameSignals) -> FrameMap:
 
 TWO_WHEELS = _map(
     "two_wheels",
-    FrameSignals(frame="DriveCommand", signals=("left_rpm", "right_rpm"), units=(Unit.RPM,)),
+    FrameSignals(frame="DriveCommand", signals=("left_rpm", "right_rpm"), units=(SignalUnit.RPM,)),
     FrameSignals(frame="LeftEncoder", signals=("left_counts",)),
     FrameSignals(frame="RightEncoder", signals=("right_counts",)),
 )
@@ -44,14 +51,14 @@ FOUR_WHEELS = _map(
     FrameSignals(
         frame="DriveCommand",
         signals=("wheel_1_rpm", "wheel_2_rpm", "wheel_3_rpm", "wheel_4_rpm"),
-        units=(Unit.RPM,),
+        units=(SignalUnit.RPM,),
     ),
     FrameSignals(frame="EncodersOneTwo", signals=("wheel_1_counts", "wheel_2_counts")),
     FrameSignals(frame="EncodersThreeFour", signals=("wheel_3_counts", "wheel_4_counts")),
 )
 CAR = _map(
     "car",
-    FrameSignals(frame="DriveCommand", signals=("speed_rpm", "steering_deg"), units=(Unit.RPM, Unit.DEG)),
+    FrameSignals(frame="DriveCommand", signals=("speed_rpm", "steering_deg"), units=(SignalUnit.RPM, SignalUnit.DEG)),
     FrameSignals(frame="RearEncoders", signals=("left_counts", "right_counts")),
 )
 

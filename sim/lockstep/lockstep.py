@@ -44,7 +44,7 @@ from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
 from robrain.sim.links.link_spec import check_alone
 from robrain.sim.links.radio_run import RadioRun
-from robrain.sim.lockstep.team_faults import Starts, TeamFaults
+from robrain.sim.lockstep.team_faults import ComponentStarts, TeamFaults
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.overlap import overlap
@@ -162,7 +162,7 @@ class LockstepRun:
             self._faults.start(
                 self.arena,
                 self._watcher,
-                Starts(self._start_coordinator, self._start_host, self._end_killed_coordinator),
+                ComponentStarts(self._start_coordinator, self._start_host, self._end_killed_coordinator),
                 self._should_stop,
             )
             self._follow_faults()

@@ -31,7 +31,7 @@ BY_HAND = -1
 """Number of a kill that is no fault of the scenario."""
 
 
-class Starts(NamedTuple):
+class ComponentStarts(NamedTuple):
     """How the run starts its components."""
 
     coordinator: Callable[[Process, JournalDisk], Coordinator]
@@ -72,7 +72,7 @@ class TeamFaults:
         self._at: dict[str, tuple[str, bool]] = {}
         self._docked: dict[str, bool] = {}
 
-    def start(self, arena: Arena, watcher: Endpoint, starts: Starts, should_stop: Callable[[], bool]) -> None:
+    def start(self, arena: Arena, watcher: Endpoint, starts: ComponentStarts, should_stop: Callable[[], bool]) -> None:
         """Start all components.
 
         Raises:

@@ -15,7 +15,7 @@ from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.algorithms.motes.relay_places import relay_places
 from robrain.algorithms.motes.routes import (
     NO_ROUTE,
-    Routes,
+    MoteRoutes,
     lifetime_routes,
     min_hop_tree,
     routes_of,
@@ -119,7 +119,7 @@ class FieldRun:
         self.stored = [0.0] * count
         self.alive = set(range(count))
         self._on_duty = set(self.alive)
-        self._routes: Routes | None = None
+        self._routes: MoteRoutes | None = None
         self._share = 1.0
         self._has_route = [False] * count
         self._tours_m: dict[tuple[int, ...], float] = {}
@@ -171,7 +171,7 @@ class FieldRun:
         self._share = self._share_at_once(self._routes, rate_hz) if plan.tours_per_day else 1.0
         self._spend_on_beacons(len(self._routes.trees) if plan.routing is not Routing.NONE else 0, awake)
 
-    def _share_at_once(self, routes: Routes, rate_hz: float) -> float:
+    def _share_at_once(self, routes: MoteRoutes, rate_hz: float) -> float:
         """Share of the readings that travel over the air so that no mote dies before the goal."""
         energy, awake = self.site.energy, self._on_duty
         goal_s = max(LEAST_GOAL_DAYS * DAY_S, self.plan.goal_days * DAY_S - self.now_s)

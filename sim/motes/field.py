@@ -79,7 +79,7 @@ class Plume(msgspec.Struct, frozen=True):
     y_m_s: float
 
 
-class Field:
+class SimulatedField:
     """The field of one run.
 
     Args:
@@ -97,7 +97,7 @@ class Field:
         self._size_m = size_m
 
     @classmethod
-    def draw(cls, spec: FieldSpec, plan: FloorPlan, rng: np.random.Generator) -> "Field":
+    def draw(cls, spec: FieldSpec, plan: FloorPlan, rng: np.random.Generator) -> "SimulatedField":
         """Plumes at random places of a floor, carried by a wind of random direction."""
         margin_m = MARGIN_WIDTHS * spec.width_m
         width_m, height_m = plan.size_m

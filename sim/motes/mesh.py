@@ -23,7 +23,7 @@ from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import DECI, READING_TYPE, STORED_TYPE, ReadingPayload
 from robrain.protocol.tinyos.routed import RoutedPayload
 from robrain.sim.motes.mesh_spec import MeshSpec
-from robrain.sim.motes.mote import LOG_S, SENSE_S, Mote
+from robrain.sim.motes.mote import LOG_S, SENSE_S, SimulatedMote
 from robrain.sim.motes.mote_power import (
     CPU_ACTIVE_MA,
     CPU_IDLE_MA,
@@ -34,7 +34,7 @@ from robrain.sim.motes.mote_power import (
     MoteState,
     send_ma,
 )
-from robrain.sim.motes.radio import AIRTIME_S, PACKET_BYTES, RadioCounters, RadioLink, RadioModel, ShadowField
+from robrain.sim.motes.radio import AIRTIME_S, PACKET_BYTES, FadingLink, RadioCounters, RadioModel, ShadowField
 
 SEEN_DOWN = 16
 """Routed packets that a mote remembers, to pass on each once."""
@@ -266,7 +266,7 @@ class MoteMesh:
 
     def __init__(
         self,
-        motes: Sequence[Mote],
+        motes: Sequence[SimulatedMote],
         spec: MeshSpec,
         radio: RadioModel,
         energy: MoteEnergy,
@@ -288,7 +288,7 @@ class MoteMesh:
         self._sink = len(motes)
         self._stations = [_Station() for _ in motes]
         self._strengths_dbm = _strengths_dbm(motes, radio, seed)
-        self._links: dict[tuple[int, int], RadioLink] = {}
+        self._links: dict[tuple[int, int], FadingLink] = {}
         self._wake_ticks = max(1, round(spec.wake_s / tick_s))
         self._repeats_ticks = round(REPEATS_S / tick_s)
         self._gap_ticks = max(1, round(GAP_S / tick_s))
@@ -411,7 +411,7 @@ class MoteMesh:
         if link is None:
             key = (*self._seed.spawn_key, sender, receiver)
             rng = np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
-            link = self._links[sender, receiver] = RadioLink(self._radio, rng, self.air)
+            link = self._links[sender, receiver] = FadingLink(self._radio, rng, self.air)
         return link.receive_dbm(self._strengths_dbm[sender][receiver]) is not None
 
     def _put(self, index: int, packet: _Packet, tick: int, after_ticks: int) -> None:
@@ -503,7 +503,9 @@ def energy_of(radio: RadioModel, duty: float, capacity_mah: float) -> MoteEnergy
     )
 
 
-def _strengths_dbm(motes: Sequence[Mote], radio: RadioModel, seed: np.random.SeedSequence) -> list[dict[int, float]]:
+def _strengths_dbm(
+    motes: Sequence[SimulatedMote], radio: RadioModel, seed: np.random.SeedSequence
+) -> list[dict[int, float]]:
     """Mean strength at which each mote hears others, of those that it hears at all; alike in both directions.
 
     Shadowing belongs to the places of both ends, as between robots (`RobotAir`).

@@ -31,7 +31,7 @@ from robrain.protocol.tinyos.payloads import (
     SequenceRange,
     sequences_after,
 )
-from robrain.sim.motes.field import Field
+from robrain.sim.motes.field import SimulatedField
 from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.motes.mote_power import MoteBattery, MoteState
 from robrain.sim.motes.radio import AIRTIME_S
@@ -153,7 +153,7 @@ class ReadingLog:
         return self._oldest
 
 
-class Mote:
+class SimulatedMote:
     """One mote, driven tick by tick by its field.
 
     Args:
@@ -213,7 +213,7 @@ class Mote:
         """Whether a packet sent to it now finds its radio on."""
         return not self.battery.is_flat and (self._spec.check_s > 0 or tick <= self._listens_until_tick)
 
-    def wake(self, tick: int, field: Field) -> ActiveMessage:
+    def wake(self, tick: int, field: SimulatedField) -> ActiveMessage:
         """Do what is due; returns the packet that it sends."""
         self._sleep_until(tick)
         if self._answers and self._answer_tick <= tick:
@@ -244,7 +244,7 @@ class Mote:
         except BadPacket:
             return
 
-    def _sense(self, tick: int, field: Field) -> int:
+    def _sense(self, tick: int, field: SimulatedField) -> int:
         self.battery.spend(MoteState.SENSE, SENSE_S)
         self.battery.spend(MoteState.LOG, LOG_S)
         now_s = tick * self._tick_s

@@ -18,10 +18,10 @@ from robrain.protocol.tinyos.routed import ROUTED_TYPE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
-from robrain.sim.motes.field import Field, FieldSpec
+from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mesh import MoteMesh, energy_of
-from robrain.sim.motes.mote import ArenaMote, Mote, MoteSpec
-from robrain.sim.motes.radio import FAR_DEVIATIONS, Floats, RadioCounters, RadioLink, RadioModel, RobotAir, ShadowField
+from robrain.sim.motes.mote import ArenaMote, MoteSpec, SimulatedMote
+from robrain.sim.motes.radio import FAR_DEVIATIONS, FadingLink, Floats, RadioCounters, RadioModel, RobotAir, ShadowField
 from robrain.sim.robot.robot_body import RobotBody
 
 BETWEEN_ROBOTS = 0xBA5E
@@ -60,7 +60,7 @@ class MoteField:
         motes: Sequence[ArenaMote],
         robots: Sequence[str],
         network: SensorNetwork,
-        field: Field,
+        field: SimulatedField,
         endpoint: Endpoint,
         rng: np.random.Generator,
         tick_s: float,
@@ -68,12 +68,12 @@ class MoteField:
     ) -> None:
         quantities = [Quantity[name.upper()] for name in network.motes.quantities]
         self.counters = RadioCounters()
-        self.motes: list[Mote] = []
+        self.motes: list[SimulatedMote] = []
         self._air: list[_Air] = []
         for index, (mote, both) in enumerate(zip(motes, rng.spawn(len(motes)), strict=True)):
             own, air = both.spawn(2)
             quantity = quantities[index % len(quantities)]
-            self.motes.append(Mote(mote, network.motes, quantity, network.radio.transmit_dbm, own, tick_s))
+            self.motes.append(SimulatedMote(mote, network.motes, quantity, network.radio.transmit_dbm, own, tick_s))
             self._air.append(_Air(self.motes[-1], network.radio, air, self.counters))
         self._field = field
         stations = [*robots, *(mote.name for mote in gateways)]
@@ -202,13 +202,15 @@ class MoteField:
 class _Air:
     """What lies between one mote and all robots; both directions are alike."""
 
-    def __init__(self, mote: Mote, radio: RadioModel, rng: np.random.Generator, counters: RadioCounters) -> None:
+    def __init__(
+        self, mote: SimulatedMote, radio: RadioModel, rng: np.random.Generator, counters: RadioCounters
+    ) -> None:
         self._place = mote.mote.place
         self._radio = radio
         self._rng = rng
         self._counters = counters
         self._shadow = ShadowField(radio.static_db, radio.correlation_m, rng) if radio.static_db > 0 else None
-        self._links: dict[int, RadioLink] = {}
+        self._links: dict[int, FadingLink] = {}
         self._weakest_dbm = radio.sensitivity_dbm - FAR_DEVIATIONS * max(radio.per_packet_db, 1.0)
 
     def heard_by(self, xs_m: Floats, ys_m: Floats) -> list[tuple[int, float]]:
@@ -236,11 +238,11 @@ class _Air:
         mean_dbm = self._radio.mean_rssi_dbm_of(distances_m)
         return mean_dbm if self._shadow is None else mean_dbm + self._shadow.at(xs_m, ys_m)
 
-    def _link(self, robot: int) -> RadioLink:
+    def _link(self, robot: int) -> FadingLink:
         link = self._links.get(robot)
         if link is None:
             own = self._rng.bit_generator.seed_seq
             assert isinstance(own, np.random.SeedSequence)
             seed = np.random.SeedSequence(own.entropy, spawn_key=(*own.spawn_key, robot))
-            link = self._links[robot] = RadioLink(self._radio, np.random.default_rng(seed), self._counters)
+            link = self._links[robot] = FadingLink(self._radio, np.random.default_rng(seed), self._counters)
         return link

@@ -153,7 +153,7 @@ class RadioCounters(msgspec.Struct):
     """Too weak to be noticed."""
 
 
-class RadioLink:
+class FadingLink:
     """The randomness of one pair of sender and receiver."""
 
     def __init__(self, model: RadioModel, rng: np.random.Generator, counters: RadioCounters | None = None) -> None:
@@ -200,7 +200,7 @@ class RobotAir:
         field_db = radio.static_db / math.sqrt(2.0)
         rng = np.random.default_rng(seed)
         self._shadow = ShadowField(field_db, radio.correlation_m, rng) if field_db > 0 else None
-        self._links: dict[tuple[int, int], RadioLink] = {}
+        self._links: dict[tuple[int, int], FadingLink] = {}
         self._weakest_dbm = radio.sensitivity_dbm - FAR_DEVIATIONS * max(radio.per_packet_db, 1.0)
         self._shadows_tick = -1
         self._shadows_db = np.zeros(0)
@@ -234,8 +234,8 @@ class RobotAir:
             self._shadows_db = self._shadow.at(xs_m, ys_m) if self._shadow is not None else np.zeros(len(xs_m))
         return self._shadows_db
 
-    def _new_link(self, sender: int, receiver: int) -> RadioLink:
+    def _new_link(self, sender: int, receiver: int) -> FadingLink:
         key = (*self._seed.spawn_key, sender, receiver)
         rng = np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
-        link = self._links[sender, receiver] = RadioLink(self._radio, rng, self.counters)
+        link = self._links[sender, receiver] = FadingLink(self._radio, rng, self.counters)
         return link

@@ -9,7 +9,7 @@ import socket
 
 import msgspec
 
-from robrain.protocol.tinyos.serial_forwarder import GREETING, BadGreeting, Decoder, encode
+from robrain.protocol.tinyos.serial_forwarder import GREETING, BadGreeting, PacketDecoder, encode
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
@@ -121,7 +121,7 @@ class _Client:
         accepted.setblocking(False)
         accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket = accepted
-        self._decoder = Decoder()
+        self._decoder = PacketDecoder()
         self._waiting = GREETING
 
     def fileno(self) -> int:

@@ -15,7 +15,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
-from robrain.sim.firmware.battery import Battery
+from robrain.sim.firmware.battery import SimulatedBattery
 from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps
 from robrain.sim.firmware.described_controller import DescribedController, FrameController, obeyed
@@ -100,7 +100,7 @@ class SimulatedRobot:
         self.bus = BusLine(bus, late_frames, stamps)
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
         self.body = RobotBody(space, wheels, spec.start, spec.radius_m)
-        self.battery = Battery(spec.battery)
+        self.battery = SimulatedBattery(spec.battery)
         self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
         self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
         self.line: LidarLine | None = None

@@ -24,7 +24,7 @@ class PointRobot(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     soc: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
 
 
-class TaskOrder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ScriptedTask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A task that the operator submits, until the coordinator acknowledges it."""
 
     at_s: Time
@@ -70,7 +70,7 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Allocator of the coordinator's plans, or `nearest`."""
     consensus: bool = False
     """Whether the robots go on without a coordinator."""
-    tasks: tuple[TaskOrder, ...] = ()
+    tasks: tuple[ScriptedTask, ...] = ()
     cancels: tuple[CancelOrder, ...] = ()
     halts: tuple[HaltOrder, ...] = ()
     faults: tuple[FaultSpec, ...] = ()

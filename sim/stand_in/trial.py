@@ -12,7 +12,7 @@ from robrain.sim.stand_in.judge import Broken, Judge
 from robrain.sim.stand_in.stand_in_run import StandInRun
 
 
-class Verdict(msgspec.Struct, frozen=True, kw_only=True):
+class TrialVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """How a trial ended."""
 
     broken: tuple[Broken, ...]
@@ -24,7 +24,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """Messages, requests and replies that faults of the wire have lost."""
 
 
-def run_trial(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> Verdict:
+def run_trial(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> TrialVerdict:
     """Run a script to its end, or to `should_stop`, and judge it."""
     with quiet():
         run = StandInRun(script)
@@ -39,7 +39,7 @@ def run_trial(script: FaultScript, should_stop: Callable[[], bool] = lambda: Fal
             broken = judge.broken
         finally:
             run.close()
-    return Verdict(
+    return TrialVerdict(
         broken=tuple(broken), sim_time_s=round(to_seconds(run.now_ns), 1), done=judge.done_count, lost=run.exchange.lost
     )
 

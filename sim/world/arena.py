@@ -29,7 +29,7 @@ from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.maps.wall_shapes import add_walls
-from robrain.sim.motes.field import Field
+from robrain.sim.motes.field import SimulatedField
 from robrain.sim.motes.gateway import MoteGateway, gateway_motes
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
@@ -70,7 +70,7 @@ class SensorDesk:
         self,
         names: Sequence[str],
         bodies: Sequence[RobotBody],
-        field: Field,
+        field: SimulatedField,
         endpoint: Endpoint,
         rng: np.random.Generator,
         moment: Callable[[], int],
@@ -314,7 +314,7 @@ class Arena:
         shapes = self._traffic.shapes if self._traffic is not None else ()
         self._collisions = CollisionCounter(self._space, self._team.bodies, tick_s, shapes)
 
-        field = Field.draw(network.field, plan, field_rng)
+        field = SimulatedField.draw(network.field, plan, field_rng)
         standing = gateway_motes(motes, network.motes.gateways)
         self._motes = MoteField(motes, names, network, field, endpoint, motes_rng, tick_s, standing)
         self.gateways = [

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.agent.host.text_command import Call, Question, parse_call, parse_command
+from robrain.agent.host.text_command import Question, TextCall, parse_call, parse_command
 from robrain.agent.text_form import (
     decode_own,
     encode_own,
@@ -287,11 +287,11 @@ def test_a_type_without_a_form_says_how_it_gets_one():
     ],
 )
 def test_a_call_is_taken_apart(text, arguments):
-    assert parse_call(text) == Call("driver", "drive", arguments)
+    assert parse_call(text) == TextCall("driver", "drive", arguments)
 
 
 def test_a_call_by_signature_is_taken_apart():
-    assert parse_call("call p void.foo-int-string(1, x)") == Call("p", "void.foo-int-string", ["1", "x"])
+    assert parse_call("call p void.foo-int-string(1, x)") == TextCall("p", "void.foo-int-string", ["1", "x"])
 
 
 @pytest.mark.parametrize(
@@ -343,7 +343,7 @@ def test_any_text_is_a_command_or_bad_arguments(text):
         except CallError as error:
             return error.code
 
-    assert outcome() is ErrorCode.BAD_ARGUMENTS or isinstance(outcome(), (Call, Question))
+    assert outcome() is ErrorCode.BAD_ARGUMENTS or isinstance(outcome(), (TextCall, Question))
 
 
 @pytest.mark.slow

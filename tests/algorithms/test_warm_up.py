@@ -93,7 +93,7 @@ def use_every_kernel() -> None:
 
 def use_every_kernel_of_giving_way() -> None:
     points = np.array([(0, 0), (3, 0)])
-    right_of_way.Way(points).ahead(1, 0, 5)
+    right_of_way.DrivenPath(points).ahead(1, 0, 5)
     ways = [right_of_way.sample_way(points[:1], 5), right_of_way.sample_way(points, 5)]
     right_of_way.pass_on(ways, [0, 0], points)
     tracks = [right_of_way.Track(way, 1, 0, 1, goes_first=True) for way in ways]

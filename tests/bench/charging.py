@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
-from robrain.coordinator.planning.policy import Charging, PlanningPolicy
+from robrain.coordinator.planning.policy import ChargingPolicy, PlanningPolicy
 from robrain.lab.bench.figure import WIDTH, Figure, above, at_least, at_most, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
@@ -53,7 +53,7 @@ class Outcome(NamedTuple):
 
 def measure(seeds: tuple[int, ...] = SEEDS) -> list[Figure]:
     """The table's rows: each number of chargers, by the schedule, against turns."""
-    ways = (Charging.SCHEDULE, Charging.TURNS)
+    ways = (ChargingPolicy.SCHEDULE, ChargingPolicy.TURNS)
     cases = [(seed, chargers, way) for chargers in CHARGERS for way in ways for seed in seeds]
     outcomes = dict(zip(cases, side_by_side(_run_case, cases), strict=True))
     figures = []
@@ -72,11 +72,11 @@ def measure(seeds: tuple[int, ...] = SEEDS) -> list[Figure]:
     return figures
 
 
-def _run_case(case: tuple[int, int, Charging]) -> Outcome:
+def _run_case(case: tuple[int, int, ChargingPolicy]) -> Outcome:
     return run_tasks(*case)
 
 
-def run_tasks(seed: int, chargers: int, charging: Charging) -> Outcome:
+def run_tasks(seed: int, chargers: int, charging: ChargingPolicy) -> Outcome:
     """Explore, then do a set of tasks that only the seed decides."""
     scenario = Scenario.builtin(FLOOR).replace(
         robots=ROBOTS,

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
+from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, TrackedReading
 from robrain.algorithms.energy.consumption import Consumption, Drawn
 from robrain.algorithms.energy.power_learner import PowerPrior
 from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.lab.bench.figure import Figure, at_least, at_most, between, deterministic
 from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate
-from robrain.sim.firmware.battery import Battery, BatterySpec
+from robrain.sim.firmware.battery import BatterySpec, SimulatedBattery
 from robrain.sim.firmware.battery_manager import Gauge, Load
 from robrain.sim.firmware.power_model import PowerModel
 from robrain.sim.robot.robot_body import MASS_KG
@@ -62,7 +62,7 @@ class Robot:
             relaxation_s=rng.uniform(15.0, 60.0),
             ambient_c=rng.uniform(10.0, 30.0),
         )
-        self.battery = Battery(self.age)
+        self.battery = SimulatedBattery(self.age)
         self._power = PowerModel(
             compute_w=rng.uniform(4.0, 9.0),
             burst_w=rng.uniform(0.0, 3.0),
@@ -125,7 +125,7 @@ class Robot:
             return
         self._steps += 1
         battery, tracker = self.battery, self.tracker
-        told = Measured(*self._gauge.read(battery.voltage_v, battery.current_a, battery.temperature_c))
+        told = TrackedReading(*self._gauge.read(battery.voltage_v, battery.current_a, battery.temperature_c))
         if not self.begun:
             tracker.begin(told)
             self.begun = True

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from robrain.lab.bench.figure import Figure, Kind
+from robrain.lab.bench.figure import Figure, FigureKind
 from tests.bench.results import RESULTS, Results, ResultsError
 
 KNOWN_MISSES = RESULTS.with_name("known_misses.toml")
@@ -104,7 +104,7 @@ def judge(figures: dict[Named, Figure], known: dict[Named, str], busy: Collectio
         elif named in known:
             verdict.known.append(named)
         else:
-            is_unjudged = figure.kind is Kind.TIMING and named[0] in busy
+            is_unjudged = figure.kind is FigureKind.TIMING and named[0] in busy
             (verdict.unjudged if is_unjudged else verdict.missed).append(named)
     return verdict
 
@@ -127,7 +127,7 @@ def untrue(results: Results, known: Known, sections: Iterable[str]) -> list[str]
                 found.append(f"{section}: {name}: there is no such figure")
         elif figure.kept is None:
             found.append(f"{section}: {name}: it has no bound")
-        elif figure.kept and figure.kind is Kind.DETERMINISTIC:
+        elif figure.kept and figure.kind is FigureKind.DETERMINISTIC:
             found.append(f"{section}: {name}: its bound is kept")
     return found
 
@@ -144,7 +144,7 @@ def verdict_lines(verdict: Verdict, figures: dict[Named, Figure], known: dict[Na
     lines += _listed(
         "known misses that are kept in this run", ((each, known[each]) for each in verdict.kept_again), figures
     )
-    for kind in Kind:
+    for kind in FigureKind:
         missed = [each for each in verdict.missed if figures[each].kind is kind]
         lines += _listed(f"MISSED, {kind}", ((each, "") for each in missed), figures)
     again = ((each, "") for each in verdict.unjudged)

@@ -27,7 +27,7 @@ from robrain.coordinator.planning.path_lengths import DETOUR
 from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.snapshot import Member, Snapshot
+from robrain.coordinator.planning.snapshot import PlanningRobot, Snapshot
 from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.model.energy_model import EnergyModel
@@ -221,7 +221,7 @@ def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> S
     )  # fmt: skip
 
 
-def _member(index: int, home: Point2D, chargers: tuple[Point2D, ...], share_j: float) -> Member:
+def _member(index: int, home: Point2D, chargers: tuple[Point2D, ...], share_j: float) -> PlanningRobot:
     """A robot that has energy for about its share of the tasks, and the way to a charger."""
     way_m = min(math.hypot(home.x_m - place.x_m, home.y_m - place.y_m) for place in chargers)
     usable_j = share_j + DETOUR * way_m * J_PER_M
@@ -243,7 +243,7 @@ def _member(index: int, home: Point2D, chargers: tuple[Point2D, ...], share_j: f
         usual_power_w=10.0,
     )
     pose = Pose2D(home.x_m, home.y_m, 0.0)
-    return Member(RobotState(robot=f"r{index}", pose=pose, battery=battery, energy=energy), None, chargers, home)
+    return PlanningRobot(RobotState(robot=f"r{index}", pose=pose, battery=battery, energy=energy), None, chargers, home)
 
 
 # -- the loop beside ----------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.motes.field import Field
+from robrain.sim.motes.field import SimulatedField
 from robrain.sim.motes.mote import ANSWER_GAP_S, ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.world.arena import TICK_S
@@ -166,7 +166,9 @@ def _visit(distance_m: float, seed: int) -> tuple[float, float, float]:
         readings = Inbox(100_000)
         robot.wire.subscribe(readings, MOTE_READING)
         mote = ArenaMote(name="m1", number=1, place=Point2D(0.0, 0.0))
-        field = MoteField([mote], ["r1"], network, Field.draw(network.field, plan, rng), robot.wire, rng, TICK_S)
+        field = MoteField(
+            [mote], ["r1"], network, SimulatedField.draw(network.field, plan, rng), robot.wire, rng, TICK_S
+        )
         half_s = 40.0
         first_s = None
         for tick in range(round((VISIT_AFTER_S + 2 * half_s) / TICK_S)):

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from robrain.lab.bench.figure import Figure, Kind
+from robrain.lab.bench.figure import Figure, FigureKind
 from tests.bench.judging import Known, judge, read_known
 from tests.bench.results import ROOT, Conditions, Results, ResultsError
 from tests.bench.sections import SECTIONS
@@ -72,7 +72,7 @@ def summary(results: Results, known: Known) -> str:
     figures = results.named()
     verdict = judge(figures, known.misses, results.busy)
     bounded = sum(figure.kept is not None for figure in figures.values())
-    fixed = sum(figure.kind is Kind.DETERMINISTIC for figure in figures.values())
+    fixed = sum(figure.kind is FigureKind.DETERMINISTIC for figure in figures.values())
     machines = sorted({result.measured.machine.words() for result in results.sections.values()})
     took_min = sum(result.measured.took_s for result in results.sections.values()) / 60
     return (
@@ -112,7 +112,7 @@ def _value_and_bound(figure: Figure) -> tuple[str, str]:
 
 
 def _kept_words(figure: Figure, measured: Conditions) -> str:
-    if figure.kept is False and figure.kind is Kind.TIMING and measured.is_busy:
+    if figure.kept is False and figure.kind is FigureKind.TIMING and measured.is_busy:
         return "busy"
     return KEPT_WORDS[figure.kept]
 

@@ -8,9 +8,9 @@ import pytest
 from robrain.dashboard.layers.robot_layers import ellipse
 from robrain.dashboard.panels.halt_control import acknowledgements
 from robrain.dashboard.scene.selection import floor_hit, robot_near
-from robrain.dashboard.state.alerts import Level, alerts_of
+from robrain.dashboard.state.alerts import AlertLevel, alerts_of
 from robrain.dashboard.state.radio_links import relay_lines
-from robrain.dashboard.state.robot_view import Condition, MoteView, RobotView
+from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.energy_model import EnergyModel
@@ -131,14 +131,14 @@ def test_gap_costs_no_energy_and_a_clock_that_falls_back_begins_anew() -> None:
 def test_condition_tells_the_worst_first() -> None:
     robot = RobotView("r1", 0, heard_s=0.0)
     robot.state = RobotState(robot="r1")
-    assert robot.condition(0.0) is Condition.UP
+    assert robot.condition(0.0) is RobotHealth.UP
     robot.state = RobotState(robot="r1", lost="nothing fits")
-    assert robot.condition(0.0) is Condition.ASTRAY
+    assert robot.condition(0.0) is RobotHealth.ASTRAY
     robot.state = RobotState(robot="r1", lost="nothing fits", faulted=[PluginFault(plugin="scan", why="silent")])
-    assert robot.condition(0.0) is Condition.FAULTED
+    assert robot.condition(0.0) is RobotHealth.FAULTED
     robot.state = RobotState(robot="r1", halted=True, faulted=[PluginFault(plugin="scan", why="silent")])
-    assert robot.condition(0.0) is Condition.HALTED
-    assert robot.condition(60.0) is Condition.LOST
+    assert robot.condition(0.0) is RobotHealth.HALTED
+    assert robot.condition(60.0) is RobotHealth.LOST
 
 
 def test_alerts_name_what_is_wrong_the_worst_first() -> None:
@@ -147,7 +147,7 @@ def test_alerts_name_what_is_wrong_the_worst_first() -> None:
     battery = BatteryState(voltage_v=20.0, current_a=0.6, temperature_c=30.0, soc=0.1, remaining_j=1.0)
     robot.state = RobotState(robot="r1", battery=battery, faulted=[PluginFault(plugin="scan", why="silent")])
     found = [(alert.level, alert.subject) for alert in alerts_of(view, 0.0)]
-    assert found == [(Level.BAD, "Coordinator"), (Level.BAD, "r1"), (Level.WARN, "r1")]
+    assert found == [(AlertLevel.BAD, "Coordinator"), (AlertLevel.BAD, "r1"), (AlertLevel.WARN, "r1")]
     view.coordinator_up = True
     robot.state = RobotState(robot="r1")
     assert alerts_of(view, 0.0) == []
@@ -162,7 +162,7 @@ def test_journal_that_cannot_be_written_is_the_worst_alert_while_the_coordinator
     view.coordinator_up = True
     view.team = TeamState(robots=[], unwritable="team.journal: cannot be written: database or disk is full")
     (alert,) = alerts_of(view, 0.0)
-    assert alert == (Level.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}")
+    assert alert == (AlertLevel.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}")
     view.coordinator_up = False
     assert alerts_of(view, 0.0) == []
 
@@ -174,7 +174,7 @@ def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
         robots=[], stand_by=StandByStatus(process="", in_step=False, held_back=MinorityHeard(heard=1, robots=4))
     )
     (alert,) = alerts_of(view, 0.0)
-    assert alert.level is Level.BAD
+    assert alert.level is AlertLevel.BAD
     assert alert.text == (
         "no task is offered: 1 of 4 robots are heard, and the others may allocate tasks among themselves (robrain lead)"
     )
@@ -189,7 +189,7 @@ def test_a_coordinator_that_does_not_lead_is_an_alert() -> None:
     view.team = TeamState(robots=[], lead=lead)
     (alert,) = alerts_of(view, 0.0)
     assert alert == (
-        Level.BAD,
+        AlertLevel.BAD,
         "Coordinator",
         "the coordinator does not lead: 1 of 3 witnesses hear it, and another one may lead",
     )

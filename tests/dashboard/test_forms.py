@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.dashboard.panels.function_form import Field, FieldKind, arguments_of, fields_of
+from robrain.dashboard.panels.function_form import FieldKind, FormField, arguments_of, fields_of
 from robrain.dashboard.panels.page_context import stock_kinds
 from robrain.dashboard.panels.task_tab import form_submission, task_fields
 from robrain.protocol.model.geometry import Point2D
@@ -112,7 +112,7 @@ json_values = st.recursive(
 @given(st.dictionaries(st.sampled_from(SCHEMA_WORDS), json_values, max_size=5))
 def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> None:
     for field in fields_of(schema):
-        assert isinstance(field, Field)
+        assert isinstance(field, FormField)
         assert isinstance(field.title, str)
 
 

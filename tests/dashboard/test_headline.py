@@ -23,7 +23,7 @@ from robrain.dashboard.state.headline import (
     headline_of,
     vitals_of,
 )
-from robrain.dashboard.state.robot_view import Condition
+from robrain.dashboard.state.robot_view import RobotHealth
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
@@ -33,11 +33,11 @@ from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.dashboard.test_team_view import patch, tell, tell_place, token
 
-WELL = Vitals({Condition.UP: 3}, coordinator_up=True, worst_sigma_m=0.1, worst_sigma_robot="r1", late_s=0.1)
+WELL = Vitals({RobotHealth.UP: 3}, coordinator_up=True, worst_sigma_m=0.1, worst_sigma_robot="r1", late_s=0.1)
 
 
-def with_robots(condition: Condition) -> Vitals:
-    return replace(WELL, conditions={Condition.UP: 2, condition: 1})
+def with_robots(condition: RobotHealth) -> Vitals:
+    return replace(WELL, conditions={RobotHealth.UP: 2, condition: 1})
 
 
 @pytest.mark.parametrize(
@@ -45,14 +45,14 @@ def with_robots(condition: Condition) -> Vitals:
     [
         (WELL, Grade.GOOD, ()),
         (Vitals(), Grade.GOOD, ()),
-        (with_robots(Condition.SILENT), Grade.WARN, ()),
-        (with_robots(Condition.LOST), Grade.BAD, ()),
-        (with_robots(Condition.FAULTED), Grade.BAD, ()),
-        (with_robots(Condition.ASTRAY), Grade.BAD, ()),
-        (with_robots(Condition.HALTED), Grade.BAD, ()),
+        (with_robots(RobotHealth.SILENT), Grade.WARN, ()),
+        (with_robots(RobotHealth.LOST), Grade.BAD, ()),
+        (with_robots(RobotHealth.FAULTED), Grade.BAD, ()),
+        (with_robots(RobotHealth.ASTRAY), Grade.BAD, ()),
+        (with_robots(RobotHealth.HALTED), Grade.BAD, ()),
         (replace(WELL, connected=False), Grade.BAD, ("no connection",)),
         (replace(WELL, halted=True), Grade.BAD, ("halt not acknowledged",)),
-        (replace(with_robots(Condition.HALTED), halted=True), Grade.BAD, ()),
+        (replace(with_robots(RobotHealth.HALTED), halted=True), Grade.BAD, ()),
         (replace(WELL, coordinator_up=False), Grade.BAD, ("coordinator lost",)),
         (replace(WELL, coordinator_up=None), Grade.GOOD, ()),
         (replace(WELL, worst_sigma_m=UNSURE_M), Grade.WARN, ("r1: position ± 0.5 m",)),
@@ -87,7 +87,7 @@ def with_robots(condition: Condition) -> Vitals:
         (replace(WELL, late_s=1.6), Grade.WARN, ("data 2 s late",)),
         (replace(WELL, late_s=VERY_LATE_S + 2), Grade.BAD, ("data 5 s late",)),
         (replace(WELL, late_s=1.6, coordinator_up=False), Grade.BAD, ("coordinator lost", "data 2 s late")),
-        (replace(with_robots(Condition.LOST), map_missing=True), Grade.BAD, ("no map",)),
+        (replace(with_robots(RobotHealth.LOST), map_missing=True), Grade.BAD, ("no map",)),
     ],
 )
 def test_worst_of_all_counts(vitals: Vitals, grade: Grade, words: tuple[str, ...]) -> None:

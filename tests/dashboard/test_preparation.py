@@ -9,7 +9,7 @@ from robrain.algorithms.slam.map_patch import to_message
 from robrain.dashboard.html.panel_html import robots_html, strip_html
 from robrain.dashboard.state.alerts import alerts_of
 from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
-from robrain.dashboard.state.robot_view import Condition
+from robrain.dashboard.state.robot_view import RobotHealth
 from robrain.dashboard.state.team_view import PLAN_S, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -72,7 +72,7 @@ def test_floor_plan_robots_and_motes_are_drawn_before_the_run_begins() -> None:
 
 def test_waiting_robots_are_ready_and_nothing_is_wrong_however_long_it_takes() -> None:
     view = prepared()
-    assert view.robots["r1"].condition(LONG_S) is Condition.READY
+    assert view.robots["r1"].condition(LONG_S) is RobotHealth.READY
     assert headline_of(vitals_of(view, LONG_S)).grade is Grade.GOOD
     assert alerts_of(view, LONG_S) == []
     assert "ready" in robots_html(view, LONG_S)

@@ -2,7 +2,7 @@
 
 from robrain.dashboard.state.focus import Focus, motes_in_focus
 from robrain.dashboard.state.radio_links import (
-    Link,
+    DrawnLink,
     best_links,
     links_in_focus,
     links_of_robot,
@@ -39,7 +39,7 @@ def tell(view: TeamView, robot: str, **heard_dbm: float) -> None:
     view.apply(Received(ROBOT_LINKS, key, {"robot": robot}, RobotLinks(robot=robot, links=links)), NOW_S)
 
 
-def ends(links: list[Link]) -> set[tuple[float, float]]:
+def ends(links: list[DrawnLink]) -> set[tuple[float, float]]:
     return {(min(link.start.x_m, link.end.x_m), max(link.start.x_m, link.end.x_m)) for link in links}
 
 

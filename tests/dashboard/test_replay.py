@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain.dashboard.replay.replay_source import ReplaySource
-from robrain.dashboard.state.robot_view import Condition
+from robrain.dashboard.state.robot_view import RobotHealth
 from robrain.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.slow
@@ -77,4 +77,4 @@ def test_time_can_be_moved_forth_and_back_and_the_past_comes_with_it(source: Rep
 def test_robots_do_not_grow_silent_while_it_stands(source: ReplaySource) -> None:
     look_at(source, 2.0, now_s=100.0)
     source.hear(200.0)
-    assert {robot.condition(200.0) for robot in source.view.robots.values()} == {Condition.UP}
+    assert {robot.condition(200.0) for robot in source.view.robots.values()} == {RobotHealth.UP}

@@ -9,7 +9,7 @@ import viser
 from robrain.dashboard.layers.layer import Layer
 from robrain.dashboard.layers.layer_switches import LayerSwitch, troubles_of
 from robrain.dashboard.server.retry import FIRST_S, LONGEST_S, Retry
-from robrain.dashboard.state.alerts import Alert, Level
+from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.team_view import TeamView
 
@@ -65,7 +65,7 @@ def test_layer_that_failed_once_is_hidden_tried_again_after_a_while_and_shown_ag
     draw(1.0)
     assert visible() == (False, False)
     assert switch.shown  # the box stays ticked, as the person wants it
-    assert troubles_of([switch], 1.0) == [Alert(Level.WARN, "Picture", "Fickle cannot be drawn; next try in 5 s")]
+    assert troubles_of([switch], 1.0) == [Alert(AlertLevel.WARN, "Picture", "Fickle cannot be drawn; next try in 5 s")]
     layer.fails = False
     draw(1.0 + FIRST_S - 0.1)
     assert layer.tries == 2

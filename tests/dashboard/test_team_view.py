@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from robrain.dashboard.html.panel_html import task_text
-from robrain.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, Contact, RobotView
+from robrain.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, RobotContact, RobotView
 from robrain.dashboard.state.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -81,27 +81,27 @@ def test_robot_is_named_by_its_key_not_by_what_it_says(view: TeamView) -> None:
 def test_robot_with_a_token_and_an_old_state_is_silent(view: TeamView) -> None:
     view.apply_presence(token("r1", True))
     robot = view.robots["r1"]
-    assert robot.contact(0.0) is Contact.SILENT
+    assert robot.contact(0.0) is RobotContact.SILENT
     tell_place(view, "r1", 0.0, now_s=10.0)
-    assert robot.contact(10.0 + SILENT_AFTER_S) is Contact.UP
-    assert robot.contact(10.1 + SILENT_AFTER_S) is Contact.SILENT
+    assert robot.contact(10.0 + SILENT_AFTER_S) is RobotContact.UP
+    assert robot.contact(10.1 + SILENT_AFTER_S) is RobotContact.SILENT
 
 
 def test_robot_whose_token_went_is_lost_at_once_and_comes_back(view: TeamView) -> None:
     assert view.apply_presence(token("r1", True))
     tell_place(view, "r1", 0.0, now_s=1.0)
     assert not view.apply_presence(token("r1", False))
-    assert view.robots["r1"].contact(1.0) is Contact.LOST
+    assert view.robots["r1"].contact(1.0) is RobotContact.LOST
     assert view.apply_presence(token("r1", True))
-    assert view.robots["r1"].contact(1.0) is Contact.UP
+    assert view.robots["r1"].contact(1.0) is RobotContact.UP
 
 
 def test_robot_that_never_had_a_token_is_up_while_it_is_heard() -> None:
     robot = RobotView("r1", 0)
-    assert robot.contact(0.0) is Contact.LOST
+    assert robot.contact(0.0) is RobotContact.LOST
     robot.heard_s = 5.0
-    assert robot.contact(6.0) is Contact.UP
-    assert robot.contact(6.0 + SILENT_AFTER_S) is Contact.LOST
+    assert robot.contact(6.0) is RobotContact.UP
+    assert robot.contact(6.0 + SILENT_AFTER_S) is RobotContact.LOST
 
 
 def test_trail_keeps_steps_and_is_bounded(view: TeamView) -> None:

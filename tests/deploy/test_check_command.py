@@ -27,7 +27,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.recording.invariants.findings import Invariant, Missing, Ruling, Standing
+from robrain.recording.invariants.findings import Invariant, InvariantState, MissingEvidence, Ruling
 from robrain.recording.reader.checking import check_recording
 from robrain.recording.writer.provenance import Provenance
 from robrain.sim.scenarios.scenario import Scenario
@@ -165,7 +165,7 @@ def test_the_floor_of_a_map_file_is_in_the_recording(tmp_path: Path) -> None:
     Scenario.from_map(tmp_path / "hall.yaml", robots=1).run(time_limit_s=2.0, record=tmp_path / "run.mcap")
     for file in tmp_path.glob("hall.*"):
         file.unlink()
-    assert ruling(tmp_path / "run.mcap", Invariant.WALLS).standing is Standing.KEPT
+    assert ruling(tmp_path / "run.mcap", Invariant.WALLS).standing is InvariantState.KEPT
 
 
 def of_live(toml: str, tmp_path: Path) -> Any:
@@ -201,8 +201,8 @@ def test_without_the_simulator_all_but_walls_is_judged(run: Path, monkeypatch: p
         package, _, last = name.rpartition(".")
         monkeypatch.setattr(sys.modules[package], last, sys.modules[name])  # put back afterwards, as an import sets it
         monkeypatch.delitem(sys.modules, name)
-    assert ruling(run, Invariant.WALLS).missing is Missing.SIMULATOR
-    assert ruling(run, Invariant.TASK_KEPT).standing is Standing.KEPT
+    assert ruling(run, Invariant.WALLS).missing is MissingEvidence.SIMULATOR
+    assert ruling(run, Invariant.TASK_KEPT).standing is InvariantState.KEPT
 
 
 @pytest.mark.slow

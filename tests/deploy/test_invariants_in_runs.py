@@ -25,20 +25,20 @@ from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.recording.invariants.findings import (
     DeliveredFell,
     DoneAgain,
-    Finding,
     HaltIgnored,
     Invariant,
+    InvariantState,
     InWall,
     MovedHalted,
     OutOfEnergy,
     Ruling,
-    Standing,
     TaskAtTwo,
     TasksForgotten,
+    Violation,
 )
 from robrain.recording.invariants.judging import Judging
 from robrain.sim.firmware import motor_controller
-from robrain.sim.firmware.battery import Battery, BatterySpec
+from robrain.sim.firmware.battery import BatterySpec, SimulatedBattery
 from robrain.sim.robot.robot_body import RobotBodies
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world import arena
@@ -59,13 +59,13 @@ def judged(script: Callable[[Team], object], scenario: Scenario = SMALL) -> dict
     return {ruling.invariant: ruling for ruling in judging.finish()}
 
 
-def found(rulings: dict[Invariant, Ruling]) -> list[Finding]:
+def found(rulings: dict[Invariant, Ruling]) -> list[Violation]:
     """What was found; fails if nothing is judged any more."""
-    assert not [ruling for ruling in rulings.values() if ruling.standing is Standing.NOT_JUDGED]
+    assert not [ruling for ruling in rulings.values() if ruling.standing is InvariantState.NOT_JUDGED]
     return [breach.finding for ruling in rulings.values() for breach in ruling.breaches]
 
 
-def only(rulings: dict[Invariant, Ruling], kind: type[Finding]) -> list[Any]:
+def only(rulings: dict[Invariant, Ruling], kind: type[Violation]) -> list[Any]:
     """The findings, which are all of one kind."""
     all_found = found(rulings)
     assert {type(one) for one in all_found} == {kind}, [b.text for r in rulings.values() for b in r.breaches]
@@ -182,15 +182,15 @@ def test_an_end_that_is_told_twice_as_two_changes_and_a_meter_of_energy_that_fal
             book._tell(msgspec.structs.replace(taken, change=taken.change + 1).event)
         return taken
 
-    step = Battery.step
+    step = SimulatedBattery.step
 
-    def leaks(battery: Battery, *given: float) -> None:
+    def leaks(battery: SimulatedBattery, *given: float) -> None:
         step(battery, *given)
         if battery.delivered_j > 50.0:
             battery.delivered_j -= 20.0
 
     monkeypatch.setattr(TaskBook, "_take", tells_twice)
-    monkeypatch.setattr(Battery, "step", leaks)
+    monkeypatch.setattr(SimulatedBattery, "step", leaks)
     told = found(judged(visits))
     assert {type(one) for one in told} == {DoneAgain, DeliveredFell}
     assert {"door", "corner"} <= {one.task for one in told if isinstance(one, DoneAgain)}

@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 from rich.console import Console
 
-from robrain.algorithms.warm_up import Part
+from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.commands import terminal
 from robrain.deploy.run import kernels
 from robrain.protocol.model import warm_up as model
@@ -19,7 +19,7 @@ def said(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
     """The output when there is just one kernel to compile."""
     told = io.StringIO()
     kernel = njit(lambda number: number + 1)
-    monkeypatch.setattr(kernels, "PARTS", {"one": Part(lambda: kernel(1), at_start=False)})
+    monkeypatch.setattr(kernels, "PARTS", {"one": KernelPart(lambda: kernel(1), at_start=False)})
     _draw_on(monkeypatch, Console(file=told, width=100))
     return told
 
@@ -86,7 +86,7 @@ def test_kernels_are_cached_once_each_part_was_compiled_and_not_for_another_sour
 
 def test_kernels_are_loaded_only_if_none_must_be_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     kernel = njit(lambda number: number + 1)
-    monkeypatch.setattr(kernels, "PARTS", {"one": Part(lambda: kernel(1), at_start=True)})
+    monkeypatch.setattr(kernels, "PARTS", {"one": KernelPart(lambda: kernel(1), at_start=True)})
     assert not kernels.load_kernels()
     assert not kernel.signatures
     kernel(1)

@@ -8,7 +8,7 @@ import pytest
 import zenoh
 
 from robrain import Scenario
-from robrain.algorithms.warm_up import Part
+from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.dashboard_process import StartingPage
 from robrain.deploy.run import preparing, starting
@@ -38,7 +38,7 @@ class Compiler:
 
     made: list["Compiler"]
 
-    def __init__(self, parts: Mapping[str, Part], _processes: int) -> None:
+    def __init__(self, parts: Mapping[str, KernelPart], _processes: int) -> None:
         self.parts = dict(parts)
         self.steps = 0
         Compiler.made.append(self)

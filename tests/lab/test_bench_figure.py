@@ -8,7 +8,7 @@ import pytest
 from robrain.lab.bench.figure import (
     Bound,
     Figure,
-    Kind,
+    FigureKind,
     above,
     at_least,
     at_most,
@@ -61,7 +61,7 @@ def test_kept_follows_from_value_and_bound_whatever_a_file_says() -> None:
 def test_figure_is_the_same_after_json() -> None:
     figure = timing("age, p99", 111.25, "ms", between(1, 200), "median 58 ms")
     assert msgspec.json.decode(msgspec.json.encode(figure), type=Figure) == figure
-    assert figure.kind is Kind.TIMING
+    assert figure.kind is FigureKind.TIMING
 
 
 @pytest.mark.parametrize("limits", [{}, {"at_most": math.inf}, {"at_least": math.nan}])

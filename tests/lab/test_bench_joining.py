@@ -9,20 +9,22 @@ from robrain.deploy.errors import UsageError
 from robrain.lab.bench.mapping.joining import (
     HEADINGS,
     KINDS,
-    Joining,
     JoiningReport,
+    JoiningRun,
     figures,
     kinds_of,
     run_bench,
     run_case,
 )
-from robrain.lab.bench.mapping.mapping_plan import Case, Plan
+from robrain.lab.bench.mapping.mapping_plan import Case, MappingPlan
 
 SMALL = Case(map="arena_small", path="", robots=2, seed=3, wheels="exact", time_limit_s=2.0)
 
 
-def joining(overlap_s: float | None, joined_s: float | None, *, error_m: float = 0.1, kind: str = "unknown") -> Joining:
-    return Joining(case=SMALL, kind=kind, robot="r2", overlap_s=overlap_s, joined_s=joined_s, error_m=error_m)
+def joining(
+    overlap_s: float | None, joined_s: float | None, *, error_m: float = 0.1, kind: str = "unknown"
+) -> JoiningRun:
+    return JoiningRun(case=SMALL, kind=kind, robot="r2", overlap_s=overlap_s, joined_s=joined_s, error_m=error_m)
 
 
 @pytest.mark.parametrize(
@@ -39,7 +41,7 @@ def joining(overlap_s: float | None, joined_s: float | None, *, error_m: float =
     ],
 )
 def test_a_robot_joins_in_time_late_wrongly_or_not(
-    each: Joining, verdict: str, is_in_time: bool, is_false: bool
+    each: JoiningRun, verdict: str, is_in_time: bool, is_false: bool
 ) -> None:
     assert (each.is_in_time, each.is_false) == (is_in_time, is_false)
     assert each.line().endswith(f"  {verdict}")
@@ -78,7 +80,7 @@ def test_what_cannot_be_run_says_why_and_counts_in_no_figure() -> None:
 @pytest.mark.slow
 def test_runs_are_printed_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "told.json"
-    run_bench(Plan(cases=[SMALL], jobs=1, absent=[]), ["unknown"], file)
+    run_bench(MappingPlan(cases=[SMALL], jobs=1, absent=[]), ["unknown"], file)
     assert "no overlap" in capsys.readouterr().out
     told = msgspec.json.decode(file.read_bytes(), type=JoiningReport)
     assert [(each.case, each.kind) for each in told.runs] == [(SMALL, "unknown")]

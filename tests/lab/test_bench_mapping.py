@@ -17,7 +17,7 @@ from robrain.lab.bench.mapping.mapping import (
     run_bench,
     run_case,
 )
-from robrain.lab.bench.mapping.mapping_plan import OWN_MAPS, Case, Plan, choose
+from robrain.lab.bench.mapping.mapping_plan import OWN_MAPS, Case, MappingPlan, choose
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.sim.lockstep.result import RunResult
 
@@ -25,7 +25,7 @@ CLINIC = OWN_MAPS / "clinic.yaml"
 SMALL = Case(map="arena_small", path="", robots=1, seed=3, wheels="exact", time_limit_s=2.0)
 
 
-def chosen(**options: object) -> Plan:
+def chosen(**options: object) -> MappingPlan:
     words = {"maps": "clinic", "robots": "4", "seeds": "1", "wheels": "exact", "jobs": 1, "time_limit_s": 60.0}
     return choose(**(words | options))
 
@@ -196,7 +196,7 @@ def test_figures_are_worst_and_median_beside_their_bounds() -> None:
 @pytest.mark.slow
 def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_path: Path, capsys) -> None:
     file = tmp_path / "told.json"
-    plan = Plan(cases=[SMALL, msgspec.structs.replace(SMALL, wheels="slipping")], jobs=1, absent=["attic"])
+    plan = MappingPlan(cases=[SMALL, msgspec.structs.replace(SMALL, wheels="slipping")], jobs=1, absent=["attic"])
     run_bench(plan, file)
     printed, said = capsys.readouterr()
     assert [line.split()[3] for line in printed.splitlines()[:3]] == ["wheels", "exact", "slipping"]
@@ -214,5 +214,5 @@ def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_pa
 
 def test_file_that_cannot_be_written_is_refused_before_the_first_run(tmp_path: Path, capsys) -> None:
     with pytest.raises(FileNotFoundError):
-        run_bench(Plan(cases=[SMALL], jobs=1, absent=[]), tmp_path / "none" / "told.json")
+        run_bench(MappingPlan(cases=[SMALL], jobs=1, absent=[]), tmp_path / "none" / "told.json")
     assert "arena_small" not in capsys.readouterr().out

@@ -15,7 +15,7 @@ from robrain.lab.bench.motes.motes import (
     TREE,
     WIDTH,
     MoteCase,
-    MoteRun,
+    MoteFieldRun,
     choose,
     figures,
     site_of,
@@ -23,9 +23,9 @@ from robrain.lab.bench.motes.motes import (
 )
 
 
-def run(way: str, first_days: float, seed: int = 1, bound_days: float = 200.0) -> MoteRun:
+def run(way: str, first_days: float, seed: int = 1, bound_days: float = 200.0) -> MoteFieldRun:
     case = MoteCase(way=way, seed=seed, motes=100, tours_per_day=1.0, goal_days=330.0)
-    return MoteRun(
+    return MoteFieldRun(
         case=case,
         bound_days=bound_days,
         first_days=first_days,

@@ -22,7 +22,7 @@ from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader import recovering
-from robrain.recording.reader.checking import Kind, Severity, check_recording
+from robrain.recording.reader.checking import CheckKind, Severity, check_recording
 from robrain.recording.reader.comparing import differing_path, first_difference
 from robrain.recording.reader.contents import read_contents
 from robrain.recording.reader.reading import read_messages, read_provenance, recording_info
@@ -96,7 +96,7 @@ def states(count: int) -> Said:
     return [(STATE, seq / 10, state(seq)) for seq in range(count)]
 
 
-def findings(path: Path) -> list[tuple[Kind, Severity]]:
+def findings(path: Path) -> list[tuple[CheckKind, Severity]]:
     return [(finding.kind, finding.severity) for finding in check_recording(path).findings]
 
 
@@ -160,27 +160,27 @@ def test_a_run_as_it_was_recorded_is_good(run: Path) -> None:
 @pytest.mark.parametrize(
     ("said", "found"),
     [
-        ([*states(3), (STATE, 0.3, b'{"robot":7}')], (Kind.MALFORMED, Severity.PROBLEM)),
-        ([*states(3), (STATE, 0.3, b"\xff not json")], (Kind.MALFORMED, Severity.PROBLEM)),
-        ([(STATE, 0.0, state(0)), (STATE, 0.1, state(5))], (Kind.GAP, Severity.PROBLEM)),
-        ([(STATE, 0.0, state(5)), (STATE, 0.1, state(0, stamp_s=1.0))], (Kind.RESTART, Severity.NOTE)),
+        ([*states(3), (STATE, 0.3, b'{"robot":7}')], (CheckKind.MALFORMED, Severity.PROBLEM)),
+        ([*states(3), (STATE, 0.3, b"\xff not json")], (CheckKind.MALFORMED, Severity.PROBLEM)),
+        ([(STATE, 0.0, state(0)), (STATE, 0.1, state(5))], (CheckKind.GAP, Severity.PROBLEM)),
+        ([(STATE, 0.0, state(5)), (STATE, 0.1, state(0, stamp_s=1.0))], (CheckKind.RESTART, Severity.NOTE)),
         (
             [(STATE, 0.0, state(0, stamp_s=2.0)), (STATE, 0.1, state(1, stamp_s=1.0))],
-            (Kind.STAMP_BACK, Severity.PROBLEM),
+            (CheckKind.STAMP_BACK, Severity.PROBLEM),
         ),
-        ([(STATE, 1.0, state(0)), (STATE, 0.9, state(1))], (Kind.TIME_BACK, Severity.PROBLEM)),
-        ([(STATE, 1.0, state(0)), (STATE, 62.0, state(1))], (Kind.TIME_JUMP, Severity.PROBLEM)),
-        ([*states(3), ("/chatter", 1.0, b"{}")], (Kind.UNKNOWN_KEY, Severity.NOTE)),
-        ([("/chatter", 1.0, b"{}")], (Kind.PROVENANCE, Severity.PROBLEM)),  # a bag of ROS 2
+        ([(STATE, 1.0, state(0)), (STATE, 0.9, state(1))], (CheckKind.TIME_BACK, Severity.PROBLEM)),
+        ([(STATE, 1.0, state(0)), (STATE, 62.0, state(1))], (CheckKind.TIME_JUMP, Severity.PROBLEM)),
+        ([*states(3), ("/chatter", 1.0, b"{}")], (CheckKind.UNKNOWN_KEY, Severity.NOTE)),
+        ([("/chatter", 1.0, b"{}")], (CheckKind.PROVENANCE, Severity.PROBLEM)),  # a bag of ROS 2
     ],
 )
-def test_what_is_wrong_is_found(tmp_path: Path, said: Said, found: tuple[Kind, Severity]) -> None:
+def test_what_is_wrong_is_found(tmp_path: Path, said: Said, found: tuple[CheckKind, Severity]) -> None:
     path = write(tmp_path / "run.mcap", said)
     assert found in findings(path)
     assert check_recording(path).good == (found[1] is Severity.NOTE)
 
 
-NO_SUMMARY = (Kind.PROVENANCE, Severity.NOTE)
+NO_SUMMARY = (CheckKind.PROVENANCE, Severity.NOTE)
 
 
 def test_submaps_that_have_moved_are_numbered_as_other_patches_and_whole_maps_are_not(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_submaps_that_have_moved_are_numbered_as_other_patches_and_whole_maps_ar
 
     told = [(key, 0.1 * number, patch(number)) for number in (1, 2, 3)]
     assert findings(write(tmp_path / "good.mcap", [*told[:2], (key, 0.25, patch(0)), told[2]])) == [NO_SUMMARY]
-    assert (Kind.GAP, Severity.PROBLEM) in findings(write(tmp_path / "lost.mcap", [told[0], told[2]]))
+    assert (CheckKind.GAP, Severity.PROBLEM) in findings(write(tmp_path / "lost.mcap", [told[0], told[2]]))
 
 
 def test_numbers_of_plugins_that_share_a_key_are_not_taken_for_those_of_one_sender(tmp_path: Path) -> None:
@@ -203,20 +203,20 @@ def test_numbers_of_plugins_that_share_a_key_are_not_taken_for_those_of_one_send
     assert [key.missing for key in read_contents(path).keys] == [0]
     late = msgspec.structs.replace(paths[0], seq=9)
     back = write(tmp_path / "back.mcap", [*said, (PATH, 4.0, late)], summary={"messages": "5"})
-    assert findings(back) == [(Kind.STAMP_BACK, Severity.PROBLEM)]
+    assert findings(back) == [(CheckKind.STAMP_BACK, Severity.PROBLEM)]
 
 
 @pytest.mark.parametrize(
     ("summary", "found"),
     [
         ({"messages": "3"}, []),
-        ({"messages": "4"}, [(Kind.COUNT, Severity.PROBLEM)]),
-        ({"messages": "4", "lost": "1"}, [(Kind.LOST, Severity.PROBLEM)]),
+        ({"messages": "4"}, [(CheckKind.COUNT, Severity.PROBLEM)]),
+        ({"messages": "4", "lost": "1"}, [(CheckKind.LOST, Severity.PROBLEM)]),
         ({"messages": "4", "part": "1"}, []),  # the recorder counts the messages of all parts
     ],
 )
 def test_what_the_recorder_says_of_its_messages_is_compared_with_them(
-    tmp_path: Path, summary: dict[str, str], found: list[tuple[Kind, Severity]]
+    tmp_path: Path, summary: dict[str, str], found: list[tuple[CheckKind, Severity]]
 ) -> None:
     assert findings(write(tmp_path / "run.mcap", states(3), summary=summary)) == found
 
@@ -229,20 +229,20 @@ def test_two_robots_that_bring_readings_of_one_mote_each_have_numbers_of_their_o
             first = 0 if robot == "r1" else 7
             said.append((READING, seq, msgspec.structs.replace(reading, via=robot, seq=first + seq, stamp_ns=seq)))
     path = write(tmp_path / "run.mcap", said)
-    assert [kind for kind, _ in findings(path)] == [Kind.PROVENANCE]  # it has no summary of a recorder
+    assert [kind for kind, _ in findings(path)] == [CheckKind.PROVENANCE]  # it has no summary of a recorder
 
 
 def test_a_file_whose_end_is_missing_is_a_problem(run: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(run.read_bytes()[: run.stat().st_size // 2])
-    assert (Kind.TRUNCATED, Severity.PROBLEM) in findings(cut)
+    assert (CheckKind.TRUNCATED, Severity.PROBLEM) in findings(cut)
 
 
 def test_of_many_findings_of_a_kind_the_first_are_told_and_the_rest_counted(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", [(STATE, number, b"{}") for number in range(50)])
     verdict = check_recording(path)
     assert verdict.problems == 50
-    assert sum(finding.kind is Kind.MALFORMED for finding in verdict.findings) == 5
+    assert sum(finding.kind is CheckKind.MALFORMED for finding in verdict.findings) == 5
     assert verdict.more == {"malformed": 45}
 
 

@@ -15,7 +15,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS
-from robrain.recording.drawing.map_view import MapView
+from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.reader.chunked_file import ChunkedFile
 from robrain.recording.reader.map_at import MapAt, Place
 from robrain.recording.reader.reading import RecordedMessage
@@ -43,7 +43,7 @@ def columns_of(grid: OccupancyGrid) -> list[int]:
 
 @pytest.mark.parametrize("size", [(1 << 12, (1 << 12) + 1), (MAX_CELLS + 1, 1), (1, MAX_CELLS + 1)])
 def test_a_map_with_more_cells_than_any_listener_took_is_never_begun(size: tuple[int, int]) -> None:
-    view = MapView()
+    view = ComposedMap()
     view.take(payload(0, geometry=GridGeometry(0.1, 0.0, 0.0, *size)))
     assert view.atlas is None
     view.take(payload(3))
@@ -52,7 +52,7 @@ def test_a_map_with_more_cells_than_any_listener_took_is_never_begun(size: tuple
 
 def test_the_largest_map_that_a_listener_took_is_begun() -> None:
     geometry = GridGeometry(0.1, 0.0, 0.0, 1 << 12, 1 << 12)
-    view = MapView()
+    view = ComposedMap()
     view.take(payload(5, geometry=geometry))
     assert view.grid is not None
     assert view.grid.geometry == geometry
@@ -61,7 +61,7 @@ def test_the_largest_map_that_a_listener_took_is_begun() -> None:
 
 @pytest.mark.parametrize("broken", [b"", b"no json", b"\xff", payload(1, geometry=GridGeometry(0.2, 0, 0, 9, 9))])
 def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> None:
-    view = MapView()
+    view = ComposedMap()
     view.take(payload(3, OCCUPIED))
     view.take(payload(4))
     before = view.atlas
@@ -73,7 +73,7 @@ def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> N
 
 
 def test_a_patch_that_does_not_decode_begins_no_map() -> None:
-    view = MapView()
+    view = ComposedMap()
     view.take(b"no json")
     assert view.atlas is None
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robrain import Scenario
-from robrain.lab.bench.figure import Figure, Kind
+from robrain.lab.bench.figure import Figure, FigureKind
 from robrain.plugins.unit.driver.driver import Driver
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.map_server import load_map
@@ -24,7 +24,7 @@ SMALL = Scenario.builtin("arena_small").replace(robots=1)
 
 def missed(figures: list[Figure]) -> list[str]:
     """Messages for deterministic figures that miss their bound."""
-    fixed = [figure for figure in figures if figure.kind is Kind.DETERMINISTIC]
+    fixed = [figure for figure in figures if figure.kind is FigureKind.DETERMINISTIC]
     assert fixed
     return [
         f"{figure.name}: {figure.value_words()}, bound {figure.bound_words()}"
@@ -35,7 +35,7 @@ def missed(figures: list[Figure]) -> list[str]:
 
 def misprinted(section: str, figures: list[Figure]) -> list[str]:
     """Messages for figures that differ from the pages."""
-    fixed = [figure for figure in figures if figure.kind is Kind.DETERMINISTIC]
+    fixed = [figure for figure in figures if figure.kind is FigureKind.DETERMINISTIC]
     printed = {figure.name: PRINTED.get((section, figure.name)) for figure in fixed}
     return [
         f"{figure.name}: measured {figure.value_words()}, printed {old.value_words() if old else 'nothing'}"

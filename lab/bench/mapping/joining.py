@@ -28,7 +28,7 @@ from robrain.lab.bench.figure import (
     show_figures,
     write_json,
 )
-from robrain.lab.bench.mapping.mapping_plan import Case, Plan, all_runs, errors_alone
+from robrain.lab.bench.mapping.mapping_plan import Case, MappingPlan, all_runs, errors_alone
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.wire.errors import RobrainError
@@ -56,7 +56,7 @@ HEADINGS = (
 )
 
 
-class Joining(msgspec.Struct, frozen=True, kw_only=True):
+class JoiningRun(msgspec.Struct, frozen=True, kw_only=True):
     """What became of one robot that did not know its place."""
 
     case: Case
@@ -105,12 +105,12 @@ class JoiningReport(msgspec.Struct, frozen=True, kw_only=True):
     """What `--json` writes."""
 
     bench: str
-    runs: list[Joining]
+    runs: list[JoiningRun]
     figures: list[Figure]
     all_kept: bool
 
 
-def run_bench(plan: Plan, kinds: Iterable[str], json_file: Path | None = None) -> None:
+def run_bench(plan: MappingPlan, kinds: Iterable[str], json_file: Path | None = None) -> None:
     """Make all runs; print a line for each robot that did not know its place, and the figures at the end.
 
     Args:
@@ -125,7 +125,7 @@ def run_bench(plan: Plan, kinds: Iterable[str], json_file: Path | None = None) -
     _write(json_file, [])
     prepare_kernels()
     print_line(HEADINGS)
-    found: list[Joining] = []
+    found: list[JoiningRun] = []
     asked = [(case, kind) for kind in kinds for case in plan.cases]
     for joinings in all_runs(run_case, asked, plan.jobs):
         for each in joinings:
@@ -151,7 +151,7 @@ def kinds_of(text: str) -> list[str]:
     return kinds
 
 
-def figures(runs: Iterable[Joining]) -> Iterator[Figure]:
+def figures(runs: Iterable[JoiningRun]) -> Iterator[Figure]:
     """Shares and times of each kind, beside their bounds."""
     made = [each for each in runs if not each.why_not]
     for kind in KINDS:
@@ -173,17 +173,17 @@ def figures(runs: Iterable[Joining]) -> Iterator[Figure]:
         yield deterministic(f"{what}: false joins", false, "", at_most(0.0), beside)
 
 
-def run_case(asked: tuple[Case, str]) -> list[Joining]:
+def run_case(asked: tuple[Case, str]) -> list[JoiningRun]:
     """Make one run; what cannot be run is told in `why_not`."""
     case, kind = asked
     try:
         with errors_alone():
             return list(_unknown_starts(case) if kind == "unknown" else _carried_off(case))
     except RobrainError as error:
-        return [Joining(case=case, kind=kind, why_not=str(error))]
+        return [JoiningRun(case=case, kind=kind, why_not=str(error))]
 
 
-def _unknown_starts(case: Case) -> Iterator[Joining]:
+def _unknown_starts(case: Case) -> Iterator[JoiningRun]:
     scenario = case.scenario().replace(near=None, starts=Starts.SCATTERED, starts_known=False)
     run = LockstepRun(scenario.world())
     watch = _Watch(run, [host.name for host in run.hosts[1:]])
@@ -201,7 +201,7 @@ def _unknown_starts(case: Case) -> Iterator[Joining]:
         yield watch.joining(case, "unknown", name)
 
 
-def _carried_off(case: Case) -> Iterator[Joining]:
+def _carried_off(case: Case) -> Iterator[JoiningRun]:
     world = case.scenario().world()
     run = LockstepRun(world)
     name = run.hosts[-1].name
@@ -271,14 +271,14 @@ class _Watch:
         if overlap.agreeing >= OVERLAP_CELLS and overlap.floor >= OVERLAP_FLOOR_CELLS:
             self.overlap_s[name] = self.run.sim_time_s
 
-    def joining(self, case: Case, kind: str, name: str) -> Joining:
+    def joining(self, case: Case, kind: str, name: str) -> JoiningRun:
         """What became of a robot."""
         joined_s = self.joined_s.get(name)
         overlap_s = self.overlap_s.get(name, joined_s)
         if joined_s is None and overlap_s is not None and self.run.sim_time_s - overlap_s < JOINED_WITHIN_S:
             overlap_s = None  # the run ended before there was time enough
         error_m = self.error_m[name] if joined_s is not None else 0.0
-        return Joining(
+        return JoiningRun(
             case=case, kind=kind, robot=name, overlap_s=overlap_s, joined_s=joined_s, error_m=round(error_m, 3)
         )
 
@@ -301,7 +301,7 @@ def _place(world: World, run: LockstepRun, name: str) -> Pose2D:
     raise UsageError(f"{plan.name}: no known floor {CARRIED_M:g} m from {name}")
 
 
-def _write(path: Path | None, found: list[Joining]) -> None:
+def _write(path: Path | None, found: list[JoiningRun]) -> None:
     if path is not None:
         told = list(figures(found))
         write_json(path, JoiningReport(bench="joining", runs=found, figures=told, all_kept=are_kept(told)))

@@ -33,7 +33,7 @@ from robrain.lab.bench.mapping.mapping_plan import (
     USUAL,
     WHEELS,
     Case,
-    Plan,
+    MappingPlan,
     all_runs,
     errors_alone,
 )
@@ -100,7 +100,7 @@ class MappingReport(msgspec.Struct, frozen=True, kw_only=True):
     all_kept: bool
 
 
-def run_bench(plan: Plan, json_file: Path | None = None) -> None:
+def run_bench(plan: MappingPlan, json_file: Path | None = None) -> None:
     """Make all runs; prints a line for each, and the figures at the end.
 
     Args:

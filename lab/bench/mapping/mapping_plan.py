@@ -76,7 +76,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
         return found.replace(robots=self.robots, seed=self.seed, hardware=hardware)
 
 
-class Plan(msgspec.Struct, frozen=True, kw_only=True):
+class MappingPlan(msgspec.Struct, frozen=True, kw_only=True):
     """All runs of the benchmark."""
 
     cases: list[Case]
@@ -94,7 +94,7 @@ def choose(
     time_limit_s: float,
     map_folder: Path | None = None,
     conditions: str = USUAL,
-) -> Plan:
+) -> MappingPlan:
     """Make a plan from the options: each map with each number of robots, seed, kind of wheels and conditions.
 
     Raises:
@@ -115,7 +115,7 @@ def choose(
         for seed in drawn
         for one in under
     ]
-    return Plan(cases=cases, jobs=jobs, absent=absent)
+    return MappingPlan(cases=cases, jobs=jobs, absent=absent)
 
 
 def check_limits(jobs: int, time_limit_s: float) -> None:

@@ -99,7 +99,7 @@ class MoteCase(msgspec.Struct, frozen=True, kw_only=True):
         }[self.way]
 
 
-class MoteRun(msgspec.Struct, frozen=True, kw_only=True):
+class MoteFieldRun(msgspec.Struct, frozen=True, kw_only=True):
     """What became of a field."""
 
     case: MoteCase
@@ -116,14 +116,14 @@ class MoteRun(msgspec.Struct, frozen=True, kw_only=True):
     driven_m_per_day: float
 
 
-def run_case(case: MoteCase) -> MoteRun:
+def run_case(case: MoteCase) -> MoteFieldRun:
     """Run one field to the last mote's death."""
     site = site_of(case.seed, case.motes)
     graph = RadioGraph(site.places, site.sink, site.range_m)
     full_j = [site.energy.capacity_j] * case.motes
     run = FieldRun(site, case.plan)
     life: FieldLife = run.run()
-    return MoteRun(
+    return MoteFieldRun(
         case=case,
         bound_days=lifetime_bound_days(graph, full_j, site.energy, 1.0 / site.period_s),
         first_days=life.first_days,
@@ -173,7 +173,7 @@ class MoteReport(msgspec.Struct, frozen=True, kw_only=True):
     """Contents of the file of `--json`."""
 
     bench: str
-    runs: list[MoteRun]
+    runs: list[MoteFieldRun]
     figures: list[Figure]
     all_kept: bool
 
@@ -210,7 +210,7 @@ def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
 
     """
     _write(json_file, [])
-    runs: list[MoteRun] = []
+    runs: list[MoteFieldRun] = []
     for run in all_runs(run_case, plan.cases, plan.jobs):
         runs.append(run)
         made = [one for one in runs if one.case.way == run.case.way]
@@ -224,7 +224,7 @@ def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
         show_figures("motes, each figure beside the bound that it is to keep", found, console)
 
 
-def table(runs: Sequence[MoteRun]) -> Table:
+def table(runs: Sequence[MoteFieldRun]) -> Table:
     """Means over the seeds; a row for each way of running the field."""
     count = runs[0].case.motes
     title = (
@@ -256,7 +256,7 @@ def table(runs: Sequence[MoteRun]) -> Table:
     return shown
 
 
-def figures(runs: Sequence[MoteRun]) -> Iterator[Figure]:
+def figures(runs: Sequence[MoteFieldRun]) -> Iterator[Figure]:
     """What is judged: routes against the bound, and robots against the tree."""
     ways = _by_way(runs)
     routes = ways.get(ROUTES, [])
@@ -283,7 +283,7 @@ def figures(runs: Sequence[MoteRun]) -> Iterator[Figure]:
             )
 
 
-def _by_way(runs: Sequence[MoteRun]) -> dict[str, list[MoteRun]]:
+def _by_way(runs: Sequence[MoteFieldRun]) -> dict[str, list[MoteFieldRun]]:
     return {way: made for way in WAYS if (made := [run for run in runs if run.case.way == way])}
 
 
@@ -305,7 +305,7 @@ def _interval(values: Sequence[float]) -> str:
     return "–" if found is None else found.words(0)
 
 
-def _write(path: Path | None, runs: list[MoteRun]) -> None:
+def _write(path: Path | None, runs: list[MoteFieldRun]) -> None:
     if path is not None:
         found = list(figures(runs))
         write_json(path, MoteReport(bench="motes", runs=runs, figures=found, all_kept=are_kept(found)))

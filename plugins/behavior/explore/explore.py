@@ -20,7 +20,7 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.clearance import mapped_gap_cells
 from robrain.algorithms.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
 from robrain.plugins.behavior.search import FIND_ITSELF
-from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Progress, Travel, TravelParameters, too_narrow
+from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Travel, TravelParameters, TravelState, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.model.geometry import Point2D
@@ -143,10 +143,10 @@ EVERYWHERE_M = 1e6
 DECIDE_PERIOD_S = 1.0
 """Period in which a robot that explores by its own choice decides again, as a coordinator does by `revise_s`."""
 WHY = {
-    Progress.ARRIVED: (TaskState.DONE, "arrived"),
-    Progress.BLOCKED: (TaskState.FAILED, "the way is blocked"),
-    Progress.NO_WAY: (TaskState.FAILED, "no way there"),
-    Progress.LOST: (TaskState.FAILED, "the robot does not know where it is"),
+    TravelState.ARRIVED: (TaskState.DONE, "arrived"),
+    TravelState.BLOCKED: (TaskState.FAILED, "the way is blocked"),
+    TravelState.NO_WAY: (TaskState.FAILED, "no way there"),
+    TravelState.LOST: (TaskState.FAILED, "the robot does not know where it is"),
 }
 
 
@@ -249,7 +249,7 @@ class ExploreBehavior(Behavior):
             self._finish(TaskState.DONE, "walls hide it from wherever the robot can stand")
             return
         progress = self._travel.step()
-        if progress is Progress.TOO_NARROW:
+        if progress is TravelState.TOO_NARROW:
             words, result = too_narrow(self._travel)
             self._finish(TaskState.FAILED, words, result)
         elif progress in WHY:

@@ -7,7 +7,7 @@ import math
 
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.search import FIND_ITSELF
-from robrain.plugins.behavior.travel import IDLE, Progress, Travel, TravelParameters
+from robrain.plugins.behavior.travel import IDLE, Travel, TravelParameters, TravelState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import check_not_negative
@@ -135,7 +135,7 @@ class IdleBehavior(Behavior):
             self._is_going = False
             self._since_ns = None
             self._travel.forget()
-        elif self._travel.step() not in (Progress.UNDER_WAY, Progress.WAITING):
+        elif self._travel.step() not in (TravelState.UNDER_WAY, TravelState.WAITING):
             self._end()
 
     def _end(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
 from robrain.plugins.behavior.errand import SETTLE_S, STEP_S, TROUBLE, Errand, Failed, Part, Run, Script
-from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress, TravelParameters
+from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelParameters, TravelState
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
@@ -83,9 +83,9 @@ class Queue:
         """Go there. Whether the robot is there; not if somebody else has it now, or there is no way."""
         errand = self._errand
         if not errand.travel.set_out(charger.place, priority=self._priority):
-            self.leave_out(charger, TROUBLE[Progress.NO_WAY])
+            self.leave_out(charger, TROUBLE[TravelState.NO_WAY])
             return {}
-        while (progress := errand.travel.step()) is not Progress.ARRIVED:
+        while (progress := errand.travel.step()) is not TravelState.ARRIVED:
             if progress in TROUBLE:
                 self.leave_out(charger, TROUBLE[progress])
             if progress in TROUBLE or errand.budget.docks.holder(charger.place):

@@ -15,7 +15,7 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.algorithms.navigation.source_seeking import FieldFit, FieldSamples
 from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Script
-from robrain.plugins.behavior.travel import PRIORITY_MAX, Progress
+from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelState
 from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
 from robrain.plugins.skill.energy.interface import Work
 from robrain.protocol.model.geometry import Point2D
@@ -261,8 +261,8 @@ class Climb:
         if not travel.set_out(goal, priority=self._priority):
             yield
             return False
-        while (progress := travel.step()) is not Progress.ARRIVED:
-            if progress is Progress.LOST:
+        while (progress := travel.step()) is not TravelState.ARRIVED:
+            if progress is TravelState.LOST:
                 raise Failed(TROUBLE[progress])
             if progress in TROUBLE:
                 travel.stand()

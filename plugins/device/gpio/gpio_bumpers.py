@@ -14,7 +14,7 @@ from robrain.protocol.model.ranges import check_finite, check_within
 CONTACTS_MAX = 24
 
 
-class Contact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class BumperContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One contact."""
 
     line: LineName
@@ -32,7 +32,7 @@ class GpioBumpers(Device):
         """Contacts that close to ground when they are pressed, unless said otherwise."""
 
         chip: ChipPath = "/dev/gpiochip0"
-        contacts: Annotated[tuple[Contact, ...], Meta(max_length=CONTACTS_MAX)] = ()
+        contacts: Annotated[tuple[BumperContact, ...], Meta(max_length=CONTACTS_MAX)] = ()
         is_pressed_low: bool = True
         """Whether a pressed contact makes its line low."""
         pull: Pull = Pull.UP

@@ -3,7 +3,7 @@
 from typing import NamedTuple, Protocol
 
 
-class Motion(NamedTuple):
+class ImuMotion(NamedTuple):
     """One measurement in the axes of the unit: x ahead, y to the left, z up if it is mounted like that."""
 
     yaw_rate_rad_s: float
@@ -20,5 +20,5 @@ class ImuCodec(Protocol):
     stray_bytes: int
     """Bytes outside of any frame or line."""
 
-    def feed(self, data: bytes) -> list[Motion]:
+    def feed(self, data: bytes) -> list[ImuMotion]:
         """The measurements that these bytes complete."""

@@ -2,7 +2,7 @@
 
 import math
 
-from robrain.plugins.device.imu.imu_codec import Motion
+from robrain.plugins.device.imu.imu_codec import ImuMotion
 from robrain.plugins.device.imu.interface import ImuSample
 
 RATE_MAX_RAD_S = 40.0
@@ -24,7 +24,7 @@ class Mounting:
         self._left_sign = -1.0 if upside_down else 1.0
         self._cos, self._sin = math.cos(yaw_rad), math.sin(yaw_rad)
 
-    def sample(self, motion: Motion, stamp_ns: int) -> ImuSample:
+    def sample(self, motion: ImuMotion, stamp_ns: int) -> ImuSample:
         """A measurement in the robot's frame."""
         rate_rad_s = self._turns * motion.yaw_rate_rad_s
         if motion.x_m_s2 is None or motion.y_m_s2 is None:

@@ -17,7 +17,7 @@ from robrain.agent.silence import Silence
 from robrain.algorithms.localization.gyro_yaw import YawRate
 from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.errors import ImuAbsent
-from robrain.plugins.device.imu.imu_codec import ImuCodec, Motion
+from robrain.plugins.device.imu.imu_codec import ImuCodec, ImuMotion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
 from robrain.protocol.model.ranges import check_finite, check_positive
@@ -42,7 +42,7 @@ class WitMotionCodec:
         self._left = b""
         self._acceleration: tuple[float, float] | None = None
 
-    def feed(self, data: bytes) -> list[Motion]:
+    def feed(self, data: bytes) -> list[ImuMotion]:
         """As ImuCodec."""
         data, at, found = self._left + data, 0, []
         while len(data) - at >= FRAME_BYTES:
@@ -61,14 +61,14 @@ class WitMotionCodec:
         self._left = data[at:]
         return found
 
-    def _read(self, frame: bytes) -> Motion | None:
+    def _read(self, frame: bytes) -> ImuMotion | None:
         x, y, z, _ = _VALUES.unpack_from(frame, 2)
         if frame[1] == ACCELERATION:
             self._acceleration = x * ACCELERATION_M_S2, y * ACCELERATION_M_S2
         if frame[1] != ANGULAR_VELOCITY:
             return None
         acceleration, self._acceleration = self._acceleration, None
-        return Motion(z * ANGULAR_VELOCITY_RAD_S, *(acceleration or ()))
+        return ImuMotion(z * ANGULAR_VELOCITY_RAD_S, *(acceleration or ()))
 
 
 LINE_BYTES_MAX = 256
@@ -106,7 +106,7 @@ class LineFormat(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     checksum: LineChecksum = LineChecksum.NONE
 
 
-class LineCodec:
+class ImuLineCodec:
     """See ImuCodec.
 
     Args:
@@ -122,7 +122,7 @@ class LineCodec:
         self._skips = True
         """Until the next line begins: the first one may have begun before it was heard."""
 
-    def feed(self, data: bytes) -> list[Motion]:
+    def feed(self, data: bytes) -> list[ImuMotion]:
         """As ImuCodec."""
         *lines, left = (self._left + data).split(b"\n")
         found = []
@@ -140,7 +140,7 @@ class LineCodec:
         self._left = left
         return found
 
-    def _read(self, line: bytes) -> Motion | None:
+    def _read(self, line: bytes) -> ImuMotion | None:
         wanted = self._wanted
         if not line.startswith(self._prefix) or not line:
             return None
@@ -153,7 +153,7 @@ class LineCodec:
         except (ValueError, IndexError):
             self.rejected += 1
             return None
-        return Motion(math.radians(rate) if wanted.yaw_rate_unit is RateUnit.DEG_S else rate, *accelerations)
+        return ImuMotion(math.radians(rate) if wanted.yaw_rate_unit is RateUnit.DEG_S else rate, *accelerations)
 
     def _checked(self, line: bytes) -> bytes:
         """The line without its checksum (ValueError if that is wrong)."""
@@ -288,14 +288,14 @@ class SerialImu(Device):
 
     def _new_codec(self) -> ImuCodec:
         wanted = self.parameters
-        return LineCodec(wanted.lines) if wanted.protocol is ImuProtocol.LINES else WitMotionCodec()
+        return ImuLineCodec(wanted.lines) if wanted.protocol is ImuProtocol.LINES else WitMotionCodec()
 
-    def _is_possible(self, motion: Motion) -> bool:
+    def _is_possible(self, motion: ImuMotion) -> bool:
         is_possible = abs(motion.yaw_rate_rad_s) <= RATE_MAX_RAD_S
         self._beyond += not is_possible
         return is_possible
 
-    def _take(self, motions: list[Motion], now_ns: int) -> None:
+    def _take(self, motions: list[ImuMotion], now_ns: int) -> None:
         rates = self.env.board.yaw_rates
         latest = self._latest
         before_ns = 0 if latest is None else latest.stamp_ns

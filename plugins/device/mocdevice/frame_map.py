@@ -19,7 +19,7 @@ FrameOrNone = Annotated[str, Meta(max_length=128)]
 Signals = Annotated[tuple[SignalName, ...], Meta(min_length=1, max_length=SIGNALS_MAX)]
 
 
-class Unit(StrEnum):
+class SignalUnit(StrEnum):
     """Of a signal."""
 
     RAD_S = "rad/s"
@@ -34,14 +34,14 @@ class Unit(StrEnum):
     def per_si(self, wheel_radius_m: float) -> float:
         """A value in this unit for 1 rad/s of a wheel, or 1 rad of a steering angle."""
         return {
-            Unit.RPM: 60.0 / math.tau,
-            Unit.TURNS_S: 1.0 / math.tau,
-            Unit.M_S: wheel_radius_m,
-            Unit.DEG: math.degrees(1.0),
+            SignalUnit.RPM: 60.0 / math.tau,
+            SignalUnit.TURNS_S: 1.0 / math.tau,
+            SignalUnit.M_S: wheel_radius_m,
+            SignalUnit.DEG: math.degrees(1.0),
         }.get(self, 1.0)
 
 
-class Measure(StrEnum):
+class EncoderMeasure(StrEnum):
     """What an encoder signal carries."""
 
     COUNTS = "counts"
@@ -66,7 +66,7 @@ class FrameSignals(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     frame: SignalName
     signals: Signals
-    units: tuple[Unit, ...] = (Unit.RAD_S,)
+    units: tuple[SignalUnit, ...] = (SignalUnit.RAD_S,)
     """One for each signal, or one for all."""
     signs: tuple[Sign, ...] = (1,)
     """-1 for a wheel whose motor or encoder turns the other way; one for each signal, or one for all."""
@@ -108,7 +108,7 @@ class FrameMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         FrameSignals(frame="WheelEncoders", signals=("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")),
     )
     """Frames that are received, in any order; together they are the counts. `units` are for `measure = "speed"`."""
-    measure: Measure = Measure.COUNTS
+    measure: EncoderMeasure = EncoderMeasure.COUNTS
     stop: StopFrame = StopFrame(frame="Stop", values={"latched": 0})
     status: StatusFrame = StatusFrame(frame="MotorStatus")
     counter: str = "counter"

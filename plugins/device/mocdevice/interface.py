@@ -8,7 +8,7 @@ import msgspec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 
 
-class Condition(msgspec.Struct, frozen=True):
+class DriveCondition(msgspec.Struct, frozen=True):
     """Whether the robot can be driven, when that changes."""
 
     ok: bool

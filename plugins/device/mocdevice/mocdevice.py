@@ -14,7 +14,7 @@ import msgspec
 from robrain.algorithms.navigation.wheel_bases import Ackermann
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, Measure
+from robrain.plugins.device.mocdevice.frame_map import EncoderMeasure, FrameMap, FrameSignals
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
 from robrain.plugins.device.mocdevice.odometry import Counting
 from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc, signal_frames
@@ -36,7 +36,7 @@ SPEED_MODULUS = 1 << 48
 Codec = FrameCodec | SignalFrame
 
 
-class Wheels(NamedTuple):
+class WheelFrame(NamedTuple):
     """A frame with the signals of wheels."""
 
     codec: Codec
@@ -61,7 +61,7 @@ class WheelFrames:
 
     def __init__(self, wanted: FrameMap, commands: int, wheels: int, wheel_radius_m: float) -> None:
         dbc = read_dbc(wanted.dbc)
-        is_speed = wanted.measure is Measure.SPEED
+        is_speed = wanted.measure is EncoderMeasure.SPEED
 
         def codecs(what: str, frame: str, signals: tuple[str, ...]) -> list[Codec]:
             try:
@@ -75,7 +75,7 @@ class WheelFrames:
                 raise ValueError(f"frames.{what}: no frame {frame} has all of {', '.join(signals)}: it is multiplexed")
             return found[0]
 
-        def wheels_of(what: str, frames: Sequence[FrameSignals], number: int, exponent: int) -> list[Wheels]:
+        def wheels_of(what: str, frames: Sequence[FrameSignals], number: int, exponent: int) -> list[WheelFrame]:
             there = sum(len(one.signals) for one in frames)
             if there != number:
                 raise ValueError(f"frames.{what}: expected {number} signals for this base, got {there}")
@@ -86,7 +86,7 @@ class WheelFrames:
                     for unit, sign in zip(_each(one.units, one), _each(one.signs, one), strict=True)
                 ]
                 for part in codecs(what, one.frame, one.signals):
-                    parts.append(Wheels(part, tuple(factors[: len(part.signals)])))
+                    parts.append(WheelFrame(part, tuple(factors[: len(part.signals)])))
                     del factors[: len(part.signals)]
             return parts
 
@@ -140,7 +140,7 @@ def _each(values: tuple[Any, ...], frame: FrameSignals) -> tuple[Any, ...]:
     return values * len(frame.signals) if len(values) == 1 else values
 
 
-def _modulus(encoders: Sequence[Wheels]) -> int:
+def _modulus(encoders: Sequence[WheelFrame]) -> int:
     lengths = {bits for one in encoders for bits in one.codec.bits[: len(one.factors)]}
     if len(lengths) > 1:
         raise ValueError(f"frames.encoders: expected counts of one length, got {sorted(lengths)} bits")

@@ -20,9 +20,9 @@ from robrain.algorithms.navigation.wheel_bases import WheelBase
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
 from robrain.plugins.device.mocdevice.interface import (
-    Condition,
     ControllerStatus,
     Counters,
+    DriveCondition,
     WheelCounts,
     WheelsInterface,
 )
@@ -80,7 +80,7 @@ class WheelDevice(Device):
     interface = WheelsInterface
     period_s = 0.06  # and whenever somebody asks for the odometry
     parameters: Parameters
-    condition = Event[Condition](outside=True)
+    condition = Event[DriveCondition](outside=True)
 
     def init(self) -> None:
         self._link: WheelLink | None = None
@@ -133,7 +133,7 @@ class WheelDevice(Device):
                 self.period_s = FAST_PERIOD_S
                 self.env.board.odometry = self._odometry.recent(self._frame_clock.offset_ns)
         except MotionFault as fault:
-            self.condition.notify(Condition(False, str(fault)))
+            self.condition.notify(DriveCondition(False, str(fault)))
             raise
 
     def deactivate(self) -> None:
@@ -307,7 +307,7 @@ class WheelDevice(Device):
             self._rejected += 1
             self._frame_clock.start_anew()
         if self._heard_ns is None and self._is_again:
-            self.condition.notify(Condition(True, "the motor controller speaks again"))
+            self.condition.notify(DriveCondition(True, "the motor controller speaks again"))
         self._heard_ns = now_ns
         board = self.env.board
         if board.yaw_rates or self._has_gyro:

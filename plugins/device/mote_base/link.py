@@ -9,7 +9,7 @@ class LineAbsent(OSError):
     """The base station, or what it hangs on, is not there. A fault like others: the plugin is started again later."""
 
 
-class Link(Protocol):
+class PacketLink(Protocol):
     """Carries whole packets. It never waits: it is called in the device's step."""
 
     @property

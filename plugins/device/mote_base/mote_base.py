@@ -11,18 +11,18 @@ from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
-from robrain.plugins.device.mote_base.link import Backoff, LineAbsent, Link
+from robrain.plugins.device.mote_base.link import Backoff, LineAbsent, PacketLink
 from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
 from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
-from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, GREETING, BadGreeting, Decoder, encode
+from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, GREETING, BadGreeting, PacketDecoder, encode
 from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 
 
-class ZenohLink:
+class SimulatedAirLink:
     """A robot's place in the simulated air; it ends with the endpoint.
 
     Args:
@@ -92,7 +92,7 @@ class SfLink:
         self._backoff = backoff
         self._why_down = ""
         self._to_send = b""
-        self._decoder = Decoder()
+        self._decoder = PacketDecoder()
         self._early: list[bytes] = []
         self._socket: socket.socket | None = socket.create_connection((host, port), timeout=timeout_s)
         try:
@@ -170,7 +170,7 @@ class SfLink:
     def _connect(self, now_ns: int) -> None:
         """Begin a connection; whether it comes about shows when something is sent or received."""
         self._backoff.failed(now_ns)  # until the forwarder has greeted
-        self._decoder = Decoder()
+        self._decoder = PacketDecoder()
         self._to_send = GREETING
         self._socket = socket.socket(self._family, socket.SOCK_STREAM)
         self._socket.setblocking(False)
@@ -296,7 +296,7 @@ class MoteBase(Device):
     parameters: Parameters
 
     def init(self) -> None:
-        self._link: Link | None = None
+        self._link: PacketLink | None = None
         self._guard = FloodGuard(self.parameters.flood_packets_s)
         self._packets = self._malformed = self._muted = self._floods = self._sent = 0
         self._dropped_before = 0
@@ -306,7 +306,7 @@ class MoteBase(Device):
         self._down_ns = 0
 
     def activate(self) -> None:
-        openers: dict[str, Callable[[], Link]] = {
+        openers: dict[str, Callable[[], PacketLink]] = {
             "zenoh": self._open_zenoh,
             "sf": self._open_sf,
             "serial": self._open_serial,
@@ -408,10 +408,10 @@ class MoteBase(Device):
             self._told_down, self._down_ns = why_down, now_ns
             self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
 
-    def _open_zenoh(self) -> Link:
-        return ZenohLink(self.env.wire, self.env.robot, self.parameters.inbox_packets, self.env.hurry)
+    def _open_zenoh(self) -> PacketLink:
+        return SimulatedAirLink(self.env.wire, self.env.robot, self.parameters.inbox_packets, self.env.hurry)
 
-    def _open_sf(self) -> Link:
+    def _open_sf(self) -> PacketLink:
         wanted = self.parameters
         try:
             return SfLink(
@@ -424,7 +424,7 @@ class MoteBase(Device):
         except (OSError, BadGreeting) as error:
             raise LineAbsent(f"no Serial Forwarder at {wanted.host}:{wanted.port}: {error}") from error
 
-    def _open_serial(self) -> Link:
+    def _open_serial(self) -> PacketLink:
         wanted = self.parameters
         try:
             return SerialLineLink(

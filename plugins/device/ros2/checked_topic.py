@@ -67,7 +67,7 @@ class Stamped(Protocol):
 T = TypeVar("T", bound=Stamped)
 
 
-class Measured(NamedTuple, Generic[T]):
+class CheckedMessage(NamedTuple, Generic[T]):
     """A message that was checked."""
 
     value: T
@@ -123,7 +123,7 @@ class CheckedTopic(Generic[T]):
         """Whether something has come."""
         return bool(self._inbox)
 
-    def take(self) -> list[Measured[T]]:
+    def take(self) -> list[CheckedMessage[T]]:
         """What has come since the last call, in order."""
         taken = []
         for arrived in self._inbox.drain():
@@ -136,7 +136,7 @@ class CheckedTopic(Generic[T]):
                 continue
             self._rejected_since = 0
             measured_ns = self._clock.measured_ns(value.stamp_ns, arrived.arrived_ns)
-            taken.append(Measured(value, measured_ns, arrived.number))
+            taken.append(CheckedMessage(value, measured_ns, arrived.number))
         return taken
 
     def close(self) -> None:

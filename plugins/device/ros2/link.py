@@ -116,7 +116,7 @@ class Ros2Link:
 
     def subscribe(
         self, kind: type[Any], topic: str, qos: Any, on_arrival: Callable[[], None], *, raw: bool = False
-    ) -> "Subscription[Any]":
+    ) -> "Ros2Subscription[Any]":
         """Hear a topic.
 
         Args:
@@ -127,11 +127,11 @@ class Ros2Link:
             raw: messages are taken as their bytes.
 
         """
-        return self.do(lambda: Subscription(self, kind, topic, qos, on_arrival, raw=raw))
+        return self.do(lambda: Ros2Subscription(self, kind, topic, qos, on_arrival, raw=raw))
 
-    def publisher(self, kind: type[Any], topic: str, qos: Any) -> "Publisher":
+    def publisher(self, kind: type[Any], topic: str, qos: Any) -> "Ros2Publisher":
         """Publish on a topic; arguments as for `subscribe`."""
-        return self.do(lambda: Publisher(self, kind, topic, qos))
+        return self.do(lambda: Ros2Publisher(self, kind, topic, qos))
 
     def every(self, period_s: float, function: Callable[[], None]) -> Callable[[], None]:
         """Call a function on the thread of the node; returns what ends that."""
@@ -229,7 +229,7 @@ class Ros2Link:
             return True
 
 
-class Subscription(Ros2Inbox[M]):
+class Ros2Subscription(Ros2Inbox[M]):
     """What comes on a topic; see `Ros2Link.subscribe`."""
 
     def __init__(
@@ -258,7 +258,7 @@ class Subscription(Ros2Inbox[M]):
         self._link.end(lambda: self._link.node.destroy_subscription(self._subscription))
 
 
-class Publisher:
+class Ros2Publisher:
     """Publishes on a topic; see `Ros2Link.publisher`."""
 
     def __init__(self, link: Ros2Link, kind: type[Any], topic: str, qos: Any) -> None:

@@ -20,10 +20,10 @@ from robrain.agent.plugin import Device, external
 from robrain.agent.silence import FirstWord, Silence
 from robrain.algorithms.localization.pose_track import PoseTrack
 from robrain.plugins.device.mocdevice.errors import BusFault
-from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters, MocDeviceInterface
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, DriveCondition, MocDeviceInterface
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
 from robrain.plugins.device.ros2.command_gate import TICK_S, CommandGate
-from robrain.plugins.device.ros2.link import Publisher, Ros2Link, open_link
+from robrain.plugins.device.ros2.link import Ros2Link, Ros2Publisher, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry, read_odometry
 from robrain.protocol.model.geometry import Pose2D, Twist2D
@@ -138,12 +138,12 @@ class Ros2Base(Device):
     interface = MocDeviceInterface
     period_s = 0.06  # and whenever somebody asks for the odometry
     parameters: Parameters
-    condition = Event[Condition](outside=True)
+    condition = Event[DriveCondition](outside=True)
 
     def init(self) -> None:
         self._link: Ros2Link | None = None
         self._odometry: CheckedTopic[ToldOdometry] | None = None
-        self._publisher: Publisher | None = None
+        self._publisher: Ros2Publisher | None = None
         self._gate: CommandGate | None = None
         self._believed = self._jumps = 0
 
@@ -177,7 +177,7 @@ class Ros2Base(Device):
         try:
             self._check()
         except BusFault as fault:
-            self.condition.notify(Condition(False, str(fault)))
+            self.condition.notify(DriveCondition(False, str(fault)))
             raise
 
     def deactivate(self) -> None:
@@ -311,7 +311,7 @@ class Ros2Base(Device):
                 self._jumps += 1
             self._believed += 1
             if self._heard_ns is None and self._is_again:
-                self.condition.notify(Condition(True, "the robot reports its odometry again"))
+                self.condition.notify(DriveCondition(True, "the robot reports its odometry again"))
             self._heard_ns = self.env.clock.now_ns()
             board = self.env.board
             board.T_odom_robot, board.told_odometry = self._path.pose, self._path.before

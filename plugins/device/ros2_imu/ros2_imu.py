@@ -13,7 +13,7 @@ from robrain.agent.silence import FirstWord, Silence
 from robrain.algorithms.localization.gyro_yaw import YawRate
 from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.errors import ImuAbsent
-from robrain.plugins.device.imu.imu_codec import Motion
+from robrain.plugins.device.imu.imu_codec import ImuMotion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
@@ -34,7 +34,7 @@ class BadImu(ValueError):
     """A message that is not believed; says why."""
 
 
-class Vector(Protocol):
+class ImuVector(Protocol):
     """geometry_msgs/Vector3."""
 
     x: float
@@ -46,9 +46,9 @@ class ImuMessage(Protocol):
     """sensor_msgs/Imu: rad/s and m/s², x ahead, y to the left, z up if it is mounted like that (REP 103)."""
 
     header: Header
-    angular_velocity: Vector
+    angular_velocity: ImuVector
     angular_velocity_covariance: Sequence[float]
-    linear_acceleration: Vector
+    linear_acceleration: ImuVector
     linear_acceleration_covariance: Sequence[float]
 
 
@@ -57,7 +57,7 @@ class ToldMotion(NamedTuple):
 
     stamp_ns: int
     """By the publisher's clock; 0 if it has no stamp."""
-    motion: Motion
+    motion: ImuMotion
 
 
 def read_imu(message: ImuMessage) -> ToldMotion:
@@ -75,11 +75,11 @@ def read_imu(message: ImuMessage) -> ToldMotion:
     stamp = message.header.stamp
     stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
     if message.linear_acceleration_covariance[0] == NOT_MEASURED:
-        return ToldMotion(stamp_ns, Motion(rate_rad_s))
+        return ToldMotion(stamp_ns, ImuMotion(rate_rad_s))
     x_m_s2, y_m_s2 = message.linear_acceleration.x, message.linear_acceleration.y
     if not math.hypot(x_m_s2, y_m_s2) <= ACCELERATION_MAX_M_S2:
         raise BadImu(f"expected up to {ACCELERATION_MAX_M_S2:g} m/s², got {x_m_s2:g} and {y_m_s2:g}")
-    return ToldMotion(stamp_ns, Motion(rate_rad_s, x_m_s2, y_m_s2))
+    return ToldMotion(stamp_ns, ImuMotion(rate_rad_s, x_m_s2, y_m_s2))
 
 
 logger = logging.getLogger(__name__)

@@ -11,7 +11,7 @@ from typing import Annotated, Protocol
 import msgspec
 from msgspec import Meta
 
-from robrain.plugins.device.mocdevice.frame_map import SIGNALS_MAX, Sign, Unit
+from robrain.plugins.device.mocdevice.frame_map import SIGNALS_MAX, Sign, SignalUnit
 
 LINE_BYTES_MAX = 256
 """A longer line is none."""
@@ -52,7 +52,7 @@ class LineWords(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Regular expression of a whole line with counts, a group for each wheel."""
     ending: Annotated[str, Meta(min_length=1, max_length=2)] = "\r"
     """Of lines that are sent; those that are received may end with any."""
-    units: Annotated[tuple[Unit, ...], Meta(min_length=1, max_length=SIGNALS_MAX)] = (Unit.RAD_S,)
+    units: Annotated[tuple[SignalUnit, ...], Meta(min_length=1, max_length=SIGNALS_MAX)] = (SignalUnit.RAD_S,)
     """Of the commands: one for all, or one for each."""
     scale: float = 1.0
     """A value in the command for one in that unit: counts per turn / 30 for ROSArduinoBridge with `turns/s`."""
@@ -76,7 +76,7 @@ class LineWords(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
                 raise ValueError(f"expected one line of ASCII, got {words!r}")
 
 
-class LineCodec:
+class WheelLineCodec:
     """See WheelCodec.
 
     Args:

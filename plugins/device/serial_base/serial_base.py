@@ -14,7 +14,7 @@ from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counter
 from robrain.plugins.device.mocdevice.odometry import Counting
 from robrain.plugins.device.mocdevice.wheel_device import OpenLink, WheelDevice
 from robrain.plugins.device.mocdevice.wheel_link import WheelReport
-from robrain.plugins.device.serial_base.line_codec import LineCodec, LineWords, WheelCodec
+from robrain.plugins.device.serial_base.line_codec import LineWords, WheelCodec, WheelLineCodec
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
@@ -65,9 +65,9 @@ class SerialBase(WheelDevice):
         else:
             commands = len(base.commands(Twist2D(), wanted.wheel_speed_max_rad_s))
             are_wheels = not isinstance(base, Ackermann)
-            made = LineCodec(wanted.lines, commands, base.wheels, base.wheel_radius_m, are_wheels=are_wheels)
+            made = WheelLineCodec(wanted.lines, commands, base.wheels, base.wheel_radius_m, are_wheels=are_wheels)
         line = self.env.open_serial(wanted.port, wanted.baud)
-        link = SerialLink(line, made, self.env.plugin, wanted, self.env.clock.now_ns)
+        link = WheelSerialLink(line, made, self.env.plugin, wanted, self.env.clock.now_ns)
         where = f"the controller at {wanted.port} is silent, or what it says is not understood"
         counting = Counting(1 << bits, base.rad_per_tick)
         return OpenLink(link, where, counting, wanted.period_s, StampedAt.ARRIVAL, start_s=wanted.start_s)
@@ -82,7 +82,7 @@ def _codec_class(path: str) -> Callable[[WheelBase], WheelCodec]:
     return made
 
 
-class SerialLink:
+class WheelSerialLink:
     """See WheelLink.
 
     Args:

@@ -63,7 +63,7 @@ PRIOR_GATE = 16.27
 MayBeAt = Callable[[MapFrame, Pose2D], bool]
 
 
-class Move(NamedTuple):
+class FrameMove(NamedTuple):
     """From one map frame into another."""
 
     frame: MapFrame
@@ -149,7 +149,7 @@ class Frames:
         if self.frame != ARENA and fix.trajectory == self._own.trajectory:
             self._join(ARENA, fix.T_arena_frame, fix.at, fix.covariance)
 
-    def move_of(self, patch: MapPatch) -> Move | None:
+    def move_of(self, patch: MapPatch) -> FrameMove | None:
         """How a mate that mapped in the robot's frame moves into a better one with this patch; None if it does not.
 
         To be asked before the patch is taken into the atlas.
@@ -162,10 +162,10 @@ class Frames:
             if part.robot != patch.robot or part.withdrawn or known is None:
                 continue
             if known.frame == frame and part.frame < frame:
-                return Move(part.frame, part.T_arena_local.compose(known.T_arena_local.inverse()))
+                return FrameMove(part.frame, part.T_arena_local.compose(known.T_arena_local.inverse()))
         return None
 
-    def follow(self, move: Move) -> None:
+    def follow(self, move: FrameMove) -> None:
         """Move as a mate has."""
         current = self._graph.current
         here = Pose2D(0.0, 0.0, 0.0) if current is None else current.pose

@@ -8,7 +8,7 @@ from robrain.algorithms.energy.battery_report import NOTHING_MORE, BatteryReport
 from robrain.algorithms.energy.battery_tracker import (
     BatteryTracker,
     GaugeLimits,
-    Measured,
+    TrackedReading,
 )
 from robrain.algorithms.energy.consumption import Drawn
 from robrain.algorithms.energy.soc_filter import PackModel
@@ -140,8 +140,8 @@ class Battery(Unit):
             self._is_cut_off = False
 
 
-def _values(measured: BatteryMeasurement) -> Measured:
-    return Measured(measured.voltage_v, measured.current_a, measured.temperature_c)
+def _values(measured: BatteryMeasurement) -> TrackedReading:
+    return TrackedReading(measured.voltage_v, measured.current_a, measured.temperature_c)
 
 
 def _report(measured: BatteryMeasurement) -> BatteryReport:

@@ -169,7 +169,7 @@ MOVES_M_S, MOVES_RAD_S = 0.05, 0.1
 """A robot that moves faster than one of these is not blocked."""
 
 
-class Wanted(msgspec.Struct):
+class NavigationGoal(msgspec.Struct):
     """Where the robot is to go."""
 
     pose: Pose2D
@@ -220,7 +220,7 @@ class Ros2Navigator(OnBase):
         self._actions = ActionDesk(self.env, self.progress, self.finished)
         self._link: Ros2Link | None = None
         self._goals: GoalClient | None = None
-        self._wanted: Wanted | None = None
+        self._wanted: NavigationGoal | None = None
         self._number = 0
         self._blocked_since_ns: int | None = None
         self._why = ""
@@ -361,10 +361,10 @@ class Ros2Navigator(OnBase):
         self._number += 1
         pose = self._moc.pose()
         length = pose.distance_m(goal) + abs(wrap_angle_rad(goal.yaw_rad - pose.yaw_rad))
-        self._wanted = wanted = Wanted(goal, self._number, action, length)
+        self._wanted = wanted = NavigationGoal(goal, self._number, action, length)
         self._put(wanted)
 
-    def _put(self, wanted: Wanted) -> None:
+    def _put(self, wanted: NavigationGoal) -> None:
         """Send the goal in the frame of the robot's own odometry, which the team's frame odom differs from."""
         board, goal = self.env.board, wanted.pose
         if board.told_odometry is not None and board.T_odom_robot is not None:
@@ -372,7 +372,7 @@ class Ros2Navigator(OnBase):
         if self._goals is not None:
             self._goals.send(wanted.number, goal, self.parameters.frame, divmod(self.env.clock.now_ns(), NS_PER_S))
 
-    def _go_on(self, wanted: Wanted) -> None:
+    def _go_on(self, wanted: NavigationGoal) -> None:
         now_ns, action = self.env.clock.now_ns(), wanted.action
         if wanted.again_ns is None:
             velocity = self._moc.velocity()
@@ -391,7 +391,7 @@ class Ros2Navigator(OnBase):
             wanted.number, wanted.again_ns = self._number, None
             self._put(wanted)
 
-    def _arrive(self, wanted: Wanted) -> None:
+    def _arrive(self, wanted: NavigationGoal) -> None:
         self._forget()
         if wanted.action is not None:
             wanted.action.done(self._moc.pose())

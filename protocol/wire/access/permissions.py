@@ -36,7 +36,7 @@ HOST = HOST_VERB.pattern.removesuffix("{verb}")
 Roles = AbstractSet[MemberRole]
 
 
-class Action(StrEnum):
+class AccessAction(StrEnum):
     """What a member does with a row's keys."""
 
     PUT = "put"
@@ -94,40 +94,40 @@ ASKS: dict[str, Roles] = {
 ANSWERS: dict[str, Roles] = {REPLAY_CONTROL.name: _OPERATOR}
 
 
-def roles(action: Action, row: WireKey) -> Roles:
+def roles(action: AccessAction, row: WireKey) -> Roles:
     """The roles that may do something with a row; nobody where the row is of another kind."""
     if isinstance(row, Topic):
         return _of_topic(action, row)
     if isinstance(row, Query):
         return _of_query(action, row)
-    return {Action.ANNOUNCE: SPEAKERS[row.by], Action.WATCH: ALL}.get(action, NOBODY)
+    return {AccessAction.ANNOUNCE: SPEAKERS[row.by], AccessAction.WATCH: ALL}.get(action, NOBODY)
 
 
-def _of_topic(action: Action, row: Topic[object]) -> Roles:
-    if action is Action.PUT:
+def _of_topic(action: AccessAction, row: Topic[object]) -> Roles:
+    if action is AccessAction.PUT:
         return PUTS.get(row.name, SPEAKERS[row.by])
-    if action is not Action.HEAR:
+    if action is not AccessAction.HEAR:
         return NOBODY
     return HEARS.get(row.name, ALL)
 
 
-def _of_query(action: Action, row: Query[object, object]) -> Roles:
-    if action is Action.ANSWER:
+def _of_query(action: AccessAction, row: Query[object, object]) -> Roles:
+    if action is AccessAction.ANSWER:
         return ANSWERS.get(row.name, SPEAKERS[row.by])
-    if action is not Action.ASK:
+    if action is not AccessAction.ASK:
         return NOBODY
     others = _OPERATOR if row.pattern.startswith(HOST) else NOBODY  # also verbs that other distributions bring
     asks = ASKS.get(row.name, ALL if row.reads_only else others)
     return (_ROBOT | _OPERATOR) & asks if row.by is Role.ARENA else asks
 
 
-def own_names(action: Action, row: WireKey, role: MemberRole) -> tuple[str, ...]:
+def own_names(action: AccessAction, row: WireKey, role: MemberRole) -> tuple[str, ...]:
     """The fields of a row's key that must be the member's own name.
 
     A robot speaks and answers under its own name alone; of its simulated hardware, and of the plugins that are
     processes of their own, it also hears and asks only what is its own.
     """
-    speaks = action in (Action.PUT, Action.ANSWER, Action.ANNOUNCE)
+    speaks = action in (AccessAction.PUT, AccessAction.ANSWER, AccessAction.ANNOUNCE)
     if role is MemberRole.RECORDER and speaks:
         return tuple(field for field in row.fields if field == "recorder")
     is_private = row.by is Role.ARENA or row in (ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from robrain.protocol.wire.access.member import Member, MemberRole
-from robrain.protocol.wire.access.permissions import Action, own_names, roles
+from robrain.protocol.wire.access.permissions import AccessAction, own_names, roles
 from robrain.protocol.wire.access.signed_keys import is_signed, signed
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.keys import ROOT
@@ -52,10 +52,10 @@ def access_control(members: Iterable[Member], router: Member | None = None) -> d
 
 def rules_of(member: Member) -> list[dict[str, Any]]:
     """The rules for one member."""
-    puts, hears = _keys(member, Action.PUT), _keys(member, Action.HEAR)
-    asks, answers = _keys(member, Action.ASK), _keys(member, Action.ANSWER)
-    announces, watches = _keys(member, Action.ANNOUNCE), _keys(member, Action.WATCH)
-    keeps, catches_up = _advanced(member, Action.PUT), _advanced(member, Action.HEAR)
+    puts, hears = _keys(member, AccessAction.PUT), _keys(member, AccessAction.HEAR)
+    asks, answers = _keys(member, AccessAction.ASK), _keys(member, AccessAction.ANSWER)
+    announces, watches = _keys(member, AccessAction.ANNOUNCE), _keys(member, AccessAction.WATCH)
+    keeps, catches_up = _advanced(member, AccessAction.PUT), _advanced(member, AccessAction.HEAR)
     bus = _bus_of(member)
     team = [f"{ROOT}/{member.team}/**", f"{ROOT}/{member.team}/**/{ADVANCED}"]
     parts = (
@@ -89,7 +89,7 @@ def _rule(member: Member, flow: str, messages: Sequence[str], keys: Iterable[str
     }
 
 
-def key_of(member: Member, action: Action, row: WireKey) -> str | None:
+def key_of(member: Member, action: AccessAction, row: WireKey) -> str | None:
     """The key expression under which a member may do something with a row; None if it may not."""
     if member.role not in roles(action, row):
         return None
@@ -97,25 +97,25 @@ def key_of(member: Member, action: Action, row: WireKey) -> str | None:
     key = row.selector(member.team, **names)
     if not is_signed(row):
         return key
-    return signed(key, member if action in (Action.PUT, Action.ASK) else None)
+    return signed(key, member if action in (AccessAction.PUT, AccessAction.ASK) else None)
 
 
-def _keys(member: Member, action: Action) -> list[str]:
+def _keys(member: Member, action: AccessAction) -> list[str]:
     return [key for row in ROWS if (key := key_of(member, action, row)) is not None]
 
 
 def _kept(member: Member) -> list[str]:
     """Keys of the samples that it sends again: they are replies under the topic's own key."""
     rows = [row for row in ROWS if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
-    return [key for row in rows if (key := key_of(member, Action.PUT, row)) is not None]
+    return [key for row in rows if (key := key_of(member, AccessAction.PUT, row)) is not None]
 
 
-def _advanced(member: Member, action: Action) -> list[str]:
+def _advanced(member: Member, action: AccessAction) -> list[str]:
     rows = [row for row in ROWS if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
     return [f"{key}/{ADVANCED}" for row in rows if (key := key_of(member, action, row)) is not None]
 
 
 def _bus_of(member: Member) -> list[str]:
     """Nodes of a simulated CAN bus look for each other by a query."""
-    key = key_of(member, Action.PUT, ARENA_CAN)
+    key = key_of(member, AccessAction.PUT, ARENA_CAN)
     return [] if key is None else [key]

@@ -3,7 +3,7 @@
 from typing import Any
 
 from robrain.protocol.wire.access.member import Member
-from robrain.protocol.wire.access.permissions import Action
+from robrain.protocol.wire.access.permissions import AccessAction
 from robrain.protocol.wire.access.signed_keys import is_signed, signed
 from robrain.protocol.wire.access.vouching import in_own_name, why_not
 from robrain.protocol.wire.errors import CallError, ErrorCode
@@ -41,7 +41,7 @@ class Signing:
 
         """
         if self._member is not None and is_signed(topic):
-            why = why_not(Action.ASK, topic, self._member)
+            why = why_not(AccessAction.ASK, topic, self._member)
             if why:
                 raise CallError(ErrorCode.FORBIDDEN, why)
             request = in_own_name(topic, request, self._member)

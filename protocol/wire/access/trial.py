@@ -47,7 +47,7 @@ class Right(StrEnum):
     PUBLISH = "publish"
 
 
-class Missing(NamedTuple):
+class MissingRight(NamedTuple):
     """What a router does not allow."""
 
     denied: tuple[Right, ...]
@@ -62,7 +62,7 @@ class Missing(NamedTuple):
         return bool(self.denied) and len(self.denied) == self.tried
 
 
-def missing_rights(session: zenoh.Session, connect: Sequence[str], identity: Identity) -> Missing:
+def missing_rights(session: zenoh.Session, connect: Sequence[str], identity: Identity) -> MissingRight:
     """Which rights a robot, coordinator or operator lacks.
 
     Args:
@@ -76,13 +76,13 @@ def missing_rights(session: zenoh.Session, connect: Sequence[str], identity: Ide
     """
     rows = _rows(identity.member)
     if rows is None:
-        return Missing(())
+        return MissingRight(())
     with closing(open_session(connect=connect, identity=identity)) as other:
         trials = _trials(session, other, *rows)
         if identity.member.role is MemberRole.ROBOT:
             trials.append((Right.PUBLISH, partial(_publishes, session, other, identity.member)))
         denied = [right for right, is_allowed in trials if not is_allowed()]
-    return Missing(tuple(denied), len(trials))
+    return MissingRight(tuple(denied), len(trials))
 
 
 def _rows(member: Member) -> tuple[str, str] | None:

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.wire.access.member import Member
-from robrain.protocol.wire.access.permissions import Action, roles
+from robrain.protocol.wire.access.permissions import AccessAction, roles
 from robrain.protocol.wire.access.signed_keys import read_signed, sender_field
 from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
@@ -16,7 +16,7 @@ from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.host_queries import HOST_VERB
 from robrain.protocol.wire.topic import Query, Topic
 
-VERBS = {Action.PUT: "publish", Action.ASK: "ask", Action.HEAR: "hear", Action.ANSWER: "answer"}
+VERBS = {AccessAction.PUT: "publish", AccessAction.ASK: "ask", AccessAction.HEAR: "hear", AccessAction.ANSWER: "answer"}
 ROBOT_FIELD = "via"
 """Where a robot names itself: by its name alone, which is also that of the robot everywhere else."""
 
@@ -30,7 +30,7 @@ def vouch_message(topic: Topic[Any], key: str, payload: bytes, refusals: Refusal
     if found is None:
         refusals.note(topic.name, key, RefusalCode.WRONG_NAME, "its key does not say who sends it")
         return None
-    why = why_not(Action.PUT, topic, found.asker)
+    why = why_not(AccessAction.PUT, topic, found.asker)
     if why:
         refusals.note(topic.name, key, RefusalCode.WRONG_NAME, why)
         return None
@@ -51,7 +51,7 @@ def vouch_message(topic: Topic[Any], key: str, payload: bytes, refusals: Refusal
     return found.key, msgspec.json.encode(msgspec.structs.replace(message, **{field: known}))
 
 
-def why_not(action: Action, row: Topic[Any] | Query[Any, Any], member: Member) -> str:
+def why_not(action: AccessAction, row: Topic[Any] | Query[Any, Any], member: Member) -> str:
     """Why a member may not do something with a row, in words; empty if it may."""
     allowed = roles(action, row)
     if member.role in allowed:
@@ -68,7 +68,7 @@ def vouch_request(query: Query[Any, Any], key: str, asked: Any, asker: Member, r
 
     """
     # Of the host's verbs each has a row of its own, whose rights the host itself checks.
-    why = "" if query is HOST_VERB else why_not(Action.ASK, query, asker)
+    why = "" if query is HOST_VERB else why_not(AccessAction.ASK, query, asker)
     if why:
         refusals.note(query.name, key, RefusalCode.WRONG_NAME, why)
         raise CallError(ErrorCode.FORBIDDEN, why)
@@ -88,7 +88,7 @@ def message_in_own_name(topic: Topic[Any], message: Any, member: Member) -> Any:
         CallError: it may not; the router would drop it in silence.
 
     """
-    why = why_not(Action.PUT, topic, member)
+    why = why_not(AccessAction.PUT, topic, member)
     if why:
         raise CallError(ErrorCode.FORBIDDEN, why)
     return in_own_name(topic, message, member)

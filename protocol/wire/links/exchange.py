@@ -29,7 +29,7 @@ class Subscription(NamedTuple):
     inbox: Inbox
 
 
-class Route(NamedTuple):
+class KeyRoute(NamedTuple):
     """What takes the samples of one key."""
 
     topic: Heard | None
@@ -42,7 +42,7 @@ class Route(NamedTuple):
     """What takes such keys as another topic."""
 
 
-NOBODY = Route(None, [], [], [])
+NOBODY = KeyRoute(None, [], [], [])
 """Of keys that nothing takes."""
 
 
@@ -73,7 +73,7 @@ class Exchange:
         self._watchers: Declared[Callable[[str, bool], None]] = Declared()
         self._tokens: Declared[str] = Declared(self._token_changed)
         self._present: set[str] = set()
-        self.routes: dict[str, Route] = {}
+        self.routes: dict[str, KeyRoute] = {}
         """What takes a key, for those that were delivered to."""
 
     @classmethod
@@ -149,7 +149,7 @@ class Exchange:
             for subscription in route.others:
                 subscription.inbox.append(subscription.topic, key, payload, outside=True)
 
-    def _route(self, topic: Heard, key: str) -> Route:
+    def _route(self, topic: Heard, key: str) -> KeyRoute:
         if len(self.routes) >= ROUTES_MAX:
             self.routes.clear()
         taking = self._subscriptions.reached(key)
@@ -157,7 +157,7 @@ class Exchange:
             self.routes[key] = NOBODY
             return NOBODY
         inboxes = [each.inbox for each in taking if each.topic is topic]
-        route = self.routes[key] = Route(
+        route = self.routes[key] = KeyRoute(
             topic,
             [inbox for inbox in inboxes if type(inbox).take is Inbox.take],
             [inbox for inbox in inboxes if type(inbox).take is not Inbox.take],

@@ -13,7 +13,7 @@ from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.topic import ANSWER_S, Topic, Urgency
 
 
-class RadioLink(DeclaringLink):
+class LocalRadioLink(DeclaringLink):
     """A `Link` within this process, for one party.
 
     Args:

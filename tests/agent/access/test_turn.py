@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robrain.agent.access.turn import Turn
+from robrain.agent.access.turn import PluginLock
 from robrain.agent.errors import PluginHung
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from tests.waiting import PATIENCE_S
@@ -65,7 +65,7 @@ def test_nobody_gets_into_a_plugin_while_another_is_in_it(lab):
 
 
 def test_a_turn_may_be_taken_again_by_who_has_it_and_is_free_after_the_last():
-    turn = Turn("bus", 5.0, VirtualClock())
+    turn = PluginLock("bus", 5.0, VirtualClock())
     with ThreadPoolExecutor(1) as others, turn:
         with turn:
             pass
@@ -75,7 +75,7 @@ def test_a_turn_may_be_taken_again_by_who_has_it_and_is_free_after_the_last():
 
 
 def test_who_waits_longer_than_the_limit_is_told_that_the_plugin_hangs():
-    turn = Turn("bus", 0.001, VirtualClock())
+    turn = PluginLock("bus", 0.001, VirtualClock())
     with ThreadPoolExecutor(1) as others, turn:
         with pytest.raises(PluginHung, match=r"bus has not come back for 0\.001 s") as hung:
             others.submit(turn.__enter__).result(PATIENCE_S)
@@ -85,7 +85,7 @@ def test_who_waits_longer_than_the_limit_is_told_that_the_plugin_hangs():
 def test_a_turn_is_overdue_from_when_it_was_first_taken():
     clock = VirtualClock()
     clock.advance_to(to_ns(100.0))
-    turn = Turn("bus", 1.0, clock)
+    turn = PluginLock("bus", 1.0, clock)
     with turn:
         assert not turn.is_overdue(to_ns(101.0))
         clock.advance_to(to_ns(100.8))

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from robrain.agent.isolation.messages import Call, Get
+from robrain.agent.isolation.messages import CallRequest, Get
 from robrain.agent.isolation.peer import Peer, PeerLate
 
 STEP_S = 0.05
@@ -34,7 +34,7 @@ def test_repeated_counter_questions_do_not_extend_the_time_limit():
     thread = threading.Thread(target=far.run, name="far", daemon=True)
     thread.start()
     with pytest.raises(PeerLate):
-        near.ask(Call(0, "look", b""), LIMIT_S)
+        near.ask(CallRequest(0, "look", b""), LIMIT_S)
     assert asked_back > 1
     near.close()
     thread.join()

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from robrain.agent.isolation.child import Child
+from robrain.agent.isolation.child import PluginChild
 from robrain.agent.isolation.child_environment import ChildEnvironment
 from robrain.agent.isolation.child_process import ChildProcess
 from robrain.agent.isolation.messages import Begin
@@ -70,7 +70,7 @@ def test_a_process_whose_parent_hangs_up_before_it_was_told_what_to_run_ends_in_
     connections = [socket.socketpair() for _ in range(3)]
     for near_end, _ in connections:
         near_end.close()
-    Child("vision", *(far_end for _, far_end in connections)).run()
+    PluginChild("vision", *(far_end for _, far_end in connections)).run()
     for _, far_end in connections:
         far_end.close()
 

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from robrain.agent.host.plugin_manager import PluginManager
-from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.wire.clock import VirtualClock
@@ -222,7 +222,7 @@ def test_a_load_waits_for_the_hosts_own_look_at_faults_and_is_not_refused_for_it
 
 
 def test_what_was_to_be_done_later_is_not_begun_after_the_robot_has_stopped():
-    manager = PluginManager(Registry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}))
+    manager = PluginManager(PluginRegistry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}))
     manager.registry.starters = WorkerPool("start-r1", PATIENCE_S)
     done = []
     manager.later(lambda: done.append("before"))

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.lifecycle.registry import Registry
+from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.plugin import PluginState
@@ -179,7 +179,7 @@ class Still(ManagedPlugin):
 
 @given(st.fixed_dictionaries({name: st.lists(st.sampled_from([*NAMES, "ghost"]), max_size=3) for name in NAMES}))
 def test_exactly_those_start_whose_whole_branch_can(tmp_path_factory, requires):
-    manager = PluginManager(Registry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}))
+    manager = PluginManager(PluginRegistry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}))
     for name, required in requires.items():
         manifest = Manifest(name, tmp_path_factory.getbasetemp(), "x:X", {}, TagTable(requires=required))
         manager.plugins[name] = Still(manifest, manager.registry)

@@ -15,7 +15,14 @@ from robrain.algorithms.allocation.auction import (
     queue_nearest,
 )
 from robrain.algorithms.allocation.explain import FITS, judge_visit
-from robrain.algorithms.allocation.insertion import BY_ENERGY, BY_FINISH, BY_LEAST_LEFT, Routes, empty_routes, insert
+from robrain.algorithms.allocation.insertion import (
+    BY_ENERGY,
+    BY_FINISH,
+    BY_LEAST_LEFT,
+    RouteBatch,
+    empty_routes,
+    insert,
+)
 from robrain.algorithms.allocation.problem import TeamArrays, VisitArrays
 
 HORIZON_S = 2000.0
@@ -123,7 +130,7 @@ def _auction(team: TeamArrays, visits: VisitArrays, rule: int, choice: int) -> l
         open_visits.remove(visit)
 
 
-def _orders(routes: Routes) -> list[list[int]]:
+def _orders(routes: RouteBatch) -> list[list[int]]:
     return [routes.order[worker, : routes.length[worker]].tolist() for worker in range(len(routes.length))]
 
 

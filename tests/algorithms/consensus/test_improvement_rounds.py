@@ -7,15 +7,15 @@ import pytest
 from robrain.algorithms.consensus.bidder import Bidder
 from robrain.algorithms.consensus.chance import chance
 from robrain.algorithms.consensus.negotiation import Negotiation
-from robrain.algorithms.consensus.route_scorer import FREE_START_SHARE, Drive, RouteScorer, Stop
+from robrain.algorithms.consensus.route_scorer import FREE_START_SHARE, DriveCost, RouteScorer, RouteStop
 
 
 def on_a_line(places_m: dict[str, float], start_m: float, end_m: float, prize_j: float) -> RouteScorer:
     """A robot that takes 1 J/m along a line, and tasks worth `prize_j` at places of it."""
     all_m = [*places_m.values(), start_m, end_m]
     costs = [[abs(one - other) for other in all_m] for one in all_m]
-    stops = {task: Stop(index, prize_j) for index, task in enumerate(places_m)}
-    return RouteScorer(Drive(costs, costs, len(places_m), (len(places_m) + 1,), math.inf), stops)
+    stops = {task: RouteStop(index, prize_j) for index, task in enumerate(places_m)}
+    return RouteScorer(DriveCost(costs, costs, len(places_m), (len(places_m) + 1,), math.inf), stops)
 
 
 TASKS = {f"t{number}": 10.0 + number for number in range(6)}
@@ -68,8 +68,8 @@ def test_the_plain_score_counts_the_whole_way_and_some_variants_do_not() -> None
 def test_the_energy_that_a_robot_has_bounds_a_route_whose_start_is_not_counted() -> None:
     places = [*TASKS.values(), 0.0, 30.0]
     costs = [[abs(one - other) for other in places] for one in places]
-    stops = {task: Stop(index, 8.0) for index, task in enumerate(TASKS)}
-    scorer = RouteScorer(Drive(costs, costs, 6, (7,), usable_j=29.0), stops)
+    stops = {task: RouteStop(index, 8.0) for index, task in enumerate(TASKS)}
+    scorer = RouteScorer(DriveCost(costs, costs, 6, (7,), usable_j=29.0), stops)
     for variant in range(60):
         scorer.begin(variant)
         assert scorer.insertion([], "t0") is None

@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 
 from robrain.algorithms.consensus.negotiation import Negotiation
-from robrain.algorithms.consensus.route_scorer import Drive, RouteScorer, Stop
+from robrain.algorithms.consensus.route_scorer import DriveCost, RouteScorer, RouteStop
 
 PRIZE_J = 1000.0
 ROBOTS = 4
@@ -31,9 +31,9 @@ class Field:
         for name, start in zip(names, self.starts, strict=True):
             places = [*self.places.values(), start, (10.0, 10.0)]
             costs = [[math.dist(one, other) for other in places] for one in places]
-            stops = {task: Stop(index, PRIZE_J) for index, task in enumerate(TASKS)}
+            stops = {task: RouteStop(index, PRIZE_J) for index, task in enumerate(TASKS)}
             scorer = RouteScorer(
-                Drive(costs, costs, len(TASKS), (len(TASKS) + 1,), math.inf, counts_end=False), stops, noise=1.0
+                DriveCost(costs, costs, len(TASKS), (len(TASKS) + 1,), math.inf, counts_end=False), stops, noise=1.0
             )
             member = Negotiation(name, scorer, rounds, while_working=True)
             member.bidder.limit = math.ceil(len(TASKS) / ROBOTS)
@@ -127,8 +127,8 @@ def on_a_line(usable_j: float, *, counts_end: bool) -> RouteScorer:
     """A robot at 0 m that takes 1 J/m, a charger at 10 m, tasks at 2, 4 and 6 m."""
     places = [2.0, 4.0, 6.0, 0.0, 10.0]
     costs = [[abs(one - other) for other in places] for one in places]
-    stops = {task: Stop(index, 100.0) for index, task in enumerate(("a", "b", "c"))}
-    return RouteScorer(Drive(costs, costs, 3, (4,), usable_j, counts_end=counts_end), stops)
+    stops = {task: RouteStop(index, 100.0) for index, task in enumerate(("a", "b", "c"))}
+    return RouteScorer(DriveCost(costs, costs, 3, (4,), usable_j, counts_end=counts_end), stops)
 
 
 def test_the_way_to_a_charger_is_kept_in_reserve_whether_it_counts_or_not() -> None:
@@ -147,8 +147,8 @@ def test_a_shorter_order_that_leaves_too_little_for_the_way_to_the_charger_is_no
     assert scorer.ordered(["c", "b", "a"]) == ["a", "b", "c"]
     places = [1.0, -1.0, 0.0, 2.0]  # the order that ends away from the charger is no longer, and was given
     costs = [[abs(one - other) for other in places] for one in places]
-    stops = {"a": Stop(0, 9.0), "b": Stop(1, 9.0)}
-    tight = RouteScorer(Drive(costs, costs, 2, (3,), 5.0, counts_end=False), stops)
+    stops = {"a": RouteStop(0, 9.0), "b": RouteStop(1, 9.0)}
+    tight = RouteScorer(DriveCost(costs, costs, 2, (3,), 5.0, counts_end=False), stops)
     assert tight.cost_j(["b", "a"]) == 3.0
     assert tight.cost_j(["a", "b"]) == math.inf
     assert tight.ordered(["b", "a"]) == ["b", "a"]

@@ -7,15 +7,17 @@ from itertools import permutations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.consensus.route_scorer import Drive, RouteScorer, Stop
+from robrain.algorithms.consensus.route_scorer import DriveCost, RouteScorer, RouteStop
 
 
 def route_scorer(seed: int, tasks: int, usable_j: float = math.inf, latest_s: float = math.inf) -> RouteScorer:
     rng = random.Random(seed)
     places = [(rng.random() * 10, rng.random() * 10) for _ in range(tasks + 2)]
     costs = [[math.dist(one, other) for other in places] for one in places]
-    stops = {f"t{index}": Stop(index, 20.0, service_s=1.0, service_j=0.5, latest_s=latest_s) for index in range(tasks)}
-    return RouteScorer(Drive(costs, costs, tasks, (tasks, tasks + 1), usable_j), stops)
+    stops = {
+        f"t{index}": RouteStop(index, 20.0, service_s=1.0, service_j=0.5, latest_s=latest_s) for index in range(tasks)
+    }
+    return RouteScorer(DriveCost(costs, costs, tasks, (tasks, tasks + 1), usable_j), stops)
 
 
 @given(st.integers(0, 10_000))
@@ -65,7 +67,9 @@ def test_a_task_that_would_be_late_cannot_be_inserted() -> None:
 def test_waiting_for_the_earliest_start_costs_energy() -> None:
     costs = [[0.0, 3.0], [3.0, 0.0]]
     early, late = (
-        RouteScorer(Drive(costs, costs, 1, (1,), 100.0, wait_w=2.0), {"t": Stop(0, 50.0, earliest_s=earliest_s)})
+        RouteScorer(
+            DriveCost(costs, costs, 1, (1,), 100.0, wait_w=2.0), {"t": RouteStop(0, 50.0, earliest_s=earliest_s)}
+        )
         for earliest_s in (0.0, 10.0)
     )
     assert early.cost_j(["t"]) == 6.0

@@ -8,12 +8,12 @@ from robrain.algorithms.energy.battery_tracker import (
     KNOWN_START_SD,
     BatteryTracker,
     GaugeLimits,
-    Measured,
+    TrackedReading,
 )
 from robrain.algorithms.energy.soc_filter import PackModel, SocFilter
 
 PACK = PackModel(missed_sd=0.0)
-LIE = Measured(3.0, 1.0, 25.0)
+LIE = TrackedReading(3.0, 1.0, 25.0)
 """An impossible pack voltage."""
 
 
@@ -22,7 +22,7 @@ class Followed:
 
     def __init__(self, soc: float | None = 0.8) -> None:
         self.one = BatteryTracker(PACK, GaugeLimits(recover_s=2.0), soc)
-        self.one.begin(Measured(15.7, 1.0, 25.0))
+        self.one.begin(TrackedReading(15.7, 1.0, 25.0))
         self._hair_v = 0.001
 
     @property
@@ -33,7 +33,7 @@ class Followed:
         for _ in range(count):
             self._hair_v = -self._hair_v  # bit-identical values would count as a frozen gauge
             voltage_v = self.filter.expected_v(current_a) + self._hair_v
-            self.one.follow(Measured(voltage_v, current_a, 25.0), 0.5 * current_a, 0.5)
+            self.one.follow(TrackedReading(voltage_v, current_a, 25.0), 0.5 * current_a, 0.5)
 
     def lie(self, elapsed_s: float = 0.5) -> None:
         self.one.follow(LIE, 0.5, elapsed_s)
@@ -67,7 +67,7 @@ def test_charge_that_has_flown_is_counted_and_not_the_current_of_the_moment():
     followed, by_hand = Followed(), SocFilter(PACK)
     by_hand.start_at(0.8, KNOWN_START_SD)
     voltage_v = by_hand.expected_v(1.0)
-    followed.one.follow(Measured(voltage_v, 1.0, 25.0), 36.0, 0.5)
+    followed.one.follow(TrackedReading(voltage_v, 1.0, 25.0), 36.0, 0.5)
     by_hand.count(72.0, 0.5)
     by_hand.fuse(voltage_v, 1.0)
     assert (followed.filter.soc, followed.filter.soc_sd) == (by_hand.soc, by_hand.soc_sd)
@@ -76,7 +76,7 @@ def test_charge_that_has_flown_is_counted_and_not_the_current_of_the_moment():
 def test_voltage_corrects_the_charge():
     followed = Followed()
     voltage_v = followed.filter.expected_v(1.0) + 0.1
-    followed.one.follow(Measured(voltage_v, 1.0, 25.0), 0.0, 0.5)
+    followed.one.follow(TrackedReading(voltage_v, 1.0, 25.0), 0.0, 0.5)
     assert followed.filter.soc > 0.8
 
 
@@ -133,7 +133,7 @@ def test_usual_current_is_a_mean_over_a_minute_of_what_is_drawn():
     followed.lie()
     assert followed.one.usual_a == pytest.approx(expected_a)
     long = Followed()
-    long.one.follow(Measured(long.filter.expected_v(3.0), 3.0, 25.0), 3.0 * 120.0, 120.0)
+    long.one.follow(TrackedReading(long.filter.expected_v(3.0), 3.0, 25.0), 3.0 * 120.0, 120.0)
     assert long.one.usual_a == 3.0
 
 
@@ -152,10 +152,10 @@ def test_silence_is_counted_on_and_only_once_when_the_gauge_speaks_again():
     soc = 0.8 - usual_a * 10.0 / followed.capacity_c
     assert followed.filter.soc == pytest.approx(soc)
     # Twelve seconds since the last measurement, ten of which have been counted on.
-    followed.one.follow(Measured(15.7, 1.0, 25.0), 12.0, 12.0)
+    followed.one.follow(TrackedReading(15.7, 1.0, 25.0), 12.0, 12.0)
     soc -= usual_a * 2.0 / followed.capacity_c
     assert followed.filter.soc == pytest.approx(soc)
-    followed.one.follow(Measured(15.701, 1.0, 25.0), 0.5, 0.5)
+    followed.one.follow(TrackedReading(15.701, 1.0, 25.0), 0.5, 0.5)
     assert followed.filter.soc == pytest.approx(soc - usual_a * 0.5 / followed.capacity_c)
 
 

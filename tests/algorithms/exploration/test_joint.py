@@ -14,7 +14,7 @@ from robrain.algorithms.exploration.joint import (
     GAIN_M_PER_M2,
     joint,
 )
-from robrain.algorithms.exploration.situation import Busy, Candidate, Seeker, Situation
+from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
@@ -37,7 +37,7 @@ PARTED = floor((5.0, 0.0, 5.2, 6.0))
 
 
 def candidate(x_m, y_m, unknown_m2=1.0):
-    return Candidate(Point2D(x_m, y_m), 1.0, unknown_m2)
+    return FrontierCandidate(Point2D(x_m, y_m), 1.0, unknown_m2)
 
 
 def seeker(name, x_m, y_m, *avoided):
@@ -94,7 +94,7 @@ def test_the_sum_of_costs_is_the_least_that_there_is(navigation, starts, ends, t
         Seeker(f"r{number}", Point2D(*place), tuple(Point2D(*away) for away in avoided if number == 0))
         for number, place in enumerate(starts)
     ]
-    candidates = [Candidate(Point2D(*place), 1.0, unknown_m2) for place, unknown_m2 in ends]
+    candidates = [FrontierCandidate(Point2D(*place), 1.0, unknown_m2) for place, unknown_m2 in ends]
     busy = [Point2D(*place) for place in taken]
     choices = assign_frontiers(navigation, candidates, seekers, busy)
     pairs, least_m = best_by_trying_all(cost_matrix(navigation, candidates, seekers, busy))

@@ -8,7 +8,7 @@ from robrain.algorithms.exploration.explorer import Explorer, Scout
 from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.map_look import MapLook
 from robrain.algorithms.exploration.rooms import DOOR_M, MEET_M, meetings_m, rooms
-from robrain.algorithms.exploration.situation import Busy, Candidate, Seeker, Situation
+from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.strategies import ROOMS, strategy_of
 from robrain.algorithms.exploration.tours import tours
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
@@ -32,7 +32,7 @@ class Look:
 
 
 def at(x_m, y_m=0.0):
-    return Candidate(Point2D(x_m, y_m), 1.0, 4.0)
+    return FrontierCandidate(Point2D(x_m, y_m), 1.0, 4.0)
 
 
 def straight(candidates, seekers, busy=(), *, shares_m2=None, room_m=1000.0):
@@ -104,7 +104,7 @@ def test_robot_makes_way_to_the_other_side_if_one_comes_towards_it():
 
 
 def test_without_a_map_what_frontiers_promise_counts_instead():
-    candidates = [at(2.0), Candidate(Point2D(-2.0, 0.0), 1.0, 12.0)]
+    candidates = [at(2.0), FrontierCandidate(Point2D(-2.0, 0.0), 1.0, 12.0)]
     situation = Situation(
         candidates, [seeker("r1")], [], lambda place: np.array([place.distance_m(one.place) for one in candidates])
     )

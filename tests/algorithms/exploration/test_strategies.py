@@ -14,7 +14,7 @@ from robrain.algorithms.exploration.auto import auto
 from robrain.algorithms.exploration.baselines import burgard, minpos, nearest
 from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.rooms import rooms
-from robrain.algorithms.exploration.situation import KEEP_M, Busy, Candidate, Choice, Seeker, Situation
+from robrain.algorithms.exploration.situation import KEEP_M, Busy, Choice, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.strategies import (
     AUTO,
     BURGARD,
@@ -35,7 +35,7 @@ from tests.installed_distributions import install
 
 __all__ = ["install"]
 
-A, B, C = (Candidate(Point2D(float(x_m), 0.0), 1.0, 1.0) for x_m in (1, 5, 9))
+A, B, C = (FrontierCandidate(Point2D(float(x_m), 0.0), 1.0, 1.0) for x_m in (1, 5, 9))
 R1, R2 = Seeker("r1", Point2D(0.0, 0.0)), Seeker("r2", Point2D(2.0, 0.0))
 WAYS_M = np.array([[1.0, 5.0, 9.0], [1.0, 3.0, math.inf]])
 STOCK = {AUTO: auto, NEAREST: nearest, MINPOS: minpos, BURGARD: burgard, JOINT: joint, TOURS: tours, ROOMS: rooms}
@@ -82,14 +82,14 @@ def test_minpos_sends_a_robot_where_fewer_are_nearer_though_it_is_farther() -> N
 
 
 def test_burgard_sends_the_second_robot_away_from_the_goal_of_the_first() -> None:
-    near, far = Candidate(Point2D(2.0, 0.0), 1.0), Candidate(Point2D(-4.0, 0.0), 1.0)
-    ends = [Candidate(Point2D(1.5, 0.0), 1.0), near, far]
+    near, far = FrontierCandidate(Point2D(2.0, 0.0), 1.0), FrontierCandidate(Point2D(-4.0, 0.0), 1.0)
+    ends = [FrontierCandidate(Point2D(1.5, 0.0), 1.0), near, far]
     made = burgard(on_a_line(ends, [R1, Seeker("r2", Point2D(0.1, 0.0))]))
     assert set(goals(made).values()) == {ends[0].place, far.place}
 
 
 def test_burgard_lowers_the_utility_near_the_goals_of_busy_robots() -> None:
-    ends = [A, Candidate(Point2D(-3.0, 0.0), 1.0)]
+    ends = [A, FrontierCandidate(Point2D(-3.0, 0.0), 1.0)]
     assert goals(burgard(on_a_line(ends, [R1]))) == {"r1": A.place}
     beside = Busy(Point2D(9.0, 0.0), Point2D(1.5, 0.0))
     assert goals(burgard(on_a_line(ends, [R1], [beside]))) == {"r1": ends[1].place}

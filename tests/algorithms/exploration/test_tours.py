@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from robrain.algorithms.exploration.auto import auto
 from robrain.algorithms.exploration.frontier_paths import FIELD_KEPT_NS, FrontierFields, FrontierPaths
 from robrain.algorithms.exploration.joint import joint
-from robrain.algorithms.exploration.situation import Busy, Candidate, Seeker, Situation
+from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.tour_kernels import LEAST_SAVING, Places, plan_tours
 from robrain.algorithms.exploration.tours import CONSIDERED, FAR_M, tours
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
@@ -26,7 +26,7 @@ def straight(candidates, seekers, busy=()):
 
 
 def candidate(x_m, y_m=0.0, unknown_m2=4.0):
-    return Candidate(Point2D(x_m, y_m), 1.0, unknown_m2)
+    return FrontierCandidate(Point2D(x_m, y_m), 1.0, unknown_m2)
 
 
 def seeker(name, x_m=0.0, y_m=0.0, *avoided, goal=None):

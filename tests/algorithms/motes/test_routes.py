@@ -8,7 +8,7 @@ from robrain.algorithms.motes.mote_energy import DAY_S, mica2
 from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.algorithms.motes.routes import (
     NO_ROUTE,
-    Routes,
+    MoteRoutes,
     cheapest_tree,
     lifetime_routes,
     min_hop_tree,
@@ -23,7 +23,7 @@ RATE_HZ = 1.0 / 60.0
 SEEDS = st.integers(0, 10_000)
 
 
-def first_death_days(graph: RadioGraph, routes: Routes) -> float:
+def first_death_days(graph: RadioGraph, routes: MoteRoutes) -> float:
     powers_w = [
         ENERGY.awake_w
         + RATE_HZ * (ENERGY.reading_j + routes.sent[mote] * ENERGY.send_j + routes.received[mote] * ENERGY.receive_j)
@@ -32,7 +32,7 @@ def first_death_days(graph: RadioGraph, routes: Routes) -> float:
     return ENERGY.capacity_j / max(powers_w) / DAY_S
 
 
-def best_routes(graph: RadioGraph, left_j: list[float] | None = None) -> Routes:
+def best_routes(graph: RadioGraph, left_j: list[float] | None = None) -> MoteRoutes:
     everybody = range(graph.sink)
     return lifetime_routes(graph, left_j or [ENERGY.capacity_j] * graph.sink, everybody, everybody, ENERGY, RATE_HZ)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.right_of_way import STEP_M, Margins, Track, Way, meet, release, sample_way
+from robrain.algorithms.navigation.right_of_way import STEP_M, DrivenPath, Margins, Track, meet, release, sample_way
 from robrain.protocol.model.geometry import Point2D
 
 MARGINS = Margins()
@@ -107,7 +107,7 @@ def test_positions_lie_a_step_apart_from_the_first_point_to_the_last(points):
 
 
 def test_a_way_tells_what_lies_ahead_and_takes_no_short_cut_where_it_comes_back():
-    there_and_back = Way(np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 0.3), (0.0, 0.3)]))
+    there_and_back = DrivenPath(np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 0.3), (0.0, 0.3)]))
     there_and_back.ahead(0.5, 0.15, 10.0)
     assert there_and_back.passed_m == pytest.approx(0.5, abs=0.11)
     for x in np.arange(0.6, 3.0, 0.2):
@@ -118,7 +118,7 @@ def test_a_way_tells_what_lies_ahead_and_takes_no_short_cut_where_it_comes_back(
 
 
 def test_the_points_up_to_a_place_end_there():
-    way = Way(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]))
+    way = DrivenPath(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]))
     until = way.points_until(1.5)
     assert until[-1] == pytest.approx((1.0, 0.5))
     assert way.points_until(math.inf)[-1] == pytest.approx((1.0, 1.0))
@@ -126,7 +126,7 @@ def test_the_points_up_to_a_place_end_there():
 
 def test_points_until_a_place_leave_out_what_was_passed():
     corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (2.0, 1.0), (2.0, 2.0)]
-    way = Way(np.array(corners))
+    way = DrivenPath(np.array(corners))
     for at in ((0.5, 0.0), (1.0, 0.0), (1.0, 0.5)):
         way.ahead(*at, 10.0)
     assert way.points_until(3.5).tolist() == [[1.0, 1.0], [2.0, 1.0], [2.0, 1.5]]
@@ -134,7 +134,7 @@ def test_points_until_a_place_leave_out_what_was_passed():
 
 
 def test_way_of_one_point_has_no_length_and_ends_there():
-    way = Way(np.array([(1.0, 2.0)]))
+    way = DrivenPath(np.array([(1.0, 2.0)]))
     assert (way.length_m, way.left_m, way.end) == (0.0, 0.0, Point2D(1.0, 2.0))
     assert way.points_until(math.inf).tolist() == [[1.0, 2.0]]
     assert way.ahead(1.0, 2.1, 5.0).tolist() == [[1.0, 2.1]]

@@ -9,9 +9,9 @@ from robrain.coordinator.charging.charge_schedule import (
     CLEAR_S,
     DOCK_S,
     TURN_GAIN,
+    ChargerPath,
+    ChargeSeeker,
     Demand,
-    Seeker,
-    Way,
     is_same_charger,
     schedule_charges,
 )
@@ -27,8 +27,8 @@ CALM, SHORT = Demand(0.95, 0.6, False), Demand(0.95, 0.6, True)
 
 def seeker(name, soc, *ways_s, **fields):
     places = (HERE, THERE)[: len(ways_s)]
-    ways = tuple(Way(place, way_s) for place, way_s in zip(places, ways_s, strict=True))
-    return Seeker(name, soc, CAPACITY_J, ways, **fields)
+    ways = tuple(ChargerPath(place, way_s) for place, way_s in zip(places, ways_s, strict=True))
+    return ChargeSeeker(name, soc, CAPACITY_J, ways, **fields)
 
 
 def schedule(seekers, demand=CALM):
@@ -104,7 +104,7 @@ def test_what_a_robot_has_set_itself_is_what_it_charges_to():
 
 
 def test_a_charger_that_two_robots_know_at_places_a_little_apart_is_one():
-    other = Seeker("r2", 0.2, CAPACITY_J, (Way(Point2D(0.3, 0.0), 5.0),))
+    other = ChargeSeeker("r2", 0.2, CAPACITY_J, (ChargerPath(Point2D(0.3, 0.0), 5.0),))
     turns = schedule([seeker("r1", 0.1, 5.0), other])
     assert turns["r2"].behind == "r1"
 
@@ -130,10 +130,12 @@ robots = st.tuples(
 def teams(draw):
     found = []
     for number, (soc, ways_s, known, at, whole) in enumerate(draw(st.lists(robots, max_size=8))):
-        known_ways = tuple(Way(PLACES[index], ways_s[index]) for index in sorted(known))
+        known_ways = tuple(ChargerPath(PLACES[index], ways_s[index]) for index in sorted(known))
         is_there = at is not None and whole and not any(one.bound_for == PLACES[at] and one.is_there for one in found)
         bound_for = None if at is None else PLACES[at]
-        found.append(Seeker(f"r{number}", soc, CAPACITY_J, known_ways, bound_for, is_there, None, draw(st.booleans())))
+        found.append(
+            ChargeSeeker(f"r{number}", soc, CAPACITY_J, known_ways, bound_for, is_there, None, draw(st.booleans()))
+        )
     return found
 
 

@@ -8,7 +8,7 @@ import pytest
 from robrain.coordinator.charging.charge_schedule import schedule_charges
 from robrain.coordinator.charging.charge_turns import TO_SOC
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
-from robrain.coordinator.planning.policy import Charging, PlanningPolicy
+from robrain.coordinator.planning.policy import ChargingPolicy, PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -95,14 +95,14 @@ def finish_s(charging, docks):
         took_s = (team.clock.now_ns() - begun_ns) / 1e9
         assert 1 <= docked_most <= docks
         for worker in workers:
-            assert worker.least_j > (0.9 * RESERVE_SOC * CAPACITY_J if charging is Charging.SCHEDULE else 0.0)
+            assert worker.least_j > (0.9 * RESERVE_SOC * CAPACITY_J if charging is ChargingPolicy.SCHEDULE else 0.0)
         team.close()
         return took_s
 
 
 @pytest.mark.slow
 def test_four_robots_do_many_visits_with_two_chargers_in_less_time_than_in_turns_and_keep_their_reserve():
-    assert finish_s(Charging.SCHEDULE, docks=2) <= finish_s(Charging.TURNS, docks=2)
+    assert finish_s(ChargingPolicy.SCHEDULE, docks=2) <= finish_s(ChargingPolicy.TURNS, docks=2)
 
 
 # -- those who charge are counted on --------------------------------------------------------------------------------
@@ -276,7 +276,7 @@ def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team
     assert [whole for _, whole in seen[:1]] == is_whole
 
 
-@pytest.mark.parametrize("charging", list(Charging))
+@pytest.mark.parametrize("charging", list(ChargingPolicy))
 @pytest.mark.parametrize(("soc", "charges"), [(0.5, True), (0.92, False)])
 def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_it_is_nearly_full(
     team, charging, soc, charges
@@ -297,7 +297,7 @@ def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_i
 @pytest.fixture
 def turns(team):
     """Of two robots the second has little left and waits, as the first charges by itself."""
-    team.begin(None, PlanningPolicy(charging=Charging.TURNS))
+    team.begin(None, PlanningPolicy(charging=ChargingPolicy.TURNS))
     own, low = staff(team, (0.6, 0.2))
     own.robot.behavior = "recharge"
     run(team, [own, low], 3.0)

@@ -1,6 +1,6 @@
 """Situations to plan from, for tests of what makes the plans."""
 
-from robrain.coordinator.planning.snapshot import Member, Snapshot
+from robrain.coordinator.planning.snapshot import PlanningRobot, Snapshot
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
@@ -17,7 +17,9 @@ def open_floor_snapshot(number: int, tasks: int, robots: int = 2) -> Snapshot:
         for k in range(tasks)
     )
     members = {
-        f"r{k}": Member(RobotState(robot=f"r{k}", pose=Pose2D(3.0 * k, 2.0, 0.0)), None, (), Point2D(3.0 * k, 2.0))
+        f"r{k}": PlanningRobot(
+            RobotState(robot=f"r{k}", pose=Pose2D(3.0 * k, 2.0, 0.0)), None, (), Point2D(3.0 * k, 2.0)
+        )
         for k in range(robots)
     }
     return Snapshot(

@@ -6,7 +6,7 @@ from robrain.coordinator.planning.live_planner import TRIES, LivePlanner
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import plan_again
-from robrain.coordinator.planning.snapshot import Member
+from robrain.coordinator.planning.snapshot import PlanningRobot
 from robrain.coordinator.planning.worker_link import Done
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
@@ -46,7 +46,7 @@ def test_of_many_questions_the_last_is_answered(planner, made):
 @pytest.mark.slow
 def test_a_question_that_cannot_be_answered_does_not_end_planning(planner, made, caplog):
     bad = open_floor_snapshot(1, 2)
-    bad.members["r0"] = Member(RobotState(robot="r0"), None, (), Point2D(0.0, 0.0))  # it has no pose
+    bad.members["r0"] = PlanningRobot(RobotState(robot="r0"), None, (), Point2D(0.0, 0.0))  # it has no pose
     planner.ask(bad, PlanningPolicy())
     while not caplog.records:
         made.wait(0.01)

@@ -7,7 +7,7 @@ import pytest
 from robrain.algorithms.allocation.plan import Unassigned, make_plan
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.planning import plan_in_force as planned_module
-from robrain.coordinator.planning.plan_in_force import Step, planned
+from robrain.coordinator.planning.plan_in_force import PlannedStep, planned
 from robrain.coordinator.planning.problem_builder import BuiltProblem
 from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.wire.reasons.offers import NoPath
@@ -52,7 +52,7 @@ def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
     made = plan_of([[], ["a", "b"]], job("a", 1, service_s=5.0), job("b", 3, earliest_s=20.0))
     assert made.steps == {
         "r0": (),
-        "r1": (Step("a", ns(2.0), 1.0, ns(3.0)), Step("b", ns(18.0), 2.0, ns(20.0))),
+        "r1": (PlannedStep("a", ns(2.0), 1.0, ns(3.0)), PlannedStep("b", ns(18.0), 2.0, ns(20.0))),
     }  # it is free at 2, at a from 3 to 8, and could be at b at 10
     assert made.orders == {"r1": ("a", "b")}
     assert (made.problem, made.took_s, made.waiting, made.left_out) == (WRITTEN, 0.25, {"late": LATE}, {})
@@ -60,13 +60,13 @@ def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
 
 def test_a_task_that_begins_when_its_robot_is_there_is_set_out_for_at_once():
     made = plan_of([["a"]], job("a", 3, earliest_s=3.0))
-    assert made.steps["r0"] == (Step("a", ns(0.0), 3.0, ns(3.0)),)
-    assert plan_of([["a"]], job("a", 0)).steps["r0"] == (Step("a", ns(0.0), 0.0, ns(0.0)),)
+    assert made.steps["r0"] == (PlannedStep("a", ns(0.0), 3.0, ns(3.0)),)
+    assert plan_of([["a"]], job("a", 0)).steps["r0"] == (PlannedStep("a", ns(0.0), 0.0, ns(0.0)),)
 
 
 def test_what_a_robot_is_at_is_no_step_but_takes_its_time():
     made = plan_of([["a", "b"]], job("a", 1, service_s=5.0, pinned_to="r0"), job("b", 2))
-    assert made.steps == {"r0": (Step("b", ns(6.0), 1.0, ns(7.0)),)}
+    assert made.steps == {"r0": (PlannedStep("b", ns(6.0), 1.0, ns(7.0)),)}
     assert [decision.task for decision in made.decisions] == ["b"]
 
 

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.planning.planning import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, ReplanTrigger
-from robrain.coordinator.planning.snapshot import Member
+from robrain.coordinator.planning.snapshot import PlanningRobot
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -26,13 +26,13 @@ def energy(j_per_m: float = J_PER_M, usable_j: float = USABLE_J) -> EnergyModel:
 
 def member(
     j_per_m: float = J_PER_M, usable_j: float = USABLE_J, *, offers=frozenset({"visit"}), chargers=(), free_ns: int = 0
-) -> Member:
+) -> PlanningRobot:
     battery = BatteryState(
         voltage_v=16.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=0.5 * FULL_J,
         remaining_low_j=usable_j, remaining_high_j=0.5 * FULL_J, charging=False,
     )  # fmt: skip
     state = RobotState(robot="r1", pose=Pose2D(0.0, 0.0, 0.0), energy=energy(j_per_m, usable_j), battery=battery)
-    return Member(state, offers, chargers, HOME, free_ns)
+    return PlanningRobot(state, offers, chargers, HOME, free_ns)
 
 
 def record(name: str, state: TaskState = TaskState.QUEUED, robot: str = "") -> TaskRecord:

@@ -1,6 +1,6 @@
 """Who gets which task when nobody plans."""
 
-from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE_S, Backoff
+from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE_S, TaskBackoff
 from robrain.coordinator.tasks.offers import dispatch, verdicts
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -82,7 +82,7 @@ def test_of_robots_at_the_same_distance_the_first_name_is_taken() -> None:
 
 
 def test_who_refused_is_asked_again_after_growing_pauses() -> None:
-    backoff = Backoff()
+    backoff = TaskBackoff()
     now_ns, pauses = 0, []
     for _ in range(8):
         backoff.note("t1", "r1", Refused(NoPath()), now_ns)
@@ -97,7 +97,7 @@ def test_who_refused_is_asked_again_after_growing_pauses() -> None:
 
 
 def test_refusals_are_not_remembered_without_end() -> None:
-    backoff = Backoff()
+    backoff = TaskBackoff()
     for number in range(KEPT + 10):
         backoff.note(f"t{number}", "r1", Refused(NoPath()), 0)
     assert len(backoff._avoided) == KEPT

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.coordinator.tasks.reconcile import FORGOTTEN_S, OFFER_ARRIVES_S, Move, reconcile, strays
+from robrain.coordinator.tasks.reconcile import FORGOTTEN_S, OFFER_ARRIVES_S, StateChange, reconcile, strays
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, Task, TaskState
@@ -39,7 +39,7 @@ def status(state: TaskState = TaskState.RUNNING, epoch: int = 7, task_id: str = 
     return TaskStatus(id=task_id, epoch=epoch, state=state)
 
 
-def judge(one: TaskRecord, other: Robot | None, now_s: float, since_s: float = LONG_AGO_S) -> Move | None:
+def judge(one: TaskRecord, other: Robot | None, now_s: float, since_s: float = LONG_AGO_S) -> StateChange | None:
     return reconcile(one, other, to_ns(now_s), to_ns(since_s))
 
 
@@ -54,7 +54,7 @@ def test_a_task_that_its_robot_is_at_stays() -> None:
 
 @pytest.mark.parametrize(("state", "why"), [(TaskState.OFFERED, None), (TaskState.LOST_CONTACT, ContactBack())])
 def test_a_robot_that_says_that_it_is_at_its_task_is(state: TaskState, why: TaskReason | None) -> None:
-    assert judge(record(state), robot(9.9, status()), 10.0) == Move(TaskState.RUNNING, why)
+    assert judge(record(state), robot(9.9, status()), 10.0) == StateChange(TaskState.RUNNING, why)
 
 
 @pytest.mark.parametrize("state", [TaskState.OFFERED, TaskState.RUNNING, TaskState.LOST_CONTACT])
@@ -74,15 +74,17 @@ def test_a_robot_is_lost_after_eight_states_of_silence_though_its_token_is_there
 
 def test_a_robot_without_its_token_is_lost_at_once_and_its_task_free_after_the_lease() -> None:
     gone = robot(10.0, status(), has_token=False)
-    assert judge(record(TaskState.RUNNING), gone, 10.1) == Move(TaskState.LOST_CONTACT, Gone())
+    assert judge(record(TaskState.RUNNING), gone, 10.1) == StateChange(TaskState.LOST_CONTACT, Gone())
     assert judge(record(TaskState.LOST_CONTACT), gone, 12.0) is None
-    assert judge(record(TaskState.LOST_CONTACT), gone, 12.05) == Move(TaskState.QUEUED, LeaseRanOut("r1"))
+    assert judge(record(TaskState.LOST_CONTACT), gone, 12.05) == StateChange(TaskState.QUEUED, LeaseRanOut("r1"))
 
 
 def test_a_robot_that_has_lost_its_task_in_a_restart_gives_it_back() -> None:
     for said in (None, status(epoch=6), status(task_id="t2"), status(TaskState.DONE, epoch=6)):
         assert judge(record(TaskState.RUNNING, 9.5), robot(9.9, said), 10.0) is None
-        assert judge(record(TaskState.RUNNING, 8.5), robot(9.9, said), 10.0) == Move(TaskState.QUEUED, Forgotten("r1"))
+        assert judge(record(TaskState.RUNNING, 8.5), robot(9.9, said), 10.0) == StateChange(
+            TaskState.QUEUED, Forgotten("r1")
+        )
 
 
 def test_an_offer_that_was_never_confirmed_is_given_back_after_its_lease() -> None:
@@ -90,10 +92,10 @@ def test_an_offer_that_was_never_confirmed_is_given_back_after_its_lease() -> No
     for told in (robot(11.9, None), robot(11.9, status(epoch=3))):
         assert judge(offered, told, 12.0) is None
         told.heard_ns = to_ns(12.0)
-        assert judge(offered, told, 12.1) == Move(TaskState.QUEUED, NeverTaken("r1"))
+        assert judge(offered, told, 12.1) == StateChange(TaskState.QUEUED, NeverTaken("r1"))
     silent = robot(9.0)
     assert judge(offered, silent, 11.5) is None  # the offer may have reached it: it has a lease of its own
-    assert judge(offered, silent, 12.1) == Move(TaskState.QUEUED, LeaseRanOut("r1"))
+    assert judge(offered, silent, 12.1) == StateChange(TaskState.QUEUED, LeaseRanOut("r1"))
 
 
 def test_a_coordinator_that_begins_anew_listens_before_it_misses_anybody() -> None:
@@ -141,7 +143,7 @@ def test_what_a_robot_holds_stays_offered_for_as_long_as_it_says_so() -> None:
 
 
 def test_what_a_robot_holds_no_more_is_given_back() -> None:
-    back = Move(TaskState.QUEUED, NeverTaken("r1"))
+    back = StateChange(TaskState.QUEUED, NeverTaken("r1"))
     assert judge(record(TaskState.OFFERED, 9.0), robot(9.9, OTHER), 10.0) is None
     assert judge(record(TaskState.OFFERED), robot(9.9, OTHER), 10.0) == back
     assert judge(record(TaskState.OFFERED), robot(9.9, OTHER, status(TaskState.OFFERED, epoch=5)), 10.0) == back
@@ -150,7 +152,7 @@ def test_what_a_robot_holds_no_more_is_given_back() -> None:
 def test_what_a_silent_robot_held_is_given_back_with_the_lease() -> None:
     silent = robot(10.0, OTHER, HELD)
     assert judge(record(TaskState.OFFERED), silent, 12.0) is None
-    assert judge(record(TaskState.OFFERED), silent, 12.05) == Move(TaskState.QUEUED, LeaseRanOut("r1"))
+    assert judge(record(TaskState.OFFERED), silent, 12.05) == StateChange(TaskState.QUEUED, LeaseRanOut("r1"))
 
 
 def test_a_task_that_ended_before_the_one_that_runs_is_left_to_the_robots_word() -> None:

@@ -17,7 +17,7 @@ from robrain.deploy.assistant.arguments import (
     arguments_of,
     order_text,
 )
-from robrain.deploy.assistant.errors import Refused
+from robrain.deploy.assistant.errors import CallRefused
 from robrain.deploy.assistant.policy import Ban
 
 VISIT = {"kind": "visit", "x_m": 1.0, "y_m": 2}
@@ -64,7 +64,7 @@ def nested(depth: int) -> Any:
     ],
 )
 def test_arguments_out_of_bounds_are_refused_and_named(given: Any, type_: type[Arguments], named: str) -> None:
-    with pytest.raises(Refused) as caught:
+    with pytest.raises(CallRefused) as caught:
         arguments_of(given, type_)
     assert caught.value.ban is Ban.BAD_ARGUMENTS
     assert named in str(caught.value)
@@ -74,14 +74,14 @@ def test_arguments_out_of_bounds_are_refused_and_named(given: Any, type_: type[A
 def test_a_circle_is_refused() -> None:
     circle: dict[str, Any] = {}
     circle["a"] = circle
-    with pytest.raises(Refused, match="not valid"):
+    with pytest.raises(CallRefused, match="not valid"):
         arguments_of(circle, Arguments)
 
 
 @pytest.mark.parametrize("name", ["id", "kind", "priority", "robots", "deadline_ns", "deadline_in_s", "after", "place"])
 def test_a_field_of_every_task_cannot_be_given_among_the_parameters(name: str) -> None:
     asked = arguments_of({**VISIT, "parameters": {name: 5}}, SubmitTask)
-    with pytest.raises(Refused, match=f"{name} is a field of every task") as caught:
+    with pytest.raises(CallRefused, match=f"{name} is a field of every task") as caught:
         _ = asked.fields
     assert caught.value.ban is Ban.BAD_ARGUMENTS
 

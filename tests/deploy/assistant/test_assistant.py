@@ -11,8 +11,8 @@ import pytest
 
 from robrain.client.team import Team
 from robrain.deploy.assistant import looking
-from robrain.deploy.assistant.answer import WORDS_MAX, Answer, Verdict, answer, harmless
-from robrain.deploy.assistant.assistant import Assistant, Call
+from robrain.deploy.assistant.answer import WORDS_MAX, CallVerdict, ToolAnswer, answer, harmless
+from robrain.deploy.assistant.assistant import Assistant, ToolCall
 from robrain.deploy.assistant.audit_log import AuditLog
 from robrain.deploy.assistant.confirmations import Confirmations
 from robrain.deploy.assistant.errors import AuditError
@@ -48,8 +48,8 @@ class Desk:
             note=self.noted.append,
         )
 
-    def call(self, tool: str, arguments: object, client: str = "scripted 1.0") -> Answer:
-        return self.assistant.answer(Call(client, tool, arguments))
+    def call(self, tool: str, arguments: object, client: str = "scripted 1.0") -> ToolAnswer:
+        return self.assistant.answer(ToolCall(client, tool, arguments))
 
     def lines(self) -> list[dict[str, Any]]:
         return [json.loads(line) for line in self.log.path.read_text().splitlines()]
@@ -86,17 +86,17 @@ def desk(open_desk: Callable[..., Desk]) -> Desk:
 def test_an_order_is_carried_out_only_once_it_is_confirmed(desk: Desk, team: Team) -> None:
     before = len(team.list())
     rehearsed = desk.call("submit_task", VISIT)
-    assert rehearsed.verdict is Verdict.REHEARSED
+    assert rehearsed.verdict is CallVerdict.REHEARSED
     assert len(team.list()) == before
     done = desk.call("submit_task", {**VISIT, "confirm": rehearsed.values["confirm"]})
-    assert done.verdict is Verdict.DONE
+    assert done.verdict is CallVerdict.DONE
     record = team.get(rehearsed.values["task"])
     assert (record.state, record.by, record.task.priority) == (TaskState.QUEUED, "assistant:ann", 1.0)
     assert len(team.list()) == before + 1
     asked = {"task": record.task.id}
     token = desk.call("cancel_task", asked).values["confirm"]
     assert team.get(record).state is TaskState.QUEUED
-    assert desk.call("cancel_task", {**asked, "confirm": token}).verdict is Verdict.DONE
+    assert desk.call("cancel_task", {**asked, "confirm": token}).verdict is CallVerdict.DONE
     assert team.get(record).state is TaskState.CANCELLED
 
 
@@ -146,10 +146,10 @@ def test_an_order_that_cannot_be_logged_is_not_carried_out_but_a_halt_is(
 
     monkeypatch.setattr(desk.log, "write", full)
     refused = desk.call("submit_task", {**VISIT, "confirm": token})
-    assert (refused.verdict, refused.code) == (Verdict.REFUSED, Ban.NOT_LOGGED)
+    assert (refused.verdict, refused.code) == (CallVerdict.REFUSED, Ban.NOT_LOGGED)
     assert "No space left" in refused.words
     assert len(team.list()) == before
-    assert desk.call("halt", {"reason": "smoke"}).verdict is Verdict.DONE
+    assert desk.call("halt", {"reason": "smoke"}).verdict is CallVerdict.DONE
     assert team.state("r1").halted
     assert len(desk.noted) == 2
     team.resume()
@@ -159,8 +159,8 @@ def test_an_order_that_cannot_be_logged_is_not_carried_out_but_a_halt_is(
 
 def test_a_viewers_assistant_looks_and_gives_no_order(open_desk: Callable[..., Desk], team: Team) -> None:
     desk = open_desk(Member(MemberRole.VIEWER, "default", "vic"))
-    assert desk.call("list_robots", {}).verdict is Verdict.LOOKED
-    assert desk.call("dry_run", VISIT).verdict is Verdict.LOOKED
+    assert desk.call("list_robots", {}).verdict is CallVerdict.LOOKED
+    assert desk.call("dry_run", VISIT).verdict is CallVerdict.LOOKED
     for order, arguments in (
         (Order.SUBMIT, VISIT),
         (Order.CANCEL, {"task": "t"}),
@@ -168,7 +168,7 @@ def test_a_viewers_assistant_looks_and_gives_no_order(open_desk: Callable[..., D
         (Order.HALT, {}),
     ):
         found = desk.call(order, arguments)
-        assert (found.verdict, found.code) == (Verdict.REFUSED, Ban.ROLE)
+        assert (found.verdict, found.code) == (CallVerdict.REFUSED, Ban.ROLE)
         assert "viewer:vic" in found.words
         assert not desk.assistant.may(order)
     assert not team.state("r1").halted
@@ -178,7 +178,7 @@ def test_an_assistant_has_a_bounded_number_of_open_tasks(desk: Desk, team: Team)
     is_open = sum(not record.state.ended for record in team.list())
     early = desk.call("submit_task", VISIT).values["confirm"]
     for number in range(OPEN_TASKS_MAX - is_open):
-        assert desk.call("submit_task", VISIT).verdict is Verdict.REHEARSED
+        assert desk.call("submit_task", VISIT).verdict is CallVerdict.REHEARSED
         team.submit("visit", id=f"filling-{number}", place=(2.0, 1.0), earliest_s=3000.0)
     assert desk.call("submit_task", VISIT).code == Ban.TOO_MANY_TASKS
     assert (
@@ -187,26 +187,26 @@ def test_an_assistant_has_a_bounded_number_of_open_tasks(desk: Desk, team: Team)
     for record in team.list():
         if not record.state.ended:
             team.cancel(record)
-    assert desk.call("submit_task", VISIT).verdict is Verdict.REHEARSED
+    assert desk.call("submit_task", VISIT).verdict is CallVerdict.REHEARSED
 
 
 def test_what_the_team_would_refuse_gets_no_token(desk: Desk) -> None:
     for arguments in ({**VISIT, "needs": ["arm"]}, {**VISIT, "x_m": 5000.0}, {**VISIT, "parameters": {"hop": 1}}):
         found = desk.call("submit_task", arguments)
-        assert found.verdict is Verdict.REFUSED
+        assert found.verdict is CallVerdict.REFUSED
         assert "confirm" not in found.values
-    assert desk.call("dry_run", {**VISIT, "needs": ["arm"]}).verdict is Verdict.REFUSED
+    assert desk.call("dry_run", {**VISIT, "needs": ["arm"]}).verdict is CallVerdict.REFUSED
 
 
 @pytest.mark.parametrize("name", ["task", "self", "fields", "id"])
 def test_a_parameter_with_the_name_of_an_argument_in_the_code_is_refused_in_words(desk: Desk, name: str) -> None:
-    assert desk.call("submit_task", {**VISIT, "parameters": {name: "x"}}).verdict is Verdict.REFUSED
+    assert desk.call("submit_task", {**VISIT, "parameters": {name: "x"}}).verdict is CallVerdict.REFUSED
 
 
 def test_a_call_is_rehearsed_with_its_signature_and_carried_out_with_its_arguments(desk: Desk) -> None:
     asked = {"robot": "r1", "plugin": "energy", "function": "estimate", "arguments": {"work": {"path_m": 10.0}}}
     rehearsed = desk.call("call_plugin", asked)
-    assert rehearsed.verdict is Verdict.REHEARSED
+    assert rehearsed.verdict is CallVerdict.REHEARSED
     assert "estimate(work: Work)" in rehearsed.words
     done = desk.call("call_plugin", {**asked, "confirm": rehearsed.values["confirm"]})
     assert done.values["result"]["mean_j"] > 0
@@ -224,7 +224,7 @@ def test_an_order_whose_answer_is_lost_is_said_to_be_unsure(desk: Desk, monkeypa
 
     monkeypatch.setattr(desk.team, "call", late)
     found = desk.call("call_plugin", {**asked, "confirm": token})
-    assert found.verdict is Verdict.FAILED
+    assert found.verdict is CallVerdict.FAILED
     assert "it may have been done" in found.words
 
 
@@ -236,9 +236,9 @@ def test_a_look_that_is_not_answered_is_refused_and_not_called_unsure(
 
     monkeypatch.setattr(desk.team, "kinds", late)
     found = desk.call("list_kinds", {})
-    assert (found.verdict, found.code) == (Verdict.REFUSED, Ban.TEAM)
+    assert (found.verdict, found.code) == (CallVerdict.REFUSED, Ban.TEAM)
     found = desk.call("dry_run", {**VISIT, "kind": "relay"})
-    assert (found.verdict, found.code) == (Verdict.REFUSED, Ban.BAD_ARGUMENTS)
+    assert (found.verdict, found.code) == (CallVerdict.REFUSED, Ban.BAD_ARGUMENTS)
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_a_look_that_is_not_answered_is_refused_and_not_called_unsure(
 )
 def test_a_halt_is_carried_out_whatever_its_arguments_are(desk: Desk, team: Team, arguments: object) -> None:
     found = desk.call("halt", arguments)
-    assert found.verdict is Verdict.DONE
+    assert found.verdict is CallVerdict.DONE
     assert found.values["confirmed"] == ["r1", "r2"]
     team.resume()
 
@@ -258,7 +258,7 @@ def test_a_halt_waits_neither_for_other_calls_nor_for_the_log(
     written: list[bool] = []
     monkeypatch.setattr(desk.log, "write", lambda _: written.append(team.state("r1").halted))
     with desk.assistant._lock:  # held by a call that takes long
-        assert desk.call("halt", {"robot": "r1"}).verdict is Verdict.DONE
+        assert desk.call("halt", {"robot": "r1"}).verdict is CallVerdict.DONE
     assert written == [True]
     team.resume()
 
@@ -289,7 +289,9 @@ def test_a_map_is_drawn_of_what_has_come_when_the_time_is_over(desk: Desk, monke
 
 
 def test_text_of_the_team_is_cut_and_cannot_steer_a_terminal() -> None:
-    found = answer(Verdict.LOOKED, ["red \x1b[31m", "x" * 100_000], {"why": "a\u202eb", "many": ["y" * 300] * 10_000})
+    found = answer(
+        CallVerdict.LOOKED, ["red \x1b[31m", "x" * 100_000], {"why": "a\u202eb", "many": ["y" * 300] * 10_000}
+    )
     assert "\x1b" not in found.words
     assert len(found.words) == WORDS_MAX
     assert found.values == {"why": "a\\u202eb", "verdict": "looked"}

@@ -13,7 +13,7 @@ from robrain.algorithms.slam.map_patch import to_message
 from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, map_png
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.recording.drawing.map_view import MapView
+from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.drawing.palette import FREE, OCCUPIED, UNKNOWN
 
 WIDTH_M, HEIGHT_M = 12.0, 6.0
@@ -21,11 +21,11 @@ ORIGIN = (-20.0, -10.0)
 
 
 @pytest.fixture(scope="module")
-def floor() -> MapView:
+def floor() -> ComposedMap:
     """A free room from (0, 0) to (12, 6) with a wall one metre thick on the right, on a larger grid."""
     classes = np.full((60, 120), grid_geometry.FREE, np.int8)
     classes[:, 110:] = grid_geometry.OCCUPIED
-    view = MapView()
+    view = ComposedMap()
     geometry = GridGeometry(0.1, *ORIGIN, 400, 300)
     view.merge(to_message("r1", geometry, PatchCells(100, 200, classes, 1000)))
     return view
@@ -41,7 +41,7 @@ def pixel(png: bytes, x_m: float, y_m: float, bounds: tuple[float, float, float,
     return found
 
 
-def test_floor_walls_and_unknown_lie_where_they_are_in_the_arena(floor: MapView) -> None:
+def test_floor_walls_and_unknown_lie_where_they_are_in_the_arena(floor: ComposedMap) -> None:
     bounds = floor.known_bounds_m()
     assert bounds == pytest.approx((0.0, 0.0, WIDTH_M, HEIGHT_M))
     png = map_png(floor, [], [])
@@ -58,5 +58,5 @@ def test_floor_walls_and_unknown_lie_where_they_are_in_the_arena(floor: MapView)
 def test_places_that_are_none_do_not_spoil_the_picture(bad: float) -> None:
     far = DrawnRobot("r\u00e4\u2603" * 100, Pose2D(bad, 0.0, 0.0), 1e9, halted=False)
     near = DrawnRobot("r2", Pose2D(1.0, 1.0, 0.0), 0.2, halted=False)
-    with Image.open(io.BytesIO(map_png(MapView(), [near, far], []))) as image:
+    with Image.open(io.BytesIO(map_png(ComposedMap(), [near, far], []))) as image:
         assert max(image.size) <= SIDE_PX + 1

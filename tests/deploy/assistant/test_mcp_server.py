@@ -9,9 +9,9 @@ from jsonschema import Draft202012Validator
 from mcp import Client
 from mcp_types import CallToolResult, Implementation
 
-from robrain.deploy.assistant.answer import Answer, Verdict, answer
+from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
 from robrain.deploy.assistant.arguments import Arguments, HaltRobots, OfTask, SubmitTask
-from robrain.deploy.assistant.assistant import Assistant, Call, Tool
+from robrain.deploy.assistant.assistant import Assistant, Tool, ToolCall
 from robrain.deploy.assistant.mcp_server import WAITING_MAX, McpServer
 from robrain.deploy.assistant.policy import Order
 
@@ -22,12 +22,12 @@ class FakeAssistant(Assistant):
     """Answers when it may, and keeps what it was asked."""
 
     def __init__(self) -> None:
-        self.calls: list[Call] = []
+        self.calls: list[ToolCall] = []
         self.go_on = threading.Event()
         self.hidden = ""
 
-        def look(_: Arguments) -> Answer:
-            return answer(Verdict.LOOKED, ["seen"])
+        def look(_: Arguments) -> ToolAnswer:
+            return answer(CallVerdict.LOOKED, ["seen"])
 
         self.tools = {
             "look": Tool("look", "Look.", OfTask, look=look),
@@ -38,13 +38,13 @@ class FakeAssistant(Assistant):
     def may(self, tool: str) -> bool:
         return tool != self.hidden
 
-    def answer(self, call: Call) -> Answer:
+    def answer(self, call: ToolCall) -> ToolAnswer:
         self.calls.append(call)
         if call.tool == "slow":
             assert self.go_on.wait(30.0)
         if call.tool == "picture":
-            return Answer(Verdict.LOOKED, "here", {}, b"\x89PNG")
-        return answer(Verdict.REFUSED if call.tool == "bad" else Verdict.LOOKED, ["words"], code="")
+            return ToolAnswer(CallVerdict.LOOKED, "here", {}, b"\x89PNG")
+        return answer(CallVerdict.REFUSED if call.tool == "bad" else CallVerdict.LOOKED, ["words"], code="")
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ def test_the_client_is_known_by_the_name_that_it_gives_of_itself(fake: FakeAssis
         await client.call_tool("look", {"task": "t"})
 
     run(fake, script, mode)
-    assert fake.calls == [Call("scri\\npted 1.0", "look", {"task": "t"})]
+    assert fake.calls == [ToolCall("scri\\npted 1.0", "look", {"task": "t"})]
 
 
 def test_a_refusal_is_an_error_and_a_picture_is_a_png(fake: FakeAssistant) -> None:

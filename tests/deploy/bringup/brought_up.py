@@ -6,15 +6,15 @@ from typing import Any
 import msgspec
 
 from robrain import Scenario
-from robrain.deploy.bringup.bring_up import BringUp, Wanted, patched
-from robrain.deploy.bringup.findings import Finding, Found, Report
+from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions, patched
+from robrain.deploy.bringup.findings import BringUpFinding, BringUpReport, FindingKind
 from robrain.deploy.bringup.operator import Operator, YesOperator
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from robrain.sim.world.world import World
 from tests.deploy.bringup.lockstep_bench import LockstepBench
 
-AIR, FLOOR = Wanted(floor=False), Wanted(air=False)
-NO_SQUARES = Wanted(air=False, rounds=0)
+AIR, FLOOR = BringUpOptions(floor=False), BringUpOptions(air=False)
+NO_SQUARES = BringUpOptions(air=False, rounds=0)
 YARD = """
 [scenario]
 name = "yard"
@@ -69,18 +69,18 @@ class BroughtUp:
         robot_file = msgspec.structs.replace(robot_file, parameters=patched(parameters, patch))
         self.path = folder / "r1.toml"
         self.path.write_bytes(b"# hers\n" + msgspec.toml.encode(robot_file))
-        self.told: list[Finding] = []
+        self.told: list[BringUpFinding] = []
 
-    def run(self, wanted: Wanted, operator: Operator | None = None) -> Report:
+    def run(self, wanted: BringUpOptions, operator: Operator | None = None) -> BringUpReport:
         with LockstepBench(self.world) as bench:
             return BringUp(self.path, bench, operator or YesOperator(), self.told.append).run(wanted)
 
 
-def wrong(report: Report) -> set[Found]:
+def wrong(report: BringUpReport) -> set[FindingKind]:
     """What was not as it should be."""
     return {finding.found for finding in report.findings if finding.ok is False}
 
 
-def value(report: Report, found: Found, name: str) -> float:
+def value(report: BringUpReport, found: FindingKind, name: str) -> float:
     """A figure of the first finding of a kind."""
     return next(finding.values[name] for finding in report.findings if finding.found is found)

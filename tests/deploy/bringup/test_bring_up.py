@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from robrain.agent.host.robot_file import read_robot_file
-from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, Wanted
-from robrain.deploy.bringup.findings import Found, Step
+from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, BringUpOptions
+from robrain.deploy.bringup.findings import BringUpStep, FindingKind
 from robrain.deploy.bringup.floor_checks import look
 from robrain.deploy.bringup.square import check_square
 from robrain.sim.world.robot_specs import RobotType
@@ -37,26 +37,40 @@ def test_five_faults_at_once_are_named_and_corrected_and_a_second_run_has_nothin
         },
         {"lidar": {"mount": {"yaw_rad": math.pi / 2}}, "imu": IMU | {"upside_down": True}},
     )
-    first = robot.run(Wanted(rounds=0))
+    first = robot.run(BringUpOptions(rounds=0))
     assert wrong(first) == {
-        Found.ENCODERS_SWAPPED,
-        Found.ENCODER_INVERTED,
-        Found.SCAN_TURNED,
-        Found.WRONG_WHEEL_RADIUS,
-        Found.IMU_INVERTED,
+        FindingKind.ENCODERS_SWAPPED,
+        FindingKind.ENCODER_INVERTED,
+        FindingKind.SCAN_TURNED,
+        FindingKind.WRONG_WHEEL_RADIUS,
+        FindingKind.IMU_INVERTED,
     }
-    assert value(first, Found.IMU_INVERTED, "by_imu_rad") < -1.4
+    assert value(first, FindingKind.IMU_INVERTED, "by_imu_rad") < -1.4
     corrected = robot.path.read_bytes()
     assert Path(first.backup).read_bytes() != corrected
-    again = robot.run(Wanted(rounds=0))
+    again = robot.run(BringUpOptions(rounds=0))
     assert again.is_good
     assert [finding.step for finding in again.findings if finding.ok] == [
-        *(Step.BUS, Step.WHEELS, Step.SCALE, Step.HALT, Step.WATCHDOG, Step.BATTERY),
-        *(Step.SCAN, Step.ORIENTATION, Step.DISTANCE, Step.TURN, Step.TURN, Step.IMU),
+        *(
+            BringUpStep.BUS,
+            BringUpStep.WHEELS,
+            BringUpStep.SCALE,
+            BringUpStep.HALT,
+            BringUpStep.WATCHDOG,
+            BringUpStep.BATTERY,
+        ),
+        *(
+            BringUpStep.SCAN,
+            BringUpStep.ORIENTATION,
+            BringUpStep.DISTANCE,
+            BringUpStep.TURN,
+            BringUpStep.TURN,
+            BringUpStep.IMU,
+        ),
     ]
     assert robot.path.read_bytes() == corrected
     assert again.backup == ""
-    assert value(again, Found.RIGHT, "rate_hz") == pytest.approx(50.0, abs=2.0)
+    assert value(again, FindingKind.RIGHT, "rate_hz") == pytest.approx(50.0, abs=2.0)
     text = corrected.decode()
     assert text.startswith("# hers\n")
     said = tomllib.loads(text)["parameters"]
@@ -70,12 +84,12 @@ def test_five_faults_at_once_are_named_and_corrected_and_a_second_run_has_nothin
 @pytest.mark.parametrize(
     ("tables", "expected"),
     [
-        ((LEFT | {"signs": [-1]}, RIGHT | {"signs": [-1]}), {Found.ENCODER_INVERTED}),
-        ((RIGHT, LEFT | {"signs": [-1]}), {Found.ENCODERS_SWAPPED, Found.ENCODER_INVERTED}),
+        ((LEFT | {"signs": [-1]}, RIGHT | {"signs": [-1]}), {FindingKind.ENCODER_INVERTED}),
+        ((RIGHT, LEFT | {"signs": [-1]}), {FindingKind.ENCODERS_SWAPPED, FindingKind.ENCODER_INVERTED}),
     ],
 )
 def test_encoders_that_are_swapped_or_inverted_are_put_right(
-    tmp_path: Path, tables: tuple[dict[str, Any], ...], expected: set[Found]
+    tmp_path: Path, tables: tuple[dict[str, Any], ...], expected: set[FindingKind]
 ) -> None:
     robot = BroughtUp(tmp_path, encoders(*tables))
     assert wrong(robot.run(AIR)) == expected
@@ -88,12 +102,12 @@ def test_encoders_that_are_swapped_or_inverted_are_put_right(
     ("signals", "signs", "answers", "expected"),
     [
         # Who is commanded to turn is left, then right; what a person then sees.
-        (["left_rpm", "right_rpm"], [-1, 1], ["r", "r", "b", "y"], {Found.MOTOR_INVERTED}),
-        (["right_rpm", "left_rpm"], [1, -1], ["2", "1b"], {Found.MOTORS_SWAPPED, Found.MOTOR_INVERTED}),
+        (["left_rpm", "right_rpm"], [-1, 1], ["r", "r", "b", "y"], {FindingKind.MOTOR_INVERTED}),
+        (["right_rpm", "left_rpm"], [1, -1], ["2", "1b"], {FindingKind.MOTORS_SWAPPED, FindingKind.MOTOR_INVERTED}),
     ],
 )
 def test_motors_that_are_swapped_or_inverted_are_known_by_what_the_person_sees(
-    tmp_path: Path, signals: list[str], signs: list[int], answers: list[str], expected: set[Found]
+    tmp_path: Path, signals: list[str], signs: list[int], answers: list[str], expected: set[FindingKind]
 ) -> None:
     command = {"frame": "DriveCommand", "signals": signals, "units": ["rpm"], "signs": signs}
     robot = BroughtUp(tmp_path, {"mocdevice": {"frames": {"commands": [command]}}})
@@ -109,12 +123,12 @@ def test_motors_that_are_swapped_or_inverted_are_known_by_what_the_person_sees(
 @pytest.mark.parametrize(
     ("signs", "command_signs", "answers", "expected"),
     [
-        ([1, 1], [-1, 1], "by", {Found.MOTOR_INVERTED}),
-        ([-1, 1], [-1, 1], "by", {Found.MOTOR_INVERTED, Found.ENCODER_INVERTED}),
+        ([1, 1], [-1, 1], "by", {FindingKind.MOTOR_INVERTED}),
+        ([-1, 1], [-1, 1], "by", {FindingKind.MOTOR_INVERTED, FindingKind.ENCODER_INVERTED}),
     ],
 )
 def test_signs_of_a_base_that_speaks_lines_are_put_right(
-    tmp_path: Path, signs: list[int], command_signs: list[int], answers: str, expected: set[Found]
+    tmp_path: Path, signs: list[int], command_signs: list[int], answers: str, expected: set[FindingKind]
 ) -> None:
     lines = {"signs": signs, "command_signs": command_signs}
     robot = BroughtUp(tmp_path, {"mocdevice": {"lines": lines}}, type=RobotType.SERIAL)
@@ -132,7 +146,7 @@ def test_with_three_wheels_a_rotated_order_and_a_wrong_number_of_counts_are_put_
     wheels = {"frames": {"encoders": [table]}, "base": {"encoder_ticks_per_turn": 1024}}
     robot = BroughtUp(tmp_path, {"mocdevice": wheels}, type=RobotType.OMNI)
     report = robot.run(AIR)
-    assert wrong(report) == {Found.ENCODERS_SWAPPED, Found.WRONG_SCALE}
+    assert wrong(report) == {FindingKind.ENCODERS_SWAPPED, FindingKind.WRONG_SCALE}
     said = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]
     assert said["base"]["encoder_ticks_per_turn"] == 4096
     assert said["frames"]["encoders"][0]["signals"] == ["wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks"]
@@ -144,22 +158,22 @@ def test_wrong_sizes_of_the_base_and_a_unit_that_is_not_there_are_named_and_the_
     sizes = {"track_m": 0.27, "wheel_radius_ratio": 0.975}
     robot = BroughtUp(tmp_path, {"mocdevice": {"base": sizes}, "imu": {"port": "zenoh:nothing"}}, {"imu": IMU})
     report = robot.run(FLOOR)
-    assert wrong(report) == {Found.WRONG_TRACK, Found.UNEQUAL_WHEELS, Found.NO_IMU}
+    assert wrong(report) == {FindingKind.WRONG_TRACK, FindingKind.UNEQUAL_WHEELS, FindingKind.NO_IMU}
     base = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["base"]
     assert base["track_m"] == pytest.approx(0.3, rel=0.01)
     assert base["wheel_radius_ratio"] == pytest.approx(1.0, rel=0.004)
-    (imu,) = [finding for finding in report.findings if finding.step is Step.IMU]
+    (imu,) = [finding for finding in report.findings if finding.step is BringUpStep.IMU]
     assert "no measurement for 0.5" in imu.sentence
     # Driven again with what the first squares have corrected.
-    squares = [finding for finding in report.findings if finding.step is Step.SQUARE]
-    assert squares[-1].found is Found.RIGHT
+    squares = [finding for finding in report.findings if finding.step is BringUpStep.SQUARE]
+    assert squares[-1].found is FindingKind.RIGHT
     assert squares[-1].values["largest_m"] < 0.3 * squares[0].values["largest_m"]
 
 
 @pytest.mark.slow
 def test_the_distance_of_three_wheels_from_the_centre_is_found_by_turning(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {"mocdevice": {"base": {"wheel_distance_m": 0.14}}}, type=RobotType.OMNI)
-    assert wrong(robot.run(NO_SQUARES)) == {Found.WRONG_TRACK}
+    assert wrong(robot.run(NO_SQUARES)) == {FindingKind.WRONG_TRACK}
     base = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["base"]
     assert base["wheel_distance_m"] == pytest.approx(0.155, rel=0.01)
 
@@ -174,15 +188,15 @@ def test_a_person_may_measure_where_the_squares_end(tmp_path: Path) -> None:
         bench.wait_for_counts()
         bench.wait_for_scan()
         found, _ = check_square(bench, look(bench)[0], bench.base(), person, rounds=1, measured=True)
-    (unequal,) = [finding for finding in found if finding.found is Found.UNEQUAL_WHEELS]
+    (unequal,) = [finding for finding in found if finding.found is FindingKind.UNEQUAL_WHEELS]
     assert unequal.values["leg_rad"] == pytest.approx(0.05, abs=0.01)
 
 
 def test_a_robot_whose_controller_says_nothing_is_not_moved(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {"mocdevice": {"channel": "can7"}})
     person = Watcher()
-    report = robot.run(Wanted(), person)
-    assert wrong(report) == {Found.NO_FRAMES}
+    report = robot.run(BringUpOptions(), person)
+    assert wrong(report) == {FindingKind.NO_FRAMES}
     assert len(report.findings) == 1
     assert ON_THE_FLOOR not in person.told
     assert person.asked == []
@@ -190,15 +204,15 @@ def test_a_robot_whose_controller_says_nothing_is_not_moved(tmp_path: Path) -> N
 
 def test_frames_with_another_checksum_are_named_as_refused(tmp_path: Path) -> None:
     robot = BroughtUp(tmp_path, {"mocdevice": {"frames": {"checksum": "crc8_j1850_id"}}})
-    report = robot.run(Wanted())
-    assert wrong(report) == {Found.NO_FRAMES}
+    report = robot.run(BringUpOptions())
+    assert wrong(report) == {FindingKind.NO_FRAMES}
     assert report.findings[0].values["rejected"] > 50
 
 
 def test_a_person_who_sees_no_wheel_turn_ends_it(tmp_path: Path) -> None:
-    report = BroughtUp(tmp_path, {}).run(Wanted(), Watcher(lambda question, default: "n"))
-    assert wrong(report) == {Found.WHEEL_SILENT}
-    assert report.findings[-1].step is Step.WHEELS
+    report = BroughtUp(tmp_path, {}).run(BringUpOptions(), Watcher(lambda question, default: "n"))
+    assert wrong(report) == {FindingKind.WHEEL_SILENT}
+    assert report.findings[-1].step is BringUpStep.WHEELS
 
 
 @pytest.mark.slow
@@ -210,10 +224,15 @@ def test_what_the_file_says_wrongly_of_the_mounting_of_a_lidar_on_a_serial_line_
     }
     robot = BroughtUp(tmp_path, file, {"lidar": lidar})
     report = robot.run(NO_SQUARES)
-    named = {Found.SCAN_TURNED, Found.SCAN_MIRRORED, Found.LIDAR_OFF_CENTRE, Found.WRONG_WHEEL_RADIUS}
+    named = {
+        FindingKind.SCAN_TURNED,
+        FindingKind.SCAN_MIRRORED,
+        FindingKind.LIDAR_OFF_CENTRE,
+        FindingKind.WRONG_WHEEL_RADIUS,
+    }
     assert wrong(report) == named
-    turned = [finding.step for finding in report.findings if finding.found is Found.SCAN_TURNED]
-    assert turned == [Step.ORIENTATION]  # at once, not in two steps
+    turned = [finding.step for finding in report.findings if finding.found is FindingKind.SCAN_TURNED]
+    assert turned == [BringUpStep.ORIENTATION]  # at once, not in two steps
     said = tomllib.loads(robot.path.read_text())["parameters"]
     assert said["scan"]["mount"]["yaw_rad"] == pytest.approx(1.0, abs=0.02)
     assert said["scan"]["mount"]["x_m"] == pytest.approx(0.1, abs=0.01)
@@ -226,7 +245,7 @@ def test_a_lidar_that_never_sends_a_turn_ends_the_steps_on_the_floor(tmp_path: P
     robot = BroughtUp(tmp_path, {}, {"lidar": {"protocol": "ld19"}})
     robot.path.write_text(robot.path.read_text().replace("zenoh:lidar", "zenoh:nowhere"))
     report = robot.run(NO_SQUARES)
-    assert wrong(report) == {Found.NO_SCANS}
+    assert wrong(report) == {FindingKind.NO_SCANS}
 
 
 @pytest.mark.slow
@@ -247,9 +266,11 @@ def test_a_base_in_another_plugin_that_takes_velocities_alone_is_measured_on_the
     roles = f'[robot]\nplaces = ["{place}"]\nroles = {{ mocdevice = "other_base" }}\n'
     robot.path.write_text(robot.path.read_text().replace("[robot]\n", roles))
     before = robot.path.read_bytes()
-    report = robot.run(Wanted(rounds=0, write=False))
-    assert wrong(report) == {Found.WRONG_WHEEL_RADIUS}
-    assert report.findings[-1].step is Step.TURN
+    report = robot.run(BringUpOptions(rounds=0, write=False))
+    assert wrong(report) == {FindingKind.WRONG_WHEEL_RADIUS}
+    assert report.findings[-1].step is BringUpStep.TURN
     assert robot.path.read_bytes() == before
     assert sorted(tmp_path.iterdir()) == [place, robot.path]
-    assert [finding.step for finding in report.findings if finding.found is Found.NOT_DONE] == [Step.WHEELS]
+    assert [finding.step for finding in report.findings if finding.found is FindingKind.NOT_DONE] == [
+        BringUpStep.WHEELS
+    ]

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.bringup.bring_up import SCALE_TOLERANCE, _findings
-from robrain.deploy.bringup.findings import Found
+from robrain.deploy.bringup.findings import FindingKind
 from robrain.plugins.device.imu.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
 
 
@@ -58,4 +58,4 @@ def test_what_the_file_should_say_follows_from_how_far_the_unit_turns(
 
 def test_a_unit_that_does_not_turn_at_all_is_not_called_inverted() -> None:
     (finding,) = _findings(bench_with(SerialImu.Parameters()), -0.001, 0.7, 0.0)
-    assert finding.found is Found.WRONG_IMU_SCALE
+    assert finding.found is FindingKind.WRONG_IMU_SCALE

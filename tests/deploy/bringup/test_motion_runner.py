@@ -9,10 +9,10 @@ import can
 import pytest
 
 from robrain.deploy.bringup.bench import BASE, DRIVER, MotionFailed
-from robrain.deploy.bringup.bring_up import BringUp, Wanted
-from robrain.deploy.bringup.findings import Found, Step
+from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
+from robrain.deploy.bringup.findings import BringUpStep, FindingKind
 from robrain.deploy.bringup.motion_runner import MotionRunner
-from robrain.deploy.bringup.motions import RAMP_S, Ending, Rest, Straight, TurnOnSpot, TurnWheels
+from robrain.deploy.bringup.motions import RAMP_S, Rest, StopMode, Straight, TurnOnSpot, TurnWheels
 from robrain.deploy.bringup.wheel_checks import check_bus
 from robrain.plugins.device.mocdevice.frame_map import Checksum
 from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
@@ -148,17 +148,17 @@ def test_wheels_that_turn_on_without_commands_are_named_and_the_robot_is_not_put
             self.arena._robots[0].controller._watchdog_ticks = 1 << 40
 
     with Endless(robot.world) as bench:
-        report = BringUp(robot.path, bench, person, robot.told.append).run(Wanted())
+        report = BringUp(robot.path, bench, person, robot.told.append).run(BringUpOptions())
         seen += wheels(bench)
-    assert wrong(report) == {Found.NO_WATCHDOG}
-    assert report.findings[-1].step is Step.WATCHDOG
+    assert wrong(report) == {FindingKind.NO_WATCHDOG}
+    assert report.findings[-1].step is BringUpStep.WATCHDOG
     assert len(person.told) == 1
     assert not any(seen)
 
 
 def test_wheels_that_turn_on_in_silence_are_stopped_at_the_end_of_the_motion(bench: LockstepBench) -> None:
     bench.arena._robots[0].controller._watchdog_ticks = 1 << 40
-    record = bench.perform(TurnWheels((2.0, 2.0), 1.0, Ending.SILENCE))
+    record = bench.perform(TurnWheels((2.0, 2.0), 1.0, StopMode.SILENCE))
     turned = [sample.turns_rad[0] for sample in record.samples if not sample.is_commanded]
     assert turned[-1] - turned[0] > 1.0
     bench.pass_time(0.1)
@@ -168,10 +168,10 @@ def test_wheels_that_turn_on_in_silence_are_stopped_at_the_end_of_the_motion(ben
 @pytest.mark.slow
 def test_a_halt_is_timed_by_the_wheels_and_the_host_goes_on_afterwards(tmp_path: Path) -> None:
     report = BroughtUp(tmp_path, {}).run(AIR)
-    assert value(report, Found.RIGHT, "rate_hz") > 0.0
-    (halted,) = [finding for finding in report.findings if finding.step is Step.HALT]
+    assert value(report, FindingKind.RIGHT, "rate_hz") > 0.0
+    (halted,) = [finding for finding in report.findings if finding.step is BringUpStep.HALT]
     assert 0.0 <= halted.values["stopped_after_s"] < 0.1
-    (silent,) = [finding for finding in report.findings if finding.step is Step.WATCHDOG]
+    (silent,) = [finding for finding in report.findings if finding.step is BringUpStep.WATCHDOG]
     assert 0.15 < silent.values["stopped_after_s"] < 0.3
 
 
@@ -189,9 +189,9 @@ def test_another_program_that_drives_the_base_is_noticed(bench: LockstepBench) -
     bench.pass_time = driven_by_another  # type: ignore[method-assign]
     found = {finding.found: finding for finding in check_bus(bench)}
     other.shutdown()
-    assert found.keys() == {Found.MOVES_BY_ITSELF, Found.FOREIGN_FRAMES}
-    assert found[Found.MOVES_BY_ITSELF].stops
-    assert found[Found.FOREIGN_FRAMES].values["foreign"] > 50
+    assert found.keys() == {FindingKind.MOVES_BY_ITSELF, FindingKind.FOREIGN_FRAMES}
+    assert found[FindingKind.MOVES_BY_ITSELF].stops
+    assert found[FindingKind.FOREIGN_FRAMES].values["foreign"] > 50
 
 
 def test_a_base_that_takes_velocities_alone_is_said_to(bench: LockstepBench) -> None:
@@ -199,6 +199,6 @@ def test_a_base_that_takes_velocities_alone_is_said_to(bench: LockstepBench) -> 
     runner(bench)._wheels = None
     assert not bench.has_wheels
     with pytest.raises(MotionFailed, match="takes no commands for single wheels"):
-        bench.perform(TurnWheels((1.0, 1.0), 0.5, Ending.COMMAND))
+        bench.perform(TurnWheels((1.0, 1.0), 0.5, StopMode.COMMAND))
     bench.perform(Rest(0.2))
     assert bench.why_not(BASE) == ""

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Differential
-from robrain.deploy.bringup.findings import Finding, Found
-from robrain.deploy.bringup.motions import Ending, Motion, Record, Sample, TurnWheels
+from robrain.deploy.bringup.findings import BringUpFinding, FindingKind
+from robrain.deploy.bringup.motions import EncoderSample, Motion, Record, StopMode, TurnWheels
 from robrain.deploy.bringup.operator import YesOperator
 from robrain.deploy.bringup.wheel_checks import (
     COUPLED,
@@ -56,7 +56,7 @@ class Told:
             turned_s = min(now_s, motion.seconds + self._runs_on_s)
             turns_rad = tuple([turned_s * speed for speed in speeds])
             is_commanded = now_s <= motion.seconds + 1e-9
-            samples.append(Sample(to_ns(now_s), turns_rad, HERE, 0.0, is_commanded=is_commanded))
+            samples.append(EncoderSample(to_ns(now_s), turns_rad, HERE, 0.0, is_commanded=is_commanded))
         return Record(tuple(samples), ())
 
     def why_not(self, plugin: str) -> str:
@@ -66,34 +66,39 @@ class Told:
         return self._battery
 
 
-def halted(bench: Told) -> Finding:
+def halted(bench: Told) -> BringUpFinding:
     return check_halt(bench, BASE)  # type: ignore[arg-type]
 
 
-def silent(bench: Told) -> Finding:
+def silent(bench: Told) -> BringUpFinding:
     return check_watchdog(bench, BASE)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("check", "most_s", "ending", "bad"),
     [
-        (halted, STOP_MAX_S, Ending.HOST, Found.SLOW_HALT),
-        (silent, WATCHDOG_MAX_S, Ending.SILENCE, Found.NO_WATCHDOG),
+        (halted, STOP_MAX_S, StopMode.HOST, FindingKind.SLOW_HALT),
+        (silent, WATCHDOG_MAX_S, StopMode.SILENCE, FindingKind.NO_WATCHDOG),
     ],
 )
 def test_wheels_that_turn_on_for_too_long_after_a_halt_or_the_last_command_end_bring_up(
-    check: Callable[[Told], Finding], most_s: float, ending: Ending, bad: Found
+    check: Callable[[Told], BringUpFinding], most_s: float, ending: StopMode, bad: FindingKind
 ) -> None:
-    for runs_on_s, expected in ((0.0, Found.RIGHT), (most_s - 0.05, Found.RIGHT), (most_s + 0.05, bad), (0.9, bad)):
+    for runs_on_s, expected in (
+        (0.0, FindingKind.RIGHT),
+        (most_s - 0.05, FindingKind.RIGHT),
+        (most_s + 0.05, bad),
+        (0.9, bad),
+    ):
         bench = Told(runs_on_s=runs_on_s)
         finding = check(bench)
         assert bench.asked[0].ending is ending  # type: ignore[union-attr]
         assert finding.found is expected
         assert finding.values["stopped_after_s"] == pytest.approx(runs_on_s, abs=0.025)
-        assert (finding.ok, finding.stops) == ((True, False) if expected is Found.RIGHT else (False, True))
+        assert (finding.ok, finding.stops) == ((True, False) if expected is FindingKind.RIGHT else (False, True))
 
 
-def wheels(share: float, bench: Told | None = None) -> list[Finding]:
+def wheels(share: float, bench: Told | None = None) -> list[BringUpFinding]:
     """With encoders of which each also counts this share of the other wheel's turn."""
     bench = bench or Told(lambda motion: (
         motion.speeds_rad_s[0] + share * motion.speeds_rad_s[1],
@@ -103,29 +108,29 @@ def wheels(share: float, bench: Told | None = None) -> list[Finding]:
 
 
 def test_encoders_that_turn_together_end_bring_up_as_the_wheels_may_be_on_the_floor() -> None:
-    assert {finding.found for finding in wheels(COUPLED - 0.05)} == {Found.RIGHT}
+    assert {finding.found for finding in wheels(COUPLED - 0.05)} == {FindingKind.RIGHT}
     (finding,) = wheels(COUPLED + 0.05)
-    assert (finding.found, finding.ok, finding.stops) == (Found.WHEELS_UNCLEAR, False, True)
+    assert (finding.found, finding.ok, finding.stops) == (FindingKind.WHEELS_UNCLEAR, False, True)
 
 
 def test_two_commands_that_turn_one_encoder_end_bring_up() -> None:
     first = wheels(0.0, Told(lambda motion: (sum(motion.speeds_rad_s), 0.0)))[0]
-    assert (first.found, first.ok, first.stops) == (Found.WHEELS_UNCLEAR, False, True)
+    assert (first.found, first.ok, first.stops) == (FindingKind.WHEELS_UNCLEAR, False, True)
 
 
 @pytest.mark.parametrize(
     ("changes", "found", "ok"),
     [
-        ({}, Found.RIGHT, True),
-        ({"voltage_v": 2.9}, Found.BATTERY_IMPLAUSIBLE, False),
-        ({"voltage_v": 101.0}, Found.BATTERY_IMPLAUSIBLE, False),
-        ({"voltage_v": float("nan")}, Found.BATTERY_IMPLAUSIBLE, False),
-        ({"current_a": float("inf")}, Found.BATTERY_IMPLAUSIBLE, False),
-        ({"current_a": -500.0}, Found.BATTERY_IMPLAUSIBLE, False),
-        ({"current_a": -0.1}, Found.BATTERY_IMPLAUSIBLE, None),  # it may be charging
-        ({"current_a": -0.04}, Found.RIGHT, True),
+        ({}, FindingKind.RIGHT, True),
+        ({"voltage_v": 2.9}, FindingKind.BATTERY_IMPLAUSIBLE, False),
+        ({"voltage_v": 101.0}, FindingKind.BATTERY_IMPLAUSIBLE, False),
+        ({"voltage_v": float("nan")}, FindingKind.BATTERY_IMPLAUSIBLE, False),
+        ({"current_a": float("inf")}, FindingKind.BATTERY_IMPLAUSIBLE, False),
+        ({"current_a": -500.0}, FindingKind.BATTERY_IMPLAUSIBLE, False),
+        ({"current_a": -0.1}, FindingKind.BATTERY_IMPLAUSIBLE, None),  # it may be charging
+        ({"current_a": -0.04}, FindingKind.RIGHT, True),
     ],
 )
-def test_a_battery_that_cannot_be_one_is_named(changes: dict[str, float], found: Found, ok: bool | None) -> None:
+def test_a_battery_that_cannot_be_one_is_named(changes: dict[str, float], found: FindingKind, ok: bool | None) -> None:
     finding = check_battery(Told(battery=WELL | changes))  # type: ignore[arg-type]
     assert (finding.found, finding.ok) == (found, ok)

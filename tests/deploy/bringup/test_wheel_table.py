@@ -6,7 +6,7 @@ import pytest
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
 from robrain.deploy.bringup.wheel_table import base_patch, frames_of, positive_way, slots_of, wheel_names
-from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, Unit
+from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, SignalUnit
 
 SIZES = {"wheel_radius_m": 0.05, "encoder_ticks_per_turn": 4096}
 TWO = Differential(track_m=0.3, **SIZES)
@@ -31,11 +31,11 @@ def test_each_wheel_has_a_name_in_the_order_of_its_base(base: WheelBase, names: 
 
 def test_signals_keep_their_units_and_signs_in_another_order() -> None:
     frames = (
-        FrameSignals(frame="A", signals=("a", "b"), units=(Unit.RPM, Unit.RAD_S), signs=(1, -1)),
-        FrameSignals(frame="B", signals=("c",), units=(Unit.M_S,)),
+        FrameSignals(frame="A", signals=("a", "b"), units=(SignalUnit.RPM, SignalUnit.RAD_S), signs=(1, -1)),
+        FrameSignals(frame="B", signals=("c",), units=(SignalUnit.M_S,)),
     )
     a, b, c = slots_of(frames)
-    assert (b.sign, b.unit, c.sign) == (-1, Unit.RAD_S, 1)
+    assert (b.sign, b.unit, c.sign) == (-1, SignalUnit.RAD_S, 1)
     tables = frames_of([c, b.turned(-1), a])
     assert tables is not None
     read = msgspec.convert(tables, tuple[FrameSignals, ...])

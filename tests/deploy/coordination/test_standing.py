@@ -2,14 +2,14 @@
 
 import pytest
 
-from robrain.deploy.coordination.coordinator_command import Standing
+from robrain.deploy.coordination.coordinator_command import LeadershipOptions
 from robrain.protocol.wire.errors import RobrainError
 
 
 def test_robots_elect_with_witnesses_and_nobody_without() -> None:
-    assert Standing.of(None, stands_by=True, leads_anyway=False) == Standing(stands_by=True)
-    elected = Standing(witnesses=("r1", "r2", "r3"), is_forced=True)
-    assert Standing.of("r1,r2,r3", stands_by=True, leads_anyway=True) == elected
+    assert LeadershipOptions.of(None, stands_by=True, leads_anyway=False) == LeadershipOptions(stands_by=True)
+    elected = LeadershipOptions(witnesses=("r1", "r2", "r3"), is_forced=True)
+    assert LeadershipOptions.of("r1,r2,r3", stands_by=True, leads_anyway=True) == elected
 
 
 @pytest.mark.parametrize(
@@ -23,5 +23,5 @@ def test_robots_elect_with_witnesses_and_nobody_without() -> None:
 )
 def test_a_mistake_is_refused_in_words(witnesses: str | None, leads_anyway: bool, why: str) -> None:
     with pytest.raises(RobrainError) as refused:
-        Standing.of(witnesses, stands_by=False, leads_anyway=leads_anyway)
+        LeadershipOptions.of(witnesses, stands_by=False, leads_anyway=leads_anyway)
     assert str(refused.value) == why

@@ -9,7 +9,7 @@ import pytest
 from robrain.deploy.doctor import examination
 from robrain.deploy.doctor.check import CheckName
 from robrain.deploy.doctor.doctor_command import doctor_command
-from robrain.deploy.doctor.examination import Joining, examine_host, examine_robot, examine_team
+from robrain.deploy.doctor.examination import JoinRequest, examine_host, examine_robot, examine_team
 from robrain.deploy.errors import UsageError
 from robrain.protocol.wire.session import listening_at, open_session
 
@@ -125,7 +125,7 @@ def test_router_that_goes_while_it_is_looked_at_is_told(hub, monkeypatch) -> Non
         raise examination.UsageError("gone")
 
     monkeypatch.setattr(examination, "check_key_space", refuse)
-    checks = examine_team(Joining([hub], "default", ["r1"]))
+    checks = examine_team(JoinRequest([hub], "default", ["r1"]))
     assert (checks[-1].name, checks[-1].ok, checks[-1].sentence) == (CheckName.ROUTER, False, "gone")
 
 

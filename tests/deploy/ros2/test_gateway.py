@@ -13,16 +13,16 @@ import pytest
 
 from robrain.deploy.ros2 import gateway_process
 from robrain.deploy.ros2.gateway_process import Gateway
-from robrain.deploy.ros2.orders import Answer
+from robrain.deploy.ros2.orders import OrderOutcome
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import MapFrame
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.ros2.definitions import Nothing, Outcome, TaskAnswer, TaskText
+from robrain.protocol.ros2.definitions import Nothing, SubmitTaskResponse, TaskText, TriggerResponse
 from robrain.protocol.ros2.message_classes import String
 from robrain.protocol.ros2.message_types import MessageType, ServiceType
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Qos
-from robrain.protocol.ros2.ros_port import Heard
+from robrain.protocol.ros2.ros_port import ReceivedMessage
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
@@ -95,9 +95,9 @@ class KeptReader:
     def __init__(self) -> None:
         self.waiting: list[Any] = []
 
-    def take(self) -> list[Heard[Any]]:
+    def take(self) -> list[ReceivedMessage[Any]]:
         waiting, self.waiting = self.waiting, []
-        return [Heard(message, 0, bytes(16), 1) for message in waiting]
+        return [ReceivedMessage(message, 0, bytes(16), 1) for message in waiting]
 
     def close(self) -> None: ...
 
@@ -129,14 +129,14 @@ class KeptOrders:
     """Orders that end when the test says so."""
 
     def __init__(self) -> None:
-        self.submitted: list[tuple[Any, Future[Answer]]] = []
-        self.halts: list[Future[Answer]] = []
+        self.submitted: list[tuple[Any, Future[OrderOutcome]]] = []
+        self.halts: list[Future[OrderOutcome]] = []
 
-    def submit(self, values: Any) -> Future[Answer]:
+    def submit(self, values: Any) -> Future[OrderOutcome]:
         self.submitted.append((values, Future()))
         return self.submitted[-1][1]
 
-    def halt(self) -> Future[Answer]:
+    def halt(self) -> Future[OrderOutcome]:
         self.halts.append(Future())
         return self.halts[-1]
 
@@ -290,15 +290,15 @@ def test_a_task_is_answered_once_the_team_has_answered(bench):
     bench.step()
     ((text, future),) = bench.orders.submitted
     assert (text, asked.response) == ("{}", None)
-    future.set_result(Answer(True, "visit-1"))
+    future.set_result(OrderOutcome(True, "visit-1"))
     bench.step()
-    assert asked.response == TaskAnswer(True, "visit-1")
+    assert asked.response == SubmitTaskResponse(True, "visit-1")
 
 
 def test_a_task_on_the_topic_is_answered_on_a_topic(bench):
     bench.port.heard["submit_task"].waiting.append(String("{}"))
     bench.step()
-    bench.orders.submitted[0][1].set_result(Answer(False, "no robot"))
+    bench.orders.submitted[0][1].set_result(OrderOutcome(False, "no robot"))
     bench.step()
     assert json.loads(bench.port.last("task_answers").data) == {"accepted": False, "answer": "no robot"}
 
@@ -307,6 +307,6 @@ def test_a_halt_does_not_wait_for_a_task(bench):
     bench.port.services["submit_task"].ask(TaskText("{}"))
     halt = bench.port.services["halt"].ask(Nothing())
     bench.step()
-    bench.orders.halts[0].set_result(Answer(False, "r1: NOT halted: lost"))
+    bench.orders.halts[0].set_result(OrderOutcome(False, "r1: NOT halted: lost"))
     bench.step()
-    assert halt.response == Outcome(False, "r1: NOT halted: lost")
+    assert halt.response == TriggerResponse(False, "r1: NOT halted: lost")

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robrain.deploy.supervision.restarts import LONGEST_LOOK_S, Cause, Phase, RestartPolicy, Restarts, Step
+from robrain.deploy.supervision.restarts import LONGEST_LOOK_S, Cause, Phase, RestartPolicy, Restarts, RestartStep
 
 POLICY = RestartPolicy(limit=3, within_s=60.0, hang_s=5.0, start_s=20.0)
 
@@ -13,19 +13,19 @@ POLICY = RestartPolicy(limit=3, within_s=60.0, hang_s=5.0, start_s=20.0)
 def up(policy: RestartPolicy = POLICY) -> Restarts:
     """A process that is up at time 0."""
     restarts = Restarts(policy)
-    assert restarts.next_step(0.0) is Step.START
+    assert restarts.next_step(0.0) is RestartStep.START
     restarts.started()
     restarts.ready()
     return restarts
 
 
-def steps(restarts: Restarts, from_s: float, to_s: float, every_s: float = 0.1) -> list[tuple[float, Step]]:
+def steps(restarts: Restarts, from_s: float, to_s: float, every_s: float = 0.1) -> list[tuple[float, RestartStep]]:
     """What is to be done from one time to another, without what is nothing."""
     found = []
     for tick in range(round((to_s - from_s) / every_s) + 1):
         now_s = from_s + tick * every_s
         step = restarts.next_step(now_s)
-        if step is not Step.NOTHING:
+        if step is not RestartStep.NOTHING:
             found.append((now_s, step))
     return found
 
@@ -35,8 +35,8 @@ def test_process_that_ends_is_started_again_after_pauses_that_double() -> None:
     delays_s = []
     for now_s in (10.0, 20.0, 30.0):
         delays_s.append(restarts.ended(now_s, 1).delay_s)
-        assert restarts.next_step(now_s + delays_s[-1] - 0.001) is Step.NOTHING
-        assert restarts.next_step(now_s + delays_s[-1]) is Step.START
+        assert restarts.next_step(now_s + delays_s[-1] - 0.001) is RestartStep.NOTHING
+        assert restarts.next_step(now_s + delays_s[-1]) is RestartStep.START
         restarts.started()
         restarts.ready()
     assert delays_s == [0.2, 0.4, 0.8]
@@ -66,7 +66,7 @@ def test_silent_process_is_killed_after_its_time_and_a_beat_begins_it_anew() -> 
     assert steps(restarts, 0.0, 4.0) == []
     restarts.beat()
     [(at_s, step)] = steps(restarts, 4.0, 30.0)
-    assert (round(at_s, 1), step) == (9.0, Step.KILL)
+    assert (round(at_s, 1), step) == (9.0, RestartStep.KILL)
     failure = restarts.ended(9.2, -9)
     assert (failure.cause, failure.status) == (Cause.SILENT, -9)
     assert failure.silent_s == pytest.approx(5.0, abs=0.11)
@@ -74,18 +74,18 @@ def test_silent_process_is_killed_after_its_time_and_a_beat_begins_it_anew() -> 
 
 def test_process_that_never_gets_ready_is_killed_after_its_time_to_start() -> None:
     restarts = Restarts(POLICY)
-    assert restarts.next_step(0.0) is Step.START
+    assert restarts.next_step(0.0) is RestartStep.START
     restarts.started()
     restarts.beat()  # of a loop that waits for something: no readiness
     [(at_s, step)] = steps(restarts, 0.0, 40.0)
-    assert (round(at_s, 1), step) == (20.0, Step.KILL)
+    assert (round(at_s, 1), step) == (20.0, RestartStep.KILL)
     assert restarts.ended(20.1, -9).cause is Cause.SLOW_START
 
 
 def test_time_in_which_the_supervisor_itself_stood_still_is_no_silence() -> None:
     restarts = up()
     restarts.next_step(0.1)
-    assert restarts.next_step(3600.0) is Step.NOTHING  # the machine was suspended
+    assert restarts.next_step(3600.0) is RestartStep.NOTHING  # the machine was suspended
     restarts.beat()
     assert steps(restarts, 3600.1, 3604.5) == []
 
@@ -94,7 +94,7 @@ def test_time_in_which_the_supervisor_itself_stood_still_is_no_silence() -> None
 def test_time_in_which_a_process_waited_for_a_core_counts_for_a_fifth(waited_share: float, killed_s: float) -> None:
     restarts, now_s = up(), 0.0
     restarts.next_step(now_s)
-    while restarts.next_step(now_s := now_s + 0.1, 0.1 * waited_share) is Step.NOTHING:
+    while restarts.next_step(now_s := now_s + 0.1, 0.1 * waited_share) is RestartStep.NOTHING:
         pass
     assert now_s == pytest.approx(killed_s, abs=0.15)
 
@@ -118,7 +118,7 @@ def test_end_is_told_as_an_end_after_an_earlier_hang() -> None:
     restarts = up()
     steps(restarts, 0.0, 6.0)
     restarts.ended(6.0, -9)
-    assert restarts.next_step(7.0) is Step.START
+    assert restarts.next_step(7.0) is RestartStep.START
     restarts.started()
     assert restarts.ended(8.0, 3).cause is Cause.ENDED
 
@@ -153,13 +153,13 @@ class RestartsMachine(RuleBasedStateMachine):
         self.now_s += later_s
         step = self.restarts.next_step(self.now_s)
         self.silent_s += min(later_s, LONGEST_LOOK_S)
-        if step is Step.START:
+        if step is RestartStep.START:
             assert not self.runs
             if self.failures:
                 assert self.now_s >= self.failures[-1] + POLICY.first_delay_s - 1e-9
             self.runs, self.silent_s = True, 0.0
             self.restarts.started()
-        elif step is Step.KILL:
+        elif step is RestartStep.KILL:
             assert self.runs
             if was_up:
                 assert self.silent_s >= POLICY.hang_s - 1e-6

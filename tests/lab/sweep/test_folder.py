@@ -6,11 +6,11 @@ import msgspec
 import pytest
 
 from robrain.deploy.errors import SweepError
-from robrain.lab.sweep.folder import JOURNAL, Identity, SweepFolder
+from robrain.lab.sweep.folder import JOURNAL, SweepFolder, SweepIdentity
 from robrain.lab.sweep.run_outcome import RunRecord, RunState
 from tests.lab.sweep.conftest import done
 
-IDENTITY = Identity(
+IDENTITY = SweepIdentity(
     scenario="depot", seeds="1,2", varied={"robots": "1,2"}, settings={"robots=1": "aa"}, inputs={}, record=False,
     versions={"python": "3.11", "robrain": "0.1"},
 )  # fmt: skip

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.lab.sweep.run_outcome import RunState
 from robrain.lab.sweep.worker import RunTask, run_task
-from robrain.sim.firmware.battery import Battery
+from robrain.sim.firmware.battery import SimulatedBattery
 from robrain.sim.scenarios.scenario import Scenario
 
 TASK = RunTask(run="one", seed=2, toml=Scenario.builtin("arena_small").replace(time_limit_s=3.0, motes=0).to_toml())
@@ -24,11 +24,11 @@ def test_a_run_that_keeps_its_invariants_breaks_none() -> None:
 
 @pytest.mark.slow
 def test_broken_invariants_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    step = Battery.step
+    step = SimulatedBattery.step
 
-    def leaks(battery: Battery, *given: float) -> None:
+    def leaks(battery: SimulatedBattery, *given: float) -> None:
         step(battery, *given)
         battery.delivered_j -= 20.0
 
-    monkeypatch.setattr(Battery, "step", leaks)
+    monkeypatch.setattr(SimulatedBattery, "step", leaks)
     assert broken_by_a_run() == 1

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from robrain.plugins.behavior.budget import Docks
-from robrain.plugins.behavior.travel import Progress
+from robrain.plugins.behavior.travel import TravelState
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.teammates.interface import Doing, Mate
@@ -54,7 +54,7 @@ class BareErrand:
         self.no_way_to: list[Point2D] = []
         self.gone: list[Point2D] = []
         self.set_out: list[tuple[Point2D, int]] = []
-        self.progress: list[Progress] = []
+        self.progress: list[TravelState] = []
         """Results of the next travel steps; after them it arrives."""
         self.stands = self.made_room = 0
         self.driver = BareDriver()
@@ -65,7 +65,7 @@ class BareErrand:
             teammates=SimpleNamespace(mates=self._mates),
             plan=self._plan,
             set_out=self._set_out,
-            step=lambda: self.progress.pop(0) if self.progress else Progress.ARRIVED,
+            step=lambda: self.progress.pop(0) if self.progress else TravelState.ARRIVED,
             stand=self._stand,
             make_room=self._make_room,
         )

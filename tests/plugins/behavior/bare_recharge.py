@@ -4,12 +4,12 @@ from types import SimpleNamespace
 from typing import Any
 
 from robrain.agent.task_desk import TaskDesk
-from robrain.plugins.behavior.budget import Verdict
+from robrain.plugins.behavior.budget import BudgetVerdict
 from robrain.plugins.behavior.recharge.recharge import (
     GUARD_S,
     RechargeBehavior,
 )
-from robrain.plugins.behavior.travel import Progress
+from robrain.plugins.behavior.travel import TravelState
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -45,7 +45,7 @@ class BareRecharge:
             chargers=lambda: self.errand.chargers, start=lambda: start, learn=self.learned.append
         )
         self.errand.travel.lost = ""
-        self.errand.progress = [Progress.UNDER_WAY] * 50
+        self.errand.progress = [TravelState.UNDER_WAY] * 50
         self.errand.travel.forget = lambda: None
         self.it = RechargeBehavior(env, RechargeBehavior.Parameters(reserve_s=RESERVE_S))
         self.it.init()
@@ -70,8 +70,8 @@ class BareRecharge:
         self.errand.wait(GUARD_S)
         self.it.step()
 
-    def _judge(self, work: Work, home_m: float) -> Verdict:
-        return Verdict(10.0 * work.wait_s + 20.0 * (work.path_m + home_m), self.usable_j, work.wait_s)
+    def _judge(self, work: Work, home_m: float) -> BudgetVerdict:
+        return BudgetVerdict(10.0 * work.wait_s + 20.0 * (work.path_m + home_m), self.usable_j, work.wait_s)
 
     def _way_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:
         self.ways_home += 1

@@ -8,7 +8,7 @@ import zenoh
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.behavior.travel import Progress
+from robrain.plugins.behavior.travel import TravelState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -153,9 +153,9 @@ class Crossing:
         under_way = []
         for name in self.goals:
             courier = self.courier(name)
-            if courier.progress is Progress.ARRIVED and self.pose(name).distance_m(self.goals[name]) < 0.5:
+            if courier.progress is TravelState.ARRIVED and self.pose(name).distance_m(self.goals[name]) < 0.5:
                 self.arrived_s.setdefault(name, now_s)
-            elif courier.progress in (Progress.UNDER_WAY, Progress.WAITING):
+            elif courier.progress in (TravelState.UNDER_WAY, TravelState.WAITING):
                 under_way.append(name)
         moved = any(
             abs(host.board.velocity.forward_m_s) + abs(host.board.velocity.left_m_s) > 0.05

@@ -5,7 +5,7 @@ import pytest
 from robrain.algorithms.navigation.frontier import find_frontiers
 from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.behavior.explore.explore import ExploreBehavior
-from robrain.plugins.skill.mapper.frames import Move
+from robrain.plugins.skill.mapper.frames import FrameMove
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
@@ -67,7 +67,7 @@ def test_a_place_that_it_chose_in_a_frame_that_it_has_left_is_no_goal_any_more(l
     assert host.board.behavior == "explore alone"
     frames = host.manager.get("mapper").live_plugin()._frames
     before = explore(host)._task
-    frames.follow(Move(MapFrame(1, "r9"), IDENTITY))
+    frames.follow(FrameMove(MapFrame(1, "r9"), IDENTITY))
     one.run(0.3)
     assert host.board.frame == MapFrame(1, "r9")
     assert explore(host)._task is not before
@@ -78,7 +78,7 @@ def test_a_place_that_it_chose_in_a_frame_that_it_has_left_is_no_goal_any_more(l
 def test_one_that_has_been_found_waits_for_the_coordinator(lost):
     one, host = lost
     one.run(3.0)
-    host.manager.get("mapper").live_plugin()._frames.follow(Move(ARENA, IDENTITY))
+    host.manager.get("mapper").live_plugin()._frames.follow(FrameMove(ARENA, IDENTITY))
     one.run(1.0)
     assert host.board.lost == ""
     assert host.board.frame == ARENA

@@ -8,7 +8,7 @@ import math
 
 import pytest
 
-from robrain.plugins.behavior.travel import Progress
+from robrain.plugins.behavior.travel import TravelState
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.robot.lidar import LidarSpec
 from tests.plugins.behavior.crossing import Crossing, floor
@@ -125,5 +125,5 @@ def test_one_that_nobody_hears_of_is_not_run_into(cross):
     one = cross(HALL, [(P(1.0, 3.5), P(6.0, 3.5))], silent=(P(3.5, 3.5),))
     one.go()
     one.run_until_all_arrived(30.0)
-    assert one.courier("r1").progress is Progress.ARRIVED
+    assert one.courier("r1").progress is TravelState.ARRIVED
     assert one.collisions == 0

@@ -8,7 +8,7 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
-from robrain.sim.motes.field import Field, FieldSpec
+from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.motes.radio import RadioModel
@@ -29,7 +29,7 @@ class Air:
         self._readings = one.inbox(MOTE_READING)
         network = network or SensorNetwork(radio=RadioModel())
         specs = [ArenaMote(name=f"m{n}", number=n, place=Point2D(2.0 * n, 0.0)) for n in range(1, motes + 1)]
-        field = Field(FieldSpec(), [], Point2D(0.0, 0.0), (10.0, 10.0))
+        field = SimulatedField(FieldSpec(), [], Point2D(0.0, 0.0), (10.0, 10.0))
         self.field = MoteField(specs, names, network, field, one.wire, np.random.default_rng(5), TICK_S)
 
     def run(self, seconds):

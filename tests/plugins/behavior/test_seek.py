@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.topics import ROBOT_EVENT
-from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
+from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from tests.plugins.behavior.errands import Build, open_errands
 
 SOURCE = Point2D(4.6, 2.9)
@@ -24,7 +24,7 @@ def errands() -> Iterator[Build]:
 def heat(run, source=SOURCE, spec=HOT):
     """From now on the room's field is one plume here, or none."""
     plumes = [] if source is None else [Plume(source.x_m, source.y_m, 0.0, 0.0)]
-    field = Field(spec, plumes, Point2D(-10.0, -10.0), (40.0, 40.0))
+    field = SimulatedField(spec, plumes, Point2D(-10.0, -10.0), (40.0, 40.0))
     run.arena.sensors._field = run.arena._motes._field = field
 
 

@@ -8,7 +8,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import BEACON_TYPE, SEQUENCES, BeaconPayload
 from robrain.protocol.wire.topics import ARENA_RADIO_TX, ROBOT_LINKS
-from robrain.sim.motes.field import Field, FieldSpec
+from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.motes.radio import RadioModel
@@ -29,7 +29,7 @@ class Team:
         self.said = one.inbox(ARENA_RADIO_TX)
         self.links = one.inbox(ROBOT_LINKS)
         motes = [ArenaMote(name="m1", number=1, place=Point2D(2.0, 0.0))]
-        field = Field(FieldSpec(), [], Point2D(0.0, 0.0), (10.0, 10.0))
+        field = SimulatedField(FieldSpec(), [], Point2D(0.0, 0.0), (10.0, 10.0))
         network = SensorNetwork(radio=RADIO)
         self._field = MoteField(motes, names, network, field, one.wire, np.random.default_rng(5), 0.02)
 

@@ -10,7 +10,7 @@ import pytest
 
 from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device.gpio import input_lines
-from robrain.plugins.device.gpio.gpio_bumpers import Contact, GpioBumpers
+from robrain.plugins.device.gpio.gpio_bumpers import BumperContact, GpioBumpers
 from robrain.plugins.device.gpio.gpio_emergency_stop import GpioEmergencyStop
 from robrain.plugins.device.gpio.input_lines import GpioAbsent
 from robrain.plugins.device.range_sensors.interface import Bump
@@ -23,7 +23,7 @@ from robrain.sim.peripherals.gpio_chip import GpioChip
 from tests.plugins.device.bare_device import BareDevice
 
 FRONT, LEFT = 17, 22
-CONTACTS = (Contact(line=FRONT, direction_rad=0.0), Contact(line="LEFT", direction_rad=math.pi / 2))
+CONTACTS = (BumperContact(line=FRONT, direction_rad=0.0), BumperContact(line="LEFT", direction_rad=math.pi / 2))
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_a_chip_that_is_pulled_out_is_a_fault_that_names_its_lines(bumpers: Bare
 )
 def test_lines_that_cannot_be_had_are_a_fault(chip: GpioChip, lines: Any, why: str) -> None:
     chip.consumers[5] = "somebody"
-    one = BareDevice(GpioBumpers, contacts=tuple(Contact(line=line, direction_rad=0.0) for line in lines))
+    one = BareDevice(GpioBumpers, contacts=tuple(BumperContact(line=line, direction_rad=0.0) for line in lines))
     with pytest.raises(GpioAbsent, match=why):
         one.it.activate()
     assert chip.consumers.pop(5) == "somebody"
@@ -98,7 +98,7 @@ def test_parameters_of_bumpers_are_checked(changes: Any, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         GpioBumpers.Parameters(**({"contacts": CONTACTS} | changes))
     with pytest.raises(ValueError, match="expected a finite direction_rad"):
-        Contact(line=1, direction_rad=math.nan)
+        BumperContact(line=1, direction_rad=math.nan)
     with pytest.raises(msgspec.ValidationError, match="Expected"):
         msgspec.convert({"contacts": [{"line": -1, "direction_rad": 0.0}]}, GpioBumpers.Parameters)
 

@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.plugins.device.imu.errors import ImuAbsent, ImuContradicted
-from robrain.plugins.device.imu.imu_codec import Motion
+from robrain.plugins.device.imu.imu_codec import ImuMotion
 from robrain.plugins.device.imu.serial_imu import (
     ANGULAR_VELOCITY_RAD_S,
     FRAME_BYTES,
     LINE_BYTES_MAX,
+    ImuLineCodec,
     ImuProtocol,
     LineChecksum,
-    LineCodec,
     LineFormat,
     RateUnit,
     SerialImu,
@@ -50,7 +50,7 @@ def test_acceleration_comes_with_the_turn_rate_behind_it_and_other_frames_are_pa
         wit_frame(0x50, 0, 0, 0, 0) + wit_frame(0x51, 2048, -4096, 16384, 0) + TURN + wit_frame(0x53, 1, 2, 3, 4) + TURN
     )
     assert (first.x_m_s2, first.y_m_s2) == (pytest.approx(9.8), pytest.approx(-19.6))
-    assert second == Motion(pytest.approx(RATE_RAD_S))
+    assert second == ImuMotion(pytest.approx(RATE_RAD_S))
     assert (codec.rejected, codec.stray_bytes) == (0, 0)
 
 
@@ -59,7 +59,7 @@ def test_a_byte_that_was_changed_costs_its_frame_alone(byte: int) -> None:
     codec = WitMotionCodec()
     broken = bytearray(TURN)
     broken[byte] ^= 0x10
-    assert codec.feed(TURN + bytes(broken) + TURN + TURN) == [Motion(pytest.approx(RATE_RAD_S))] * 3
+    assert codec.feed(TURN + bytes(broken) + TURN + TURN) == [ImuMotion(pytest.approx(RATE_RAD_S))] * 3
     assert codec.rejected + codec.stray_bytes > 0
 
 
@@ -70,7 +70,7 @@ def test_noise_between_frames_of_any_cut_is_survived(noise: list[bytes], cut: in
     for begin in range(0, len(stream), cut):
         found += codec.feed(stream[begin : begin + cut])
     # Noise may look like a frame and swallow the beginning of a true one, but not of all that follow.
-    assert found[-2:] == [Motion(pytest.approx(RATE_RAD_S))] * 2
+    assert found[-2:] == [ImuMotion(pytest.approx(RATE_RAD_S))] * 2
 
 
 # -- lines ------------------------------------------------------------------------------------------------------
@@ -87,35 +87,35 @@ def test_lines_of_any_order_and_unit_are_read() -> None:
     wanted = LineFormat(
         prefix="IMU ", separator=" ", yaw_rate_column=2, yaw_rate_unit=RateUnit.DEG_S, acceleration_columns=(0, 1)
     )
-    codec = LineCodec(wanted)
+    codec = ImuLineCodec(wanted)
     assert codec.feed(b"0 90\nIMU 0.5 -0.25 90\r\nhello\nIMU 1 2 -180\nIMU 1 2") == [
-        Motion(pytest.approx(math.pi / 2), 0.5, -0.25),
-        Motion(pytest.approx(-math.pi), 1.0, 2.0),
+        ImuMotion(pytest.approx(math.pi / 2), 0.5, -0.25),
+        ImuMotion(pytest.approx(-math.pi), 1.0, 2.0),
     ]
-    assert codec.feed(b" 3\n") == [Motion(pytest.approx(math.radians(3)), 1.0, 2.0)]
+    assert codec.feed(b" 3\n") == [ImuMotion(pytest.approx(math.radians(3)), 1.0, 2.0)]
 
 
 @pytest.mark.parametrize("line", [b"x", b"", b"nan,1", b"inf,1", b"1,2,3", b"1", b"\xff\xfe,1", b"9" * 300])
 def test_lines_that_are_no_numbers_are_rejected(line: bytes) -> None:
-    codec = LineCodec(LineFormat(columns=2))
-    assert codec.feed(b"\n" + line + b"\n0.25,7\n") == [Motion(0.25)]
+    codec = ImuLineCodec(LineFormat(columns=2))
+    assert codec.feed(b"\n" + line + b"\n0.25,7\n") == [ImuMotion(0.25)]
     assert codec.rejected == (line != b"")
 
 
 def test_lines_with_a_wrong_checksum_are_rejected() -> None:
-    codec = LineCodec(LineFormat(prefix="$G,", checksum=LineChecksum.NMEA))
+    codec = ImuLineCodec(LineFormat(prefix="$G,", checksum=LineChecksum.NMEA))
     good = nmea("G,0.125")
     spoiled = [good[:index] + bytes((good[index] ^ 1,)) + good[index + 1 :] for index in range(1, len(good) - 2)]
-    assert codec.feed(b"\n" + good + b"".join(spoiled) + b"$G,0.125\n" + good) == [Motion(0.125)] * 2
+    assert codec.feed(b"\n" + good + b"".join(spoiled) + b"$G,0.125\n" + good) == [ImuMotion(0.125)] * 2
     assert codec.rejected >= len(spoiled) - 3
 
 
 def test_a_line_without_an_end_is_not_kept_for_ever() -> None:
-    codec = LineCodec(LineFormat())
+    codec = ImuLineCodec(LineFormat())
     assert codec.feed(b"\n") == []
     for _ in range(100):
         codec.feed(b"1" * LINE_BYTES_MAX)
-    assert codec.feed(b"1\n0.5\n") == [Motion(0.5)]
+    assert codec.feed(b"1\n0.5\n") == [ImuMotion(0.5)]
     assert codec.stray_bytes > 99 * LINE_BYTES_MAX
 
 

@@ -8,7 +8,7 @@ import pytest
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.plugins.device.mocdevice.errors import BusFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.plugins.device.mocdevice.interface import Condition, ControllerStatus, Counters
+from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, DriveCondition
 from robrain.plugins.device.mocdevice.mocdevice import ECHOES, MocDevice
 from robrain.protocol.can.bus_state import BusState, error_frame
 from robrain.protocol.model.geometry import Pose2D, Twist2D
@@ -208,7 +208,7 @@ def test_after_a_restart_nothing_is_driven_before_the_controller_speaks_but_a_st
     assert [name for name, _ in again.sent()] == ["WheelCommand"]
     encoders(again, 2)
     again.step()
-    assert conditions == [Condition(True, "the motor controller speaks again")]
+    assert conditions == [DriveCondition(True, "the motor controller speaks again")]
 
 
 def test_at_the_first_start_the_first_frame_is_no_news(device):

@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 from robrain.agent.errors import HardwareAbsent
 from robrain.algorithms.navigation.wheel_bases import Differential, WheelBase
 from robrain.plugins.device.mocdevice.errors import BusFault
-from robrain.plugins.device.mocdevice.frame_map import Unit
-from robrain.plugins.device.serial_base.line_codec import LINE_BYTES_MAX, LineCodec, LineWords
-from robrain.plugins.device.serial_base.serial_base import SerialBase, SerialLink
+from robrain.plugins.device.mocdevice.frame_map import SignalUnit
+from robrain.plugins.device.serial_base.line_codec import LINE_BYTES_MAX, LineWords, WheelLineCodec
+from robrain.plugins.device.serial_base.serial_base import SerialBase, WheelSerialLink
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.serial_lines.serial_line import PortLine
 from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.plugins.device.bare_device import BareDevice
 
 BASE = Differential(wheel_radius_m=0.05, track_m=0.2, encoder_ticks_per_turn=600)
-WORDS = LineWords(units=(Unit.TURNS_S,), scale=20.0)  # counts per cycle of 1/30 s
+WORDS = LineWords(units=(SignalUnit.TURNS_S,), scale=20.0)  # counts per cycle of 1/30 s
 CYCLES_S = 30.0
 
 
@@ -212,22 +212,24 @@ def test_a_class_of_ones_own_speaks_frames(tmp_path: Path) -> None:
 
 
 def test_a_wheel_that_is_mounted_the_other_way_round_is_commanded_and_counted_backwards() -> None:
-    codec = LineCodec(msgspec.structs.replace(WORDS, signs=(1, -1), count_bits=16), 2, 2, 0.05)
+    codec = WheelLineCodec(msgspec.structs.replace(WORDS, signs=(1, -1), count_bits=16), 2, 2, 0.05)
     assert codec.command([math.tau, math.tau]) == b"m 20 -20\r"
     assert codec.feed(b"100 -50\r\n-100 50\r\n") == [(100, 50), ((1 << 16) - 100, (1 << 16) - 50)]
 
 
 def test_of_a_controller_that_sends_by_itself_the_first_line_may_be_cut_and_is_left() -> None:
-    codec = LineCodec(msgspec.structs.replace(WORDS, poll=""), 2, 2, 0.05)
+    codec = WheelLineCodec(msgspec.structs.replace(WORDS, poll=""), 2, 2, 0.05)
     assert codec.feed(b"23 998\r\n1023 998\r\n") == [(1023, 998)]
 
 
 def test_signs_of_a_cars_wheels_are_not_those_of_its_speed_and_steering() -> None:
     words = LineWords(command="d {0:.2f} {1:.3f}", signs=(1, -1))
-    codec = LineCodec(words, 2, 2, 0.05, are_wheels=False)
+    codec = WheelLineCodec(words, 2, 2, 0.05, are_wheels=False)
     assert codec.command([4.0, 0.3]) == b"d 4.00 0.300\r"
     assert codec.feed(b"10 -20\r\n") == [(10, 20)]
-    reversed_steering = LineCodec(msgspec.structs.replace(words, command_signs=(1, -1)), 2, 2, 0.05, are_wheels=False)
+    reversed_steering = WheelLineCodec(
+        msgspec.structs.replace(words, command_signs=(1, -1)), 2, 2, 0.05, are_wheels=False
+    )
     assert reversed_steering.command([4.0, 0.3]) == b"d 4.00 -0.300\r"
 
 
@@ -241,7 +243,7 @@ def test_a_stop_behind_a_command_that_was_cut_off_is_sent_twice() -> None:
             return self.takes
 
     line: Any = Full()
-    link = SerialLink(line, LineCodec(WORDS, 2, 2, 0.05), "mocdevice", SerialBase.Parameters(), lambda: 0)
+    link = WheelSerialLink(line, WheelLineCodec(WORDS, 2, 2, 0.05), "mocdevice", SerialBase.Parameters(), lambda: 0)
     link.command([0.0, 0.0])
     line.takes = True
     link.stop()
@@ -251,7 +253,7 @@ def test_a_stop_behind_a_command_that_was_cut_off_is_sent_twice() -> None:
 
 @pytest.mark.parametrize("split", [1, 100, LINE_BYTES_MAX + 1, 290, 300])
 def test_the_rest_of_a_line_that_was_given_up_is_no_report_however_its_bytes_arrive(split: int) -> None:
-    codec = LineCodec(WORDS, 2, 2, 0.05)
+    codec = WheelLineCodec(WORDS, 2, 2, 0.05)
     line = b"9" * 300 + b" 5\r\n"
     assert codec.feed(line[:split]) + codec.feed(line[split:]) == []
     assert codec.rejected == 1
@@ -284,12 +286,12 @@ def test_words_that_make_no_line_are_refused(changes: dict[str, Any], why: str) 
 )
 def test_words_for_another_number_of_wheels_are_refused(words: LineWords, why: str) -> None:
     with pytest.raises(ValueError, match=why):
-        LineCodec(words, 2, 2, 0.05)
+        WheelLineCodec(words, 2, 2, 0.05)
 
 
 @given(st.lists(st.binary(max_size=100), max_size=30))
 def test_no_bytes_break_the_lines_or_fill_their_memory(chunks: list[bytes]) -> None:
-    codec = LineCodec(WORDS, 2, 2, 0.05)
+    codec = WheelLineCodec(WORDS, 2, 2, 0.05)
     for chunk in chunks:
         for counts in codec.feed(chunk):
             assert len(counts) == 2

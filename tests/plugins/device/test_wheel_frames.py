@@ -13,12 +13,12 @@ from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
+    EncoderMeasure,
     FrameMap,
     FrameSignals,
-    Measure,
+    SignalUnit,
     StatusFrame,
     StopFrame,
-    Unit,
 )
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc
@@ -173,9 +173,9 @@ def own(tmp_path: Path) -> FrameMap:
     path.write_text(DBC)
     return FrameMap(
         dbc=str(path),
-        commands=(FrameSignals(frame="Speeds", signals=("left", "right"), units=(Unit.M_S,), signs=(-1, 1)),),
+        commands=(FrameSignals(frame="Speeds", signals=("left", "right"), units=(SignalUnit.M_S,), signs=(-1, 1)),),
         encoders=(FrameSignals(frame="Measured", signals=("left", "right"), signs=(-1, 1)),),
-        measure=Measure.SPEED,
+        measure=EncoderMeasure.SPEED,
         stop=StopFrame(frame="Halt", values={"brake": 1}),
         status=StatusFrame(frame=""),
         counter="alive",
@@ -227,7 +227,7 @@ def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_spee
 ) -> None:
     Path(own.dbc).write_text(DBC + TWO_ENCODERS)
     encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
-    changes = {"encoders": encoders, "measure": Measure.COUNTS, "checksum": Checksum.NONE}
+    changes = {"encoders": encoders, "measure": EncoderMeasure.COUNTS, "checksum": Checksum.NONE}
     device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
     device.it.activate()
     for number in range(12):
@@ -248,7 +248,7 @@ def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_spee
 def test_frames_of_different_rounds_are_never_put_together(own: FrameMap) -> None:
     Path(own.dbc).write_text(DBC + TWO_ENCODERS)
     encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
-    changes = {"encoders": encoders, "measure": Measure.COUNTS, "checksum": Checksum.NONE}
+    changes = {"encoders": encoders, "measure": EncoderMeasure.COUNTS, "checksum": Checksum.NONE}
     device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
     device.it.activate()
     for number in range(14):
@@ -420,7 +420,7 @@ BO_ 601 Overlap: 8 Motor
 def frames_of_makers(path: Path, **changes: Any) -> FrameMap:
     path.write_text(MAKERS)
     settings: dict[str, Any] = {
-        "commands": (FrameSignals(frame="Drive", signals=("left", "right"), units=(Unit.RPM,)),),
+        "commands": (FrameSignals(frame="Drive", signals=("left", "right"), units=(SignalUnit.RPM,)),),
         "encoders": (FrameSignals(frame="Encoder", signals=("left", "right")),),
     }
     plain: dict[str, Any] = {"counter": "", "checksum": Checksum.NONE, "stop": StopFrame(frame="")}
@@ -450,7 +450,7 @@ def test_counts_that_take_turns_in_one_frame_are_odometry_beside_unused_frames_t
 
 
 def test_commands_that_a_multiplexer_selects_are_a_frame_each(tmp_path: Path) -> None:
-    commands = (FrameSignals(frame="Selected", signals=("left", "right"), units=(Unit.RPM,)),)
+    commands = (FrameSignals(frame="Selected", signals=("left", "right"), units=(SignalUnit.RPM,)),)
     device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", commands=commands))
     device.it.activate()
     device.it.drive_wheels((1.0, -1.0))

@@ -1,7 +1,7 @@
 import msgspec
 import pytest
 
-from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, Measured
+from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, TrackedReading
 from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
@@ -78,7 +78,7 @@ def test_the_plugins_give_the_same_over_the_bus_as_the_estimators_they_are_made_
     for frame in iter(lambda: bus.recv(timeout=0), None):
         if frame.arbitration_id == status.arbitration_id:
             signals = status.unpack(frame)
-            heard.append(Measured(signals["voltage_v"], signals["current_a"], signals["temperature_c"]))
+            heard.append(TrackedReading(signals["voltage_v"], signals["current_a"], signals["temperature_c"]))
     assert len(heard) == 155
     tracker = BatteryTracker(PackModel(), GaugeLimits())
     tracker.begin(heard[0])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robrain.plugins.behavior.explore.explore import LOOK_PERIOD_S
-from robrain.plugins.behavior.search import SPEED_M_S, TASK_PATIENCE_S, Search
+from robrain.plugins.behavior.search import SPEED_M_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
@@ -32,7 +32,7 @@ def errands() -> Iterator[Build]:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robrain.plugins.behavior.travel.PATIENCE_S", PATIENCE_S)
-    monkeypatch.setattr(Search.step, "__defaults__", (PATIENCE_S,))
+    monkeypatch.setattr(LostSearch.step, "__defaults__", (PATIENCE_S,))
 
 
 def lose(run: Errands) -> None:

@@ -9,7 +9,7 @@ from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix
 from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.skill.mapper import frames as module
-from robrain.plugins.skill.mapper.frames import ANSWERS_MIN, Move
+from robrain.plugins.skill.mapper.frames import ANSWERS_MIN, FrameMove
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
 from robrain.protocol.model.map_frame import ARENA, MapFrame
@@ -331,12 +331,12 @@ def test_a_robot_follows_a_mate_with_all_that_it_has_mapped_in_the_frame() -> No
     scene = lost(mates=OWN)
     scene.map(21, PLACES[3])
     before = scene.graph.own[21].pose
-    scene.frames.follow(Move(MATES, THERE))
+    scene.frames.follow(FrameMove(MATES, THERE))
     assert (scene.frames.frame, scene.own.why) == (MATES, WHY)
     assert set(told(scene)) == {20, 21}
     assert off(scene.own.T_arena_local, THERE) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     assert off(scene.graph.own[21].pose, THERE.compose(before)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    scene.frames.follow(Move(ARENA, THERE.inverse()))
+    scene.frames.follow(FrameMove(ARENA, THERE.inverse()))
     assert (scene.frames.frame, scene.own.why) == (ARENA, "")
     assert off(scene.own.T_arena_local, IDENTITY) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
@@ -344,14 +344,14 @@ def test_a_robot_follows_a_mate_with_all_that_it_has_mapped_in_the_frame() -> No
 def test_a_follower_is_less_sure_of_its_submaps_than_before() -> None:
     scene = lost(mates=OWN)
     before = np.diag(scene.graph.own[20].covariance).copy()
-    scene.frames.follow(Move(ARENA, Pose2D(3.0, -1.0, 0.0)))
+    scene.frames.follow(FrameMove(ARENA, Pose2D(3.0, -1.0, 0.0)))
     assert np.all(np.diag(scene.graph.own[20].covariance) - before == pytest.approx((0.05**2, 0.05**2, 0.01**2)))
 
 
 def test_a_robot_that_has_mapped_nothing_yet_follows_too() -> None:
     scene = Scene()
     scene.frames.begin(20, WHY)
-    scene.frames.follow(Move(ARENA, THERE))
+    scene.frames.follow(FrameMove(ARENA, THERE))
     assert scene.frames.frame == ARENA
     assert scene.frames.told == []
     assert off(scene.own.T_arena_local, THERE) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
@@ -361,5 +361,5 @@ def test_answers_of_a_frame_that_was_left_do_not_count_in_the_next() -> None:
     scene = lost()
     for place in PLACES[:2]:
         assert not scene.search(place)
-    scene.frames.follow(Move(MATES, IDENTITY))
+    scene.frames.follow(FrameMove(MATES, IDENTITY))
     assert [scene.search(place) for place in PLACES[:3]] == [False, False, True]

@@ -4,7 +4,7 @@ import pytest
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_STATE
-from robrain.sim.firmware.battery import Battery, BatterySpec, GaugeSpec
+from robrain.sim.firmware.battery import BatterySpec, GaugeSpec, SimulatedBattery
 from robrain.sim.firmware.battery_manager import Gauge
 
 WH_J = 3600.0
@@ -32,7 +32,7 @@ class Pack:
 
     def __init__(self, stage, **spec):
         self.stage = stage
-        self.battery = Battery(BatterySpec(**spec))
+        self.battery = SimulatedBattery(BatterySpec(**spec))
         self.gauge = Gauge(GaugeSpec(), np.random.default_rng(1))
         self.manager = BatteryManager(stage)
 

@@ -8,7 +8,7 @@ import pytest
 from robrain.agent.board import Board
 from robrain.agent.event import Mailbox
 from robrain.algorithms.energy.battery_report import NOTHING_MORE, BatteryReport
-from robrain.algorithms.energy.battery_tracker import Measured
+from robrain.algorithms.energy.battery_tracker import TrackedReading
 from robrain.plugins.device.bm2.interface import BatteryMeasurement
 from robrain.plugins.unit.battery.battery import Battery
 from robrain.protocol.wire.clock import VirtualClock, to_ns
@@ -92,8 +92,8 @@ def test_measurements_are_followed_from_the_first_on_with_what_has_flown_between
     robot.measure(at_s=1.0, charge_c=5.0, energy_j=70.0)
     robot.measure(14.0, 2.0, at_s=1.5, charge_c=6.5, energy_j=91.0)
     assert robot.believed.given == [
-        ("begin", (Measured(15.0, 1.0, 21.5), NOTHING_MORE)),
-        ("follow", (Measured(14.0, 2.0, 21.5), 1.5, 0.5, NOTHING_MORE)),
+        ("begin", (TrackedReading(15.0, 1.0, 21.5), NOTHING_MORE)),
+        ("follow", (TrackedReading(14.0, 2.0, 21.5), 1.5, 0.5, NOTHING_MORE)),
     ]
     assert robot.it.drawn() == (to_ns(1.5), 21.0, True)
 
@@ -111,7 +111,7 @@ def test_what_a_battery_reports_goes_with_its_measurement_and_a_guessed_current_
 def test_count_that_began_anew_is_made_up_from_the_measurement(robot):
     robot.measure(at_s=1.0, charge_c=500.0, energy_j=7000.0)
     robot.measure(14.0, 3.0, at_s=1.5, charge_c=0.0, energy_j=0.0, from_s=1.5)
-    assert robot.believed.given[1] == ("follow", (Measured(14.0, 3.0, 21.5), 1.5, 0.5, NOTHING_MORE))
+    assert robot.believed.given[1] == ("follow", (TrackedReading(14.0, 3.0, 21.5), 1.5, 0.5, NOTHING_MORE))
     assert robot.it.drawn().energy_j == 21.0
 
 
@@ -120,7 +120,7 @@ def test_clock_that_goes_back_counts_nothing(robot):
     robot.measure(at_s=1.0, charge_c=9.0, energy_j=99.0)
     assert len(robot.believed.given) == 1
     robot.measure(at_s=1.5, charge_c=10.0, energy_j=100.0)
-    assert robot.believed.given[1:] == [("follow", (Measured(15.0, 1.0, 21.5), 1.0, 0.5, NOTHING_MORE))]
+    assert robot.believed.given[1:] == [("follow", (TrackedReading(15.0, 1.0, 21.5), 1.0, 0.5, NOTHING_MORE))]
     assert robot.it.drawn().energy_j == 1.0
 
 

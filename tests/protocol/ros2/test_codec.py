@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.protocol.ros2.definitions import NavigateGoal, Nothing, Outcome, typestore
+from robrain.protocol.ros2.definitions import NavigateGoal, Nothing, TriggerResponse, typestore
 from robrain.protocol.ros2.errors import BadCdr
 from robrain.protocol.ros2.message_classes import String
 from robrain.protocol.ros2.message_types import (
@@ -69,7 +69,7 @@ def test_an_empty_request_is_one_byte():
 
 
 def test_a_response_of_older_releases_without_padding_is_read():
-    assert TRIGGER.response.decode(b"\0\1\0\0\1\0\0\0\1\0\0\0\0") == Outcome(True, "")
+    assert TRIGGER.response.decode(b"\0\1\0\0\1\0\0\0\1\0\0\0\0") == TriggerResponse(True, "")
 
 
 def test_big_endian_is_read_too():

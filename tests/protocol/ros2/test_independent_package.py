@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from robrain.protocol.ros2.definitions import Outcome, Switch
+from robrain.protocol.ros2.definitions import Switch, TriggerResponse
 from robrain.protocol.ros2.message_classes import LaserScan
 from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, SET_BOOL, STRING
 from robrain.protocol.ros2.qos import LATCHED
@@ -84,7 +84,7 @@ class Both(NamedTuple):
     node: RosNode
     graph: RosGraph
     scans: RosPublisher[LaserScan]
-    switches: RosServer[Switch, Outcome]
+    switches: RosServer[Switch, TriggerResponse]
 
 
 @pytest.fixture(scope="module")
@@ -129,14 +129,14 @@ def test_it_is_heard(both):
 def test_it_calls_a_service(both):
     both.sdk.ask("call")
     request = until(both.switches.requests)[0]
-    request.reply(Outcome(request.request.data, "from robrain"))
+    request.reply(TriggerResponse(request.request.data, "from robrain"))
     assert both.sdk.said("success") == {"success": True, "message": "from robrain"}
 
 
 def test_its_service_is_called(both):
     client = both.node.client("/sdk/switch", SET_BOOL)
     until(lambda: both.graph.endpoints("/sdk/switch", EntityKind.SERVER))
-    assert client.ask(Switch(True), timeout_s=PATIENCE_S).wait() == Outcome(True, "from the sdk")
+    assert client.ask(Switch(True), timeout_s=PATIENCE_S).wait() == TriggerResponse(True, "from the sdk")
 
 
 def test_it_finds_the_topics_and_who_publishes_them(both):

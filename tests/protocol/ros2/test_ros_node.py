@@ -10,7 +10,7 @@ import zenoh
 
 from robrain.protocol.ros2 import ros_graph, ros_subscription
 from robrain.protocol.ros2.attachment import Attachment
-from robrain.protocol.ros2.definitions import Nothing, Outcome
+from robrain.protocol.ros2.definitions import Nothing, TriggerResponse
 from robrain.protocol.ros2.errors import BadRosName, NoReply
 from robrain.protocol.ros2.message_classes import String
 from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, STRING, TRIGGER, MessageType, ServiceType
@@ -145,7 +145,7 @@ def test_a_service_is_answered_and_the_answer_finds_its_request(two):
     until(lambda: waiting.extend(server.requests()) or len(waiting) == 3)
     assert [request.sender.number for request in waiting] == [1, 2, 3]
     for request in reversed(waiting):  # in any order
-        request.reply(Outcome(True, f"to {request.sender.number}"))
+        request.reply(TriggerResponse(True, f"to {request.sender.number}"))
     assert [call.wait().message for call in calls] == ["to 1", "to 2", "to 3"]
 
 
@@ -156,8 +156,8 @@ def test_a_response_can_be_polled_for(two):
     call = client.ask(Nothing())
     request = until(server.requests)[0]
     assert call.poll() is None
-    request.reply(Outcome(False, "no"))
-    assert until(call.poll) == Outcome(False, "no")
+    request.reply(TriggerResponse(False, "no"))
+    assert until(call.poll) == TriggerResponse(False, "no")
 
 
 def test_a_refused_request_raises_with_the_reason(two):
@@ -192,7 +192,7 @@ def test_a_response_to_another_request_is_passed_over(two):
         with query:
             for number, words in ((7, "to another"), (1, "to this")):
                 attachment = Attachment(number, 0, client.entity.gid).pack()
-                payload = TRIGGER.response.encode(Outcome(True, words))
+                payload = TRIGGER.response.encode(TriggerResponse(True, words))
                 query.reply(client.entity.key, payload, attachment=attachment)
 
     queryable = two.session.declare_queryable(client.entity.key, answer, complete=True)

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.tinyos.serial_forwarder import GREETING, BadGreeting, Decoder, encode
+from robrain.protocol.tinyos.serial_forwarder import GREETING, BadGreeting, PacketDecoder, encode
 
 PACKET = bytes.fromhex("00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")
 GOLDEN = bytes.fromhex("55 20  10 00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")
@@ -13,7 +13,7 @@ PACKETS = st.lists(st.binary(min_size=1, max_size=255), max_size=8)
 
 def test_greeting_and_packet_have_the_bytes_that_are_written_here():
     assert GREETING + encode(PACKET) == GOLDEN
-    decoder = Decoder()
+    decoder = PacketDecoder()
     assert decoder.feed(GOLDEN) == [PACKET]
     assert decoder.has_greeted
 
@@ -22,7 +22,7 @@ def test_greeting_and_packet_have_the_bytes_that_are_written_here():
 @given(PACKETS, st.data())
 def test_packets_come_whole_in_whatever_pieces_tcp_brings_them(packets, data):
     stream = GREETING + b"".join(map(encode, packets))
-    decoder = Decoder()
+    decoder = PacketDecoder()
     got = []
     while stream:
         length = data.draw(st.integers(1, len(stream)))
@@ -33,11 +33,11 @@ def test_packets_come_whole_in_whatever_pieces_tcp_brings_them(packets, data):
 
 
 def test_a_packet_of_no_bytes_is_left_out():
-    assert Decoder().feed(GREETING + b"\x00" + encode(PACKET) + b"\x00") == [PACKET]
+    assert PacketDecoder().feed(GREETING + b"\x00" + encode(PACKET) + b"\x00") == [PACKET]
 
 
 def test_a_newer_forwarder_is_spoken_to_in_our_version():
-    assert Decoder().feed(b"U!" + encode(PACKET)) == [PACKET]
+    assert PacketDecoder().feed(b"U!" + encode(PACKET)) == [PACKET]
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_a_newer_forwarder_is_spoken_to_in_our_version():
 )
 def test_who_greets_otherwise_is_no_forwarder(stream):
     with pytest.raises(BadGreeting, match="expected a Serial Forwarder"):
-        Decoder().feed(stream)
+        PacketDecoder().feed(stream)
 
 
 @pytest.mark.parametrize("packet", [b"", bytes(256)])

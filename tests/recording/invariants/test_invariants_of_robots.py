@@ -14,17 +14,17 @@ from robrain.recording.invariants.findings import (
     DeliveredFell,
     HaltIgnored,
     Invariant,
+    InvariantState,
     InWall,
-    Missing,
+    MissingEvidence,
     MovedHalted,
     OutOfEnergy,
-    Standing,
     Unbalanced,
 )
-from robrain.recording.invariants.invariant_judge import ChargerPlace, Surroundings
+from robrain.recording.invariants.invariant_judge import FloorCharger, Surroundings
 from tests.recording.invariants.told import RADIUS_M, Told, battery
 
-CHARGER = Surroundings(chargers=(ChargerPlace(Point2D(5.0, 5.0), 0.25),))
+CHARGER = Surroundings(chargers=(FloorCharger(Point2D(5.0, 5.0), 0.25),))
 HALL = Surroundings(clearance_m=lambda x_m, _y_m: max(0.0, abs(x_m - 4.0) - 0.05))
 """A wall of 0.1 m at x = 4."""
 
@@ -94,7 +94,7 @@ def test_nobody_is_judged_stranded_without_a_battery_and_truth() -> None:
     told.pass_time(1.0)
     for invariant in (Invariant.NOT_STRANDED, Invariant.ENERGY):
         ruling = told.ruling(invariant)
-        assert (ruling.standing, ruling.missing) == (Standing.NOT_JUDGED, Missing.BATTERIES)
+        assert (ruling.standing, ruling.missing) == (InvariantState.NOT_JUDGED, MissingEvidence.BATTERIES)
 
 
 # -- walls ------------------------------------------------------------------------------------------------------
@@ -110,7 +110,7 @@ def go(told: Told, *xs_m: float) -> Told:
 def test_a_robot_beside_a_wall_does_not_cross_it() -> None:
     told = go(with_robot(), 3.0, 3.2, 3.4, 3.6, 3.75, 3.76)  # 0.01 m inside is what a solver leaves
     ruling = told.ruling(Invariant.WALLS, HALL)
-    assert (ruling.standing, ruling.cases) == (Standing.KEPT, 6)
+    assert (ruling.standing, ruling.cases) == (InvariantState.KEPT, 6)
 
 
 def test_a_robot_that_stands_in_a_wall_is_told_once_for_each_time() -> None:
@@ -135,12 +135,12 @@ def test_a_robot_that_is_carried_over_a_wall_does_not_cross_it() -> None:
 
 
 def test_walls_are_judged_only_with_truth_floor_and_radius() -> None:
-    assert Told().ruling(Invariant.WALLS, HALL).missing is Missing.TRUTH
-    assert go(with_robot(), 4.0).ruling(Invariant.WALLS).missing is Missing.FLOOR
+    assert Told().ruling(Invariant.WALLS, HALL).missing is MissingEvidence.TRUTH
+    assert go(with_robot(), 4.0).ruling(Invariant.WALLS).missing is MissingEvidence.FLOOR
     silent = with_robot()
     silent.states.clear()
     ruling = go(silent, 4.0).ruling(Invariant.WALLS, HALL)
-    assert (ruling.standing, ruling.missing) == (Standing.NOT_JUDGED, Missing.RADIUS)
+    assert (ruling.standing, ruling.missing) == (InvariantState.NOT_JUDGED, MissingEvidence.RADIUS)
 
 
 # -- halts ------------------------------------------------------------------------------------------------------
@@ -162,7 +162,7 @@ def test_a_robot_that_stops_obeys() -> None:
     told.resume_team()
     go(told, 1.3, 1.5, 1.9)
     ruling = told.ruling(Invariant.HALTS)
-    assert (ruling.standing, ruling.cases) == (Standing.KEPT, 1)
+    assert (ruling.standing, ruling.cases) == (InvariantState.KEPT, 1)
 
 
 def test_a_robot_that_creeps_on_does_not_obey_and_is_told_once() -> None:
@@ -296,7 +296,7 @@ def test_without_ground_truth_the_poses_before_and_after_a_halt_count(moved_m: f
 
 
 def test_halts_are_not_judged_without_robots() -> None:
-    assert Told().ruling(Invariant.HALTS).missing is Missing.ROBOTS
+    assert Told().ruling(Invariant.HALTS).missing is MissingEvidence.ROBOTS
 
 
 # -- energy -----------------------------------------------------------------------------------------------------
@@ -316,7 +316,7 @@ def test_energy_that_is_used_charged_and_used_again_balances() -> None:
         drive(told, 0.2, 8.0, **battery(soc + 0.004 * step, charging=True))
     discharge(told, 60.0, soc + 0.4)
     ruling = told.ruling(Invariant.ENERGY, CHARGER)
-    assert (ruling.standing, ruling.cases) == (Standing.KEPT, 1), ruling.breaches
+    assert (ruling.standing, ruling.cases) == (InvariantState.KEPT, 1), ruling.breaches
 
 
 def test_delivered_energy_that_falls_does_not_balance() -> None:

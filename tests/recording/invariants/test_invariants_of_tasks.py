@@ -16,9 +16,9 @@ from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.recording.invariants.findings import (
     DoneAgain,
     Invariant,
-    Missing,
+    InvariantState,
+    MissingEvidence,
     Reopened,
-    Standing,
     StillAtDone,
     TaskAbandoned,
     TaskAtTwo,
@@ -61,7 +61,7 @@ def test_a_task_that_is_done_is_not_lost() -> None:
     told = given_to("r1")
     told.pass_time(20.0)
     ruling = done(told).ruling(Invariant.TASK_KEPT)
-    assert (ruling.standing, ruling.cases, ruling.broken) == (Standing.KEPT, 1, 0)
+    assert (ruling.standing, ruling.cases, ruling.broken) == (InvariantState.KEPT, 1, 0)
 
 
 def test_a_task_that_the_coordinator_no_longer_counts_is_lost_and_named() -> None:
@@ -94,7 +94,7 @@ def test_changes_that_may_have_gone_unheard_with_summaries_are_no_lost_tasks() -
     whole, lacking = told_with(list(range(1, 12))), told_with([1, *range(9, 20)])
     assert [type(one) for one in whole.found(Invariant.TASK_KEPT)] == [TasksForgotten]
     assert lacking.found(Invariant.TASK_KEPT) == []
-    assert lacking.ruling(Invariant.TASK_KEPT).missing is Missing.EVENTS
+    assert lacking.ruling(Invariant.TASK_KEPT).missing is MissingEvidence.EVENTS
     lacking.event("window", QUEUED)  # numbered without a gap: nothing was missed
     for seq in range(20, 26):
         lacking.now_s += 0.5
@@ -217,11 +217,11 @@ def test_the_work_of_a_mote_and_a_task_of_several_robots_stand_at_no_robot() -> 
     ("first_change", "tasks_open", "missing"),
     [
         (1, 1, None),  # from the first change of all
-        (5, 3, Missing.START),  # of the other two nothing is known
+        (5, 3, MissingEvidence.START),  # of the other two nothing is known
     ],
 )
 def test_a_recording_that_begins_in_mid_run_does_not_say_whether_tasks_are_lost(
-    first_change: int, tasks_open: int, missing: Missing | None
+    first_change: int, tasks_open: int, missing: MissingEvidence | None
 ) -> None:
     told = Told()
     told.event("door", QUEUED, change=first_change)
@@ -231,7 +231,7 @@ def test_a_recording_that_begins_in_mid_run_does_not_say_whether_tasks_are_lost(
     told.pass_time(5.0)
     ruling = told.ruling(Invariant.TASK_KEPT)
     assert ruling.missing is missing
-    assert ruling.standing is (Standing.NOT_JUDGED if missing else Standing.KEPT)
+    assert ruling.standing is (InvariantState.NOT_JUDGED if missing else InvariantState.KEPT)
 
 
 def test_changes_that_are_missing_leave_the_invariant_unjudged() -> None:
@@ -242,15 +242,15 @@ def test_changes_that_are_missing_leave_the_invariant_unjudged() -> None:
     told.pass_time(5.0)
     for invariant in (Invariant.TASK_KEPT, Invariant.TASK_ONCE):
         ruling = told.ruling(invariant)
-        assert (ruling.standing, ruling.missing) == (Standing.NOT_JUDGED, Missing.EVENTS)
+        assert (ruling.standing, ruling.missing) == (InvariantState.NOT_JUDGED, MissingEvidence.EVENTS)
         assert ruling.why
 
 
 def test_without_a_coordinator_no_invariant_of_its_book_is_judged() -> None:
     ruling = Told().ruling(Invariant.TASK_KEPT)
-    assert (ruling.standing, ruling.missing) == (Standing.NOT_JUDGED, Missing.SUMMARIES)
-    assert Told().ruling(Invariant.TASK_ONCE).missing is Missing.TASKS
-    assert Told().ruling(Invariant.TASK_AT_ONE).missing is Missing.ROBOTS
+    assert (ruling.standing, ruling.missing) == (InvariantState.NOT_JUDGED, MissingEvidence.SUMMARIES)
+    assert Told().ruling(Invariant.TASK_ONCE).missing is MissingEvidence.TASKS
+    assert Told().ruling(Invariant.TASK_AT_ONE).missing is MissingEvidence.ROBOTS
 
 
 # -- at two robots ----------------------------------------------------------------------------------------------
@@ -400,7 +400,7 @@ def test_no_legal_history_breaks_an_invariant_however_often_its_changes_are_repe
     told.pass_time(5.0)
     for invariant in (Invariant.TASK_KEPT, Invariant.TASK_ONCE):
         ruling = told.ruling(invariant)
-        assert ruling.standing is Standing.KEPT, ruling.breaches
+        assert ruling.standing is InvariantState.KEPT, ruling.breaches
     assert told.ruling(Invariant.TASK_KEPT).cases == len({task for task, _ in changes})
 
 

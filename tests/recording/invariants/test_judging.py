@@ -10,7 +10,14 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.topics import ARENA_TRUTH, ROBOT_STATE
 from robrain.recording.invariants import findings
-from robrain.recording.invariants.findings import AnyFinding, Breach, Finding, Invariant, Missing, Standing
+from robrain.recording.invariants.findings import (
+    AnyFinding,
+    Breach,
+    Invariant,
+    InvariantState,
+    MissingEvidence,
+    Violation,
+)
 from robrain.recording.invariants.invariant_judge import KEPT_BREACHES
 from robrain.recording.invariants.judging import JUDGES, Judging, broken
 from robrain.recording.invariants.words import CASES, INVARIANTS, breach_words, cases_words, missing_words
@@ -32,13 +39,13 @@ def sample(type_: object) -> object:
 def test_there_is_one_judge_for_each_invariant_and_words_for_all() -> None:
     assert [judge.invariant for judge in JUDGES] == list(Invariant)
     assert set(INVARIANTS) == set(CASES) == set(Invariant)
-    assert all(missing_words(missing) for missing in Missing)
+    assert all(missing_words(missing) for missing in MissingEvidence)
     assert cases_words(Invariant.WALLS, 1) == "1 pose"
     assert cases_words(Invariant.WALLS, 3) == "3 poses"
 
 
 @pytest.mark.parametrize("type_", typing.get_args(AnyFinding), ids=lambda type_: type_.__name__)
-def test_every_finding_has_a_sentence_and_survives_json(type_: type[Finding]) -> None:
+def test_every_finding_has_a_sentence_and_survives_json(type_: type[Violation]) -> None:
     hints = typing.get_type_hints(type_)
     finding = type_(**{name: sample(hints[name]) for name in type_.__struct_fields__})
     text = breach_words(3.0, finding)  # type: ignore[arg-type]
@@ -49,8 +56,8 @@ def test_every_finding_has_a_sentence_and_survives_json(type_: type[Finding]) ->
 
 
 def test_every_finding_is_one_of_those_that_can_be_told() -> None:
-    structs = {each for each in vars(findings).values() if isinstance(each, type) and issubclass(each, Finding)} - {
-        Finding
+    structs = {each for each in vars(findings).values() if isinstance(each, type) and issubclass(each, Violation)} - {
+        Violation
     }
     assert structs == set(typing.get_args(AnyFinding))
 
@@ -63,7 +70,7 @@ def test_only_the_first_breaches_are_kept_and_all_are_counted() -> None:
         told.say(truth(told.now_s, r1={"energy_j": float(100 - step)}))
     ruling = told.ruling(Invariant.ENERGY)
     assert (ruling.broken, len(ruling.breaches), ruling.more) == (39, KEPT_BREACHES, 39 - KEPT_BREACHES)
-    assert ruling.standing is Standing.BROKEN
+    assert ruling.standing is InvariantState.BROKEN
 
 
 def test_what_a_recorder_hears_is_judged_as_what_was_decoded() -> None:

@@ -11,7 +11,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, R
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.team.team_messages import Halt, HaltStatus, RobotSummary, TeamState
-from robrain.recording.invariants.findings import Finding, Invariant, Ruling
+from robrain.recording.invariants.findings import Invariant, Ruling, Violation
 from robrain.recording.invariants.invariant_judge import NOWHERE, Surroundings
 from robrain.recording.invariants.judging import judge
 
@@ -81,7 +81,7 @@ class Told:
         rulings = judge(self.messages, surroundings)
         return next(ruling for ruling in rulings if ruling.invariant is invariant)
 
-    def found(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> list[Finding]:
+    def found(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> list[Violation]:
         """What breaks an invariant."""
         return [breach.finding for breach in self.ruling(invariant, surroundings).breaches]
 

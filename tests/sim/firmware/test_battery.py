@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.firmware.battery import Battery, BatterySpec, GaugeSpec, open_circuit_v
+from robrain.sim.firmware.battery import BatterySpec, GaugeSpec, SimulatedBattery, open_circuit_v
 from robrain.sim.firmware.battery_manager import BatteryManager, Gauge, Load
 from robrain.sim.firmware.power_model import PowerModel
 
@@ -26,15 +26,15 @@ EXACT = GaugeSpec(
 )
 
 
-def drain(power_w: float, **spec: float) -> Battery:
+def drain(power_w: float, **spec: float) -> SimulatedBattery:
     """A battery that this load has emptied."""
-    battery = Battery(BatterySpec(**spec))
+    battery = SimulatedBattery(BatterySpec(**spec))
     while not battery.is_cut_off:
         battery.step(power_w, 0.0, 1.0)
     return battery
 
 
-def run(battery: Battery, load_w: float, supply_w: float, duration_s: float) -> None:
+def run(battery: SimulatedBattery, load_w: float, supply_w: float, duration_s: float) -> None:
     for _ in range(round(duration_s)):
         battery.step(load_w, supply_w, 1.0)
 
@@ -59,7 +59,7 @@ def test_an_old_battery_delivers_less_and_sags_more():
     assert 0.75 < old.delivered_j / young.delivered_j < 0.8
     sag_v = []
     for growth in (0.0, 0.5):
-        battery = Battery(BatterySpec(resistance_growth=growth))
+        battery = SimulatedBattery(BatterySpec(resistance_growth=growth))
         battery.step(30.0, 0.0, 0.2)
         sag_v.append(open_circuit_v(1.0) - battery.voltage_v)
     assert sag_v[1] == pytest.approx(1.5 * sag_v[0], rel=0.02)
@@ -71,7 +71,7 @@ def test_a_cold_battery_delivers_less():
 
 
 def test_the_voltage_relaxes_after_a_load_and_the_bound_charge_comes_back():
-    battery = Battery(BatterySpec())
+    battery = SimulatedBattery(BatterySpec())
     run(battery, 40.0, 0.0, 600.0)
     loaded_v = battery.voltage_v
     battery.step(0.0, 0.0, 0.2)
@@ -83,14 +83,14 @@ def test_the_voltage_relaxes_after_a_load_and_the_bound_charge_comes_back():
 
 
 def test_the_voltage_at_rest_depends_on_whether_it_was_charged_or_discharged():
-    battery = Battery(BatterySpec(soc_at_start=0.6, hysteresis_v=0.02))
+    battery = SimulatedBattery(BatterySpec(soc_at_start=0.6, hysteresis_v=0.02))
     run(battery, 15.0, 0.0, 600.0)
     run(battery, 0.0, 0.0, 6000.0)
     after_discharge_v, soc = battery.voltage_v, battery.soc
     run(battery, 0.0, 15.0, 600.0)
     while battery.soc > soc:
         battery.step(1.0, 0.0, 1.0)
-    charged = Battery(BatterySpec(soc_at_start=battery.soc - 0.1, hysteresis_v=0.02))
+    charged = SimulatedBattery(BatterySpec(soc_at_start=battery.soc - 0.1, hysteresis_v=0.02))
     while charged.soc < soc:
         charged.step(0.0, 10.0, 1.0)
     run(charged, 0.0, 0.0, 6000.0)
@@ -106,7 +106,7 @@ def test_a_battery_below_its_voltage_cuts_off_under_load_and_holds_it():
 
 
 def test_a_short_peak_does_not_trip_the_protection():
-    battery = Battery(BatterySpec(soc_at_start=0.15))
+    battery = SimulatedBattery(BatterySpec(soc_at_start=0.15))
     battery.step(400.0, 0.0, 0.2)
     assert battery.voltage_v < 12.0
     run(battery, 10.0, 0.0, 5.0)
@@ -114,7 +114,7 @@ def test_a_short_peak_does_not_trip_the_protection():
 
 
 def test_a_load_beyond_what_the_battery_can_give_does_not_break_it():
-    battery = Battery(BatterySpec())
+    battery = SimulatedBattery(BatterySpec())
     battery.step(10_000.0, 0.0, 0.1)
     assert battery.voltage_v == pytest.approx(open_circuit_v(1.0) / 2)
 
@@ -128,7 +128,7 @@ def test_an_empty_battery_gives_power_again_once_it_is_charged():
 
 
 def test_charging_is_by_constant_current_then_by_constant_voltage_and_ends():
-    battery = Battery(BatterySpec(soc_at_start=0.5))
+    battery = SimulatedBattery(BatterySpec(soc_at_start=0.5))
     currents_a, voltages_v = [], []
     for _ in range(7200):
         battery.step(0.0, 40.0, 1.0)
@@ -143,7 +143,7 @@ def test_charging_is_by_constant_current_then_by_constant_voltage_and_ends():
 
 
 def test_a_charger_feeds_the_load_first():
-    battery = Battery(BatterySpec(soc_at_start=0.5))
+    battery = SimulatedBattery(BatterySpec(soc_at_start=0.5))
     battery.step(10.0, 18.0, 1.0)
     assert -battery.current_a * battery.voltage_v == pytest.approx(8.0)
     battery.step(10.0, 4.0, 1.0)
@@ -158,7 +158,7 @@ def test_a_charger_feeds_the_load_first():
     st.floats(0.0, 1.0),
 )
 def test_no_history_takes_charge_out_of_nowhere_or_makes_nonsense(steps, soc):
-    battery = Battery(BatterySpec(capacity_wh=1.0, soc_at_start=soc))
+    battery = SimulatedBattery(BatterySpec(capacity_wh=1.0, soc_at_start=soc))
     before_j = 0.0
     for load_w, supply_w, duration_s in steps:
         battery.step(load_w, supply_w, duration_s)
@@ -205,7 +205,7 @@ def heard(host: can.BusABC) -> list[dict[str, float]]:
 
 
 def manager(board: can.BusABC, gauge: GaugeSpec = EXACT, **spec: float) -> BatteryManager:
-    battery = Battery(BatterySpec(gauge=gauge, **spec))
+    battery = SimulatedBattery(BatterySpec(gauge=gauge, **spec))
     return BatteryManager(board, battery, PowerModel(), 4.0, TICK_S, np.random.default_rng(1))
 
 

@@ -4,14 +4,14 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
+from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 
 PLAN = FloorPlan(np.zeros((100, 200), np.bool_), 0.1, 5.0, -3.0, "hall")
 ORIGIN = Point2D(0.0, 0.0)
 
 
 def still(*plumes):
-    return Field(FieldSpec(), list(plumes), Point2D(-50.0, -50.0), (100.0, 100.0))
+    return SimulatedField(FieldSpec(), list(plumes), Point2D(-50.0, -50.0), (100.0, 100.0))
 
 
 def test_a_plume_is_warm_in_the_middle_and_fades():
@@ -48,7 +48,7 @@ def test_each_quantity_has_its_own_levels(quantity):
 
 def test_drawn_plumes_start_on_the_floor():
     for seed in range(20):
-        field = Field.draw(FieldSpec(plumes=1), PLAN, np.random.default_rng(seed))
+        field = SimulatedField.draw(FieldSpec(plumes=1), PLAN, np.random.default_rng(seed))
         grid = [Point2D(x_m, y_m) for x_m in np.arange(5.0, 25.1, 0.5) for y_m in np.arange(-3.0, 7.1, 0.5)]
         assert max(field.value(Quantity.TEMPERATURE, place, 0.0) for place in grid) > 28.5
 

@@ -13,7 +13,7 @@ from robrain.protocol.tinyos.payloads import READING_TYPE, STORED_TYPE, ReadingP
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX
-from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
+from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mesh import SHORT_S
 from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.motes.mote import ArenaMote, MoteSpec
@@ -44,7 +44,7 @@ class Line:
         self._inbox = Inbox(1_000_000)
         wire.subscribe(self._inbox, ARENA_RADIO_RX)
         placed = [ArenaMote(name=f"m{n}", number=n, place=Point2D(*place)) for n, place in enumerate(motes, 1)]
-        field = Field(spec.field, [Plume(0.0, 0.0, 0.0, 0.0)], Point2D(-100.0, -100.0), (200.0, 200.0))
+        field = SimulatedField(spec.field, [Plume(0.0, 0.0, 0.0, 0.0)], Point2D(-100.0, -100.0), (200.0, 200.0))
         self.field = MoteField(placed, ["r1"], spec, field, wire, np.random.default_rng(seed), TICK_S)
         self.ticks = 0
 

@@ -20,7 +20,7 @@ from robrain.protocol.tinyos.payloads import (
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
-from robrain.sim.motes.field import Field, FieldSpec, Levels, Plume
+from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mote import ArenaMote, MoteSpec, ReadingLog
 from robrain.sim.motes.mote_power import MoteState
 from robrain.sim.motes.motes import MoteField, SensorNetwork
@@ -52,7 +52,7 @@ class Floor:
         endpoint.subscribe(self._inbox, ARENA_RADIO_RX)
         self._senders = {name: endpoint.publisher(ARENA_RADIO_TX, robot=name) for name in self.names}
         specs = [ArenaMote(name=f"m{number}", number=number, place=place) for number, place in enumerate(motes, 1)]
-        field = Field(network.field, [Plume(0.0, 0.0, 0.0, 0.0)], Point2D(-100.0, -100.0), (200.0, 200.0))
+        field = SimulatedField(network.field, [Plume(0.0, 0.0, 0.0, 0.0)], Point2D(-100.0, -100.0), (200.0, 200.0))
         rng = np.random.default_rng(seed)
         self.field = MoteField(specs, self.names, network, field, endpoint, rng, TICK_S)
 

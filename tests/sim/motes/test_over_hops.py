@@ -16,7 +16,7 @@ from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.topics import ARENA_RADIO_TX, COORDINATOR_ALIVE, MOTE_DUTY, MOTE_READING
-from robrain.sim.motes.field import Field, Plume
+from robrain.sim.motes.field import Plume, SimulatedField
 from robrain.sim.motes.gateway import MoteGateway
 from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.motes.mote import ArenaMote
@@ -45,7 +45,7 @@ class Ends:
         wire.token(COORDINATOR_ALIVE)
         wire.subscribe(self.told, MOTE_READING)
         wire.subscribe(self.said, ARENA_RADIO_TX)
-        ground = Field(spec.field, [Plume(0.0, 0.0, 0.0, 0.0)], Point2D(-100.0, -100.0), (200.0, 200.0))
+        ground = SimulatedField(spec.field, [Plume(0.0, 0.0, 0.0, 0.0)], Point2D(-100.0, -100.0), (200.0, 200.0))
         rng = np.random.default_rng(seed)
         self.field = MoteField(placed, [], spec, ground, wire, rng, TICK_S, gateways=placed[:1])
         self.gateway = MoteGateway("m1", wire, 100) if is_gateway_on else None

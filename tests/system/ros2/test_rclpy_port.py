@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from robrain.deploy.ros2 import rclpy_port
 from robrain.deploy.ros2.rclpy_port import RclpyPort
 from robrain.protocol.ros2 import message_types as ros
-from robrain.protocol.ros2.definitions import Outcome
+from robrain.protocol.ros2.definitions import TriggerResponse
 from robrain.protocol.ros2.message_classes import String
 from tests.waiting import PATIENCE_S, until
 
@@ -54,7 +54,7 @@ def test_requests_wait_for_their_answers_and_end_with_the_port(port, listener, m
     asked, taken = client.call_async(Trigger.Request()), []
     assert listener.spin(PATIENCE_S, lambda: taken.extend(server.requests()) or taken)
     assert not asked.done()
-    taken[0].reply(Outcome(True, "all halted"))
+    taken[0].reply(TriggerResponse(True, "all halted"))
     assert listener.spin(PATIENCE_S, asked.done)
     assert (asked.result().success, asked.result().message) == (True, "all halted")
     client.call_async(Trigger.Request())

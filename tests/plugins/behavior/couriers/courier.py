@@ -1,7 +1,7 @@
 """A behavior for tests: goes where it is told, and makes room while it has nowhere to go."""
 
 from robrain.agent.plugin import Behavior, external
-from robrain.plugins.behavior.travel import Progress, Travel, TravelParameters
+from robrain.plugins.behavior.travel import Travel, TravelParameters, TravelState
 from robrain.protocol.model.geometry import Point2D
 
 
@@ -13,7 +13,7 @@ class Courier(Behavior):
 
     def init(self) -> None:
         self.travel = Travel(self.env, self.parameters)
-        self.progress = Progress.ARRIVED
+        self.progress = TravelState.ARRIVED
 
     def activate(self) -> None:
         self.travel.connect()
@@ -24,13 +24,13 @@ class Courier(Behavior):
     @external
     def go(self, x_m: float, y_m: float, priority: int = 0) -> bool:
         """Set out; false if there is no way."""
-        self.progress = Progress.UNDER_WAY
+        self.progress = TravelState.UNDER_WAY
         return self.travel.set_out(Point2D(x_m, y_m), priority=priority)
 
     def step(self) -> None:
-        if self.progress in (Progress.UNDER_WAY, Progress.WAITING):
+        if self.progress in (TravelState.UNDER_WAY, TravelState.WAITING):
             self.progress = self.travel.step()
-            if self.progress not in (Progress.UNDER_WAY, Progress.WAITING):
+            if self.progress not in (TravelState.UNDER_WAY, TravelState.WAITING):
                 self.travel.stand()
         else:
             self.travel.make_room()

@@ -2,17 +2,17 @@ import math
 
 import pytest
 
-from robrain.plugins.device.imu.imu_codec import Motion
+from robrain.plugins.device.imu.imu_codec import ImuMotion
 from robrain.plugins.device.ros2_imu.ros2_imu import BadImu, read_imu
 from tests.plugins.device.ros2.ros_words import imu
 
 
 def test_rate_and_acceleration_are_those_of_the_message():
-    assert read_imu(imu(0.5, 1.0, -2.0, stamp_ns=7)) == (7, Motion(0.5, 1.0, -2.0))
+    assert read_imu(imu(0.5, 1.0, -2.0, stamp_ns=7)) == (7, ImuMotion(0.5, 1.0, -2.0))
 
 
 def test_what_the_unit_does_not_measure_is_left_out_or_refused():
-    assert read_imu(imu(0.5, 1.0, 2.0, has_acceleration=False)).motion == Motion(0.5)
+    assert read_imu(imu(0.5, 1.0, 2.0, has_acceleration=False)).motion == ImuMotion(0.5)
     with pytest.raises(BadImu, match="does not measure its angular velocity"):
         read_imu(imu(0.5, has_rate=False))
 

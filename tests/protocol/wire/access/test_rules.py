@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from robrain.protocol.wire.access.member import MEMBERS, Member, MemberRole
-from robrain.protocol.wire.access.permissions import Action
+from robrain.protocol.wire.access.permissions import AccessAction
 from robrain.protocol.wire.access.rules import ROWS, access_control
 from robrain.protocol.wire.topic import Delivery, Query, Token, Topic, WireKey
 from tests.protocol.wire.access.zenoh_rules import allows
@@ -57,12 +57,12 @@ SECRET = {"coordinator_journal", "coordinator_stand_by", "coordinator_copy"}
 OF_ITS_OWN = {"robot_foreign_info", "robot_foreign_call"}
 """Between a robot's host and its own processes."""
 MESSAGES = {
-    Action.PUT: ("put",),
-    Action.HEAR: ("declare_subscriber",),
-    Action.ASK: ("query",),
-    Action.ANSWER: ("declare_queryable", "reply"),
-    Action.ANNOUNCE: ("liveliness_token",),
-    Action.WATCH: ("liveliness_query", "declare_liveliness_subscriber"),
+    AccessAction.PUT: ("put",),
+    AccessAction.HEAR: ("declare_subscriber",),
+    AccessAction.ASK: ("query",),
+    AccessAction.ANSWER: ("declare_queryable", "reply"),
+    AccessAction.ANNOUNCE: ("liveliness_token",),
+    AccessAction.WATCH: ("liveliness_query", "declare_liveliness_subscriber"),
 }
 EACH_ROW = pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.name))
 
@@ -98,13 +98,17 @@ def _may_listen(row: WireKey) -> set[MemberRole]:
     return EVERYBODY - {ROB} if row.name == "arena_truth" else EVERYBODY
 
 
-def _actions(row: WireKey) -> tuple[Action, Action]:
+def _actions(row: WireKey) -> tuple[AccessAction, AccessAction]:
     if isinstance(row, Topic):
-        return Action.PUT, Action.HEAR
-    return (Action.ANSWER, Action.ASK) if isinstance(row, Query) else (Action.ANNOUNCE, Action.WATCH)
+        return AccessAction.PUT, AccessAction.HEAR
+    return (
+        (AccessAction.ANSWER, AccessAction.ASK)
+        if isinstance(row, Query)
+        else (AccessAction.ANNOUNCE, AccessAction.WATCH)
+    )
 
 
-def _allowed(member: Member, action: Action, key: str) -> set[bool]:
+def _allowed(member: Member, action: AccessAction, key: str) -> set[bool]:
     return {allows(RULES, member.common_name, "ingress", message, key) for message in MESSAGES[action]}
 
 
@@ -144,7 +148,9 @@ def test_no_row_of_another_team_is_allowed(row: WireKey) -> None:
             key = _key(row, OWN, asker).replace(f"/{TEAM}/", "/green/", 1)
             wild = _key(row, OWN, asker).replace(f"/{TEAM}/", "/*/", 1)
             assert not any(
-                _allowed(MEMBERS_OF_TEAM[role], action, each) == {True} for action in Action for each in (key, wild)
+                _allowed(MEMBERS_OF_TEAM[role], action, each) == {True}
+                for action in AccessAction
+                for each in (key, wild)
             )
 
 
@@ -181,7 +187,7 @@ def test_messages_and_replies_are_sent_to_those_alone_who_may_have_them(row: Wir
 
 
 def test_who_is_not_named_may_do_nothing() -> None:
-    for row, action in itertools.product(ROWS, Action):
+    for row, action in itertools.product(ROWS, AccessAction):
         assert _allowed(Member(ROB, TEAM, "revoked"), action, _key(row, OWN, None)) == {False}
 
 
