@@ -112,7 +112,8 @@ def files_that_fit_into_their_only_importer(sources: Mapping[Path, str], importe
     importers: dict[Path, set[Path]] = defaultdict(set)
     for path, others in imported.items():
         for other in others:
-            importers[other].add(path)
+            if path.name != "__init__.py":  # which only exports
+                importers[other].add(path)
     lines = {path: len(source.splitlines()) for path, source in sources.items()}
     return sum(
         importer.parent == path.parent and lines[path] + lines[importer] < MERGED_LINES_MAX

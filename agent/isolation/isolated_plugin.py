@@ -10,8 +10,12 @@ imported.
 
 import functools
 import inspect
+import logging
+import os
+import socket
 import subprocess
 import sys
+import threading
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -22,13 +26,12 @@ import msgspec
 from robrain.agent.environment import Environment
 from robrain.agent.errors import PluginCrashed, PluginError
 from robrain.agent.event import Event
-from robrain.agent.isolation.child_process import ChildProcess
 from robrain.agent.isolation.contract import Contract, contract_of
 from robrain.agent.isolation.messages import OWN, WHERE, Begin, CallRequest, Do, Get, ObservedEvent, Request
 from robrain.agent.isolation.parent_desk import ParentDesk
-from robrain.agent.isolation.peer import PeerLate, PeerLost
+from robrain.agent.isolation.peer import Peer, PeerLate, PeerLost, Serve
 from robrain.agent.isolation.plain_data import decoder, encode
-from robrain.agent.isolation.process_group import how_it_ended
+from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_traceback import Raised, raised_elsewhere
@@ -49,6 +52,102 @@ import importlib, pathlib, sys
 from robrain.agent.class_import import import_file
 import_file(pathlib.Path(sys.argv[2])) if sys.argv[2] else importlib.import_module(sys.argv[1])
 """
+
+
+logger = logging.getLogger(__name__)
+
+END_TIMEOUT_S = 1.0
+"""A process that was told to end is killed after this."""
+STDERR = 2
+
+OnLost = Callable[[str], None]
+
+
+class ChildProcess:
+    """Starts the process of one plugin.
+
+    Args:
+        plugin: its name.
+        serve: does what the plugin asks for.
+        on_lost: told why, on a thread of its own, when the process ends of itself; not kept alive for that.
+
+    Raises:
+        OSError: the process cannot be started.
+
+    """
+
+    def __init__(self, plugin: str, serve: Serve, on_lost: "weakref.WeakMethod[OnLost]") -> None:
+        self._plugin = plugin
+        self._on_lost = on_lost
+        self._is_ending = False
+        pairs = [socket.socketpair() for _ in range(3)]
+        lifeline, self._lifeline = os.pipe()
+        theirs = [connection.fileno() for _, connection in pairs] + [lifeline]
+        try:
+            command = [sys.executable, "-m", "robrain.agent.isolation.child", plugin, *map(str, theirs)]
+            self._group = ProcessGroup(command, stdout=STDERR, keep=theirs)
+        except BaseException:
+            os.close(self._lifeline)
+            for connection, _ in pairs:
+                connection.close()
+            raise
+        finally:
+            os.close(lifeline)
+            for _, connection in pairs:
+                connection.close()
+        self.calls, self.halts, self._asides = (Peer(connection, plugin, serve) for connection, _ in pairs)
+        self._watcher = threading.Thread(target=self._watch, name=f"isolated-{plugin}", daemon=True)
+        self._watcher.start()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._group.process.pid
+
+    def end(self) -> None:
+        """Let it end, or kill it if it does not; returns when it has gone. May be called again."""
+        self._is_ending = True
+        for peer in (self.calls, self.halts, self._asides):
+            peer.hang_up()
+        self._group.wait(END_TIMEOUT_S)
+        self._give_back()
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._is_ending = True
+        self._give_back()
+
+    def how_it_ended(self) -> str:
+        """Why a connection was lost, in words; a process that has only hung up is killed."""
+        self._is_ending = True
+        self._group.wait(END_TIMEOUT_S)
+        self._give_back()
+        return self._status()
+
+    def _status(self) -> str:
+        status = self._group.status
+        return how_it_ended(status) if status is not None else "has hung up"
+
+    def _give_back(self) -> None:
+        self._group.kill()
+        self.calls.close()
+        self.halts.close()
+        self._asides.hang_up()
+        lifeline, self._lifeline = self._lifeline, -1
+        if lifeline >= 0:
+            os.close(lifeline)
+        if threading.current_thread() is not self._watcher:
+            self._watcher.join(END_TIMEOUT_S)
+
+    def _watch(self) -> None:
+        self._asides.run()
+        self._asides.close()
+        if self._is_ending:
+            return
+        why = self.how_it_ended()
+        on_lost = self._on_lost()
+        if on_lost is not None:
+            on_lost(why)
 
 
 class Limits(msgspec.Struct, frozen=True):

@@ -78,9 +78,9 @@ PASSES: Registry[Pass] = Registry(
     "pass",
     "robrain.plan_passes",
     {
-        STABILITY: "robrain.coordinator.planning.stock_passes:stability",
-        CHARGING_ROBOTS: "robrain.coordinator.planning.stock_passes:charging_robots",
-        EARLY_START: "robrain.coordinator.planning.stock_passes:early_start",
+        STABILITY: "robrain.coordinator.planning.plan_search:stability",
+        CHARGING_ROBOTS: "robrain.coordinator.planning.plan_search:charging_robots",
+        EARLY_START: "robrain.coordinator.planning.plan_search:early_start",
     },
     has_files=True,
 )

@@ -3,34 +3,254 @@
 viser serves clicks on its own threads; they only queue an action, which the dashboard's next step runs.
 """
 
+import secrets
 from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 import viser
 
+from robrain.client.errors import BadTask
+from robrain.client.submission import submission_of
 from robrain.dashboard.html.charts import add_chart
 from robrain.dashboard.html.field_html import field_html, rules_html
-from robrain.dashboard.html.html_words import text
+from robrain.dashboard.html.gantt_html import gantt_html
+from robrain.dashboard.html.html_words import CLOSE_MARK, text
 from robrain.dashboard.html.left_html import left_html
 from robrain.dashboard.html.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
+from robrain.dashboard.html.task_html import queue_html, why_html
 from robrain.dashboard.layers.floor_layers import FieldLayer
 from robrain.dashboard.layers.layer_switches import LayerSwitch, switches_of, troubles_of
-from robrain.dashboard.panels.gui_values import set_html, set_value, set_visible
+from robrain.dashboard.panels.form_panel import FormPanel
+from robrain.dashboard.panels.function_form import FormField, fields_of
+from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value, set_visible
+from robrain.dashboard.panels.halt_control import BY
 from robrain.dashboard.panels.page_context import Page, PageContext
 from robrain.dashboard.panels.robot_tab import RobotTab
-from robrain.dashboard.panels.task_tab import TaskTab
 from robrain.dashboard.scene.selection import SelectionMark, floor_hit, mote_near, robot_near
+from robrain.dashboard.server.asker import QueryOutcome
 from robrain.dashboard.server.retry import Retry
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.wire.messages.tasks.task_messages import (
+    KnownKind,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
+from robrain.protocol.wire.schema.announced_parameters import check_announced
+from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 from robrain.recording.drawing.palette import HEAT, css
 
 CHART_PERIOD_S = 2.0
 MANY_ROWS = 25
 LIST_PERIOD_S = 2.5
 """Period of a longer table, which costs a browser more than the picture."""
+
+
+HIDDEN = {"id", "kind", "parameters", "earliest_ns", "deadline_ns", "needs", "after", "robots"}
+"""Fields of tasks that the form leaves to scripts, and the id, which is generated."""
+GANTT_PERIOD_S = 1.0
+BELOW_THE_FORM = 1e9
+"""Order of the button: the form is rebuilt for each kind of task, and would otherwise come after it."""
+BY_CLICK, BY_CLICK_WAITS = "Click on the map to add a task", "Now click on the map (or here to cancel)"
+
+
+class TaskTab:
+    """The tab of one page; built within the tab's context."""
+
+    def __init__(self, page: Page) -> None:
+        gui = page.client.gui
+        self._page = page
+        self.wants_place = False
+        """Whether the next click on the map is a place for a new task."""
+        self._drawn_s: float | None = None
+        self._known_objective: Objective | None = None
+        live = page.context.is_live
+        self._summary = gui.add_html("")
+        with gui.add_folder("Add a task", visible=live):
+            self._by_click = gui.add_button(BY_CLICK, color="blue")
+            self._by_click.on_click(lambda _: page.post(lambda: self._want_place(not self.wants_place)))
+            self._kinds = self._known_kinds()
+            self._wanted = VISIT
+            """The kind that the operator chose last."""
+            names = tuple(sorted(self._kinds))
+            first = self._wanted if self._wanted in names else None
+            self._kind = gui.add_dropdown("Kind", names, initial_value=first)
+            self._kind.on_update(
+                lambda event: page.post(lambda: self._choose(event.target.value, by_hand=event.client is not None))
+            )
+            self._status = gui.add_html("")
+            slot = gui.add_folder("Coordinates and options", expand_by_default=False)
+            self._form = FormPanel(gui, slot)
+            with slot:
+                add = gui.add_button("Add task at these coordinates", color="gray", order=BELOW_THE_FORM)
+            add.on_click(lambda _: page.post(self._add))
+        with gui.add_folder("Queue"):
+            self._queue = gui.add_html("")
+        with gui.add_folder("Plan"):
+            self._objective = gui.add_dropdown("Objective", tuple(Objective), visible=live)
+            on_choice(self._objective, lambda value: page.post(lambda: self._set_objective(Objective(value))))
+            self._planning = gui.add_html("")
+            self._gantt = gui.add_html("")
+        self._choose(self._kind.value, by_hand=False)
+
+    def draw(self, now_s: float) -> None:
+        """Show the current state."""
+        context = self._page.context
+        view = context.view
+        waiting = sum(event.robot == "" for event in view.tasks.values())
+        done = view.team.tasks_done if view.team is not None else sum(e.state == "done" for e in view.board.ended)
+        set_html(
+            self._summary,
+            f'<div class="rb rb-strip" data-testid="task-summary">{len(view.tasks)} open, {waiting} of them without a '
+            f"robot; {done} done</div>",
+        )
+        set_html(self._queue, queue_html(view, is_live=context.is_live, done=done))
+        if self._drawn_s is None or now_s - self._drawn_s >= GANTT_PERIOD_S:
+            self._drawn_s = now_s
+            set_html(self._gantt, gantt_html(view))
+            self._draw_planning()
+            self._follow_kinds()
+
+    def add_at(self, place: Point2D) -> None:
+        """Add the task of the form at a place that was clicked."""
+        self._want_place(False)
+        self._form.set("place.x_m", f"{place.x_m:.2f}")
+        self._form.set("place.y_m", f"{place.y_m:.2f}")
+        self._add()
+
+    def cancel(self, task: str) -> None:
+        """Cancel a task."""
+
+        def take(answer: QueryOutcome[TaskRecord]) -> None:
+            self._page.tell(f"Cancel {task}", "done", error=answer.error)
+
+        request = TaskRequest(id=task, by=BY, why="cancelled on the dashboard")
+        self._page.context.asker.ask(TASK_CANCEL, request, take)
+
+    def ask_why(self, task: str) -> None:
+        """Show why a task stands as it does, in a window of this browser alone."""
+
+        def take(answer: QueryOutcome[TaskWhy]) -> None:
+            try:
+                html = why_html(answer.reply)
+            except ValueError as error:
+                html = f'<div class="rb rb-bad">{text(str(error), 400)}</div>'
+            gui = self._page.client.gui
+            modal = gui.add_modal(f"Why: {task[:40]}")
+            with modal:
+                gui.add_html(html)
+                gui.add_html(CLOSE_MARK)
+                gui.add_button("Close").on_click(lambda _: self._page.post(modal.close))
+
+        self._page.context.asker.ask(TASK_WHY, TaskRequest(id=task, by=BY), take)
+
+    def _want_place(self, wants: bool) -> None:
+        self.wants_place = wants
+        self._by_click.label = BY_CLICK_WAITS if wants else BY_CLICK
+        self._by_click.color = "orange" if wants else "blue"
+
+    def _choose(self, kind: str, *, by_hand: bool) -> None:
+        if kind in self._kinds:
+            if by_hand:
+                self._wanted = kind
+            self._form.show(task_fields(self._kinds[kind]))
+
+    def _known_kinds(self) -> dict[str, KnownKind]:
+        """Kinds that a person may ask for, by name; of a kind that robots announce differently the first."""
+        return {one.kind: one for one in reversed(self._page.context.inquiries.kinds) if one.kind != EXPLORE}
+
+    def _follow_kinds(self) -> None:
+        kinds = self._known_kinds()
+        if kinds == self._kinds:
+            return
+        self._kinds = kinds
+        names = tuple(sorted(kinds))
+        if names != tuple(self._kind.options):
+            self._kind.options = names  # viser keeps the value if it is still there
+        if self._wanted in kinds:  # a kind that no robot announces for a moment is chosen again when it is back
+            set_value(self._kind, self._wanted)
+        self._choose(self._kind.value, by_hand=False)
+
+    def _add(self) -> None:
+        try:
+            submission = form_submission(self._kinds[self._kind.value], self._form.arguments())
+        except (BadTask, ValueError) as error:
+            self._show("bad", f"✕ {error}")
+            return
+        self._show("soft", f"{submission.task.id}: sent …")
+
+        def take(answer: QueryOutcome[TaskRecord]) -> None:
+            try:
+                record = answer.reply
+            except ValueError as error:
+                self._show("bad", f"✕ {error}")
+            else:
+                self._show("good", f"✓ {record.task.id} is {record.state.value}")
+
+        self._page.context.asker.ask(TASK_SUBMIT, submission, take)
+
+    def _show(self, kind: str, words: str) -> None:
+        set_html(self._status, f'<div class="rb rb-{kind}" data-testid="task-told">{text(words, 400)}</div>')
+
+    def _draw_planning(self) -> None:
+        status = self._page.context.inquiries.planning
+        if status is None:
+            set_html(self._planning, "")
+            return
+        if status.objective != self._known_objective:  # else keep what somebody has just chosen
+            self._known_objective = status.objective
+            set_value(self._objective, status.objective)
+        set_html(
+            self._planning,
+            f'<div class="rb rb-soft" data-testid="planning">{text(status.method, 40)}: {status.plans} plans, '
+            f"the last in {1000 * status.took_s:.0f} ms; {status.planned} tasks planned, {status.left_out} left out"
+            "</div>",
+        )
+
+    def _set_objective(self, objective: Objective) -> None:
+        def take(answer: QueryOutcome[PlanningStatus]) -> None:
+            self._page.tell("Planning", f"objective from now on: {objective}", error=answer.error)
+
+        request = ObjectiveRequest(objective=objective, by=BY)
+        self._page.context.asker.ask(COORDINATOR_OBJECTIVE, request, take)
+
+
+def task_fields(kind: KnownKind) -> list[FormField]:
+    """The form's fields for a kind of task; its schema comes from a robot and is not trusted."""
+    (_,), definitions = msgspec.json.schema_components([Task])
+    common, own = definitions["Task"], kind.parameters
+    properties, own_definitions = own.get("properties"), own.get("$defs")
+    definitions = (own_definitions if isinstance(own_definitions, dict) else {}) | definitions
+    given = properties if isinstance(properties, dict) else {}
+    shown = {name: shape for name, shape in (given | common["properties"]).items() if name not in HIDDEN}
+    needed = own.get("required")
+    required = [*common["required"], *(needed if isinstance(needed, list) else [])]
+    order = sorted(shown, key=lambda name: (name != "place", name not in required))
+    properties = {name: shown[name] for name in order} | {"deadline_in_s": {"type": "number"}}
+    return fields_of({"properties": properties, "required": required, "$defs": definitions})
+
+
+def form_submission(known: KnownKind, arguments: dict[str, Any]) -> TaskSubmission:
+    """A new task of the form's arguments, with a generated id.
+
+    Raises:
+        BadTask: a field is invalid.
+        BadParameters: a parameter does not fit the kind's announced schema.
+
+    """
+    submission = submission_of(known.kind, {**arguments, "id": f"{known.kind}-{secrets.token_hex(3)}"})
+    check_announced(known.kind, submission.task.parameters, [known.parameters])
+    return msgspec.structs.replace(submission, by=BY)
 
 
 class TeamTab:

@@ -1,21 +1,40 @@
 """Where bring-up's motions are executed: a host with the robot's devices alone, in live or in lockstep."""
 
 import abc
+import math
 from collections import deque
+from contextlib import suppress
 from importlib import resources
 from pathlib import Path
 from typing import Any, cast
 
 import msgspec
 
-from robrain.agent.errors import PluginError
+from robrain.agent.errors import AccessDenied, PluginError
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, folder_of
-from robrain.agent.plugin import PluginState
-from robrain.deploy.bringup.motion_runner import MotionRunner
-from robrain.deploy.bringup.motions import Motion, Record
-from robrain.plugins.device.mocdevice.interface import Counters
+from robrain.agent.plugin import PluginState, Unit
+from robrain.deploy.bringup.motions import (
+    LONGEST_S,
+    RAMP_S,
+    SPEED_M_S,
+    TURN_RATE_RAD_S,
+    EncoderSample,
+    Motion,
+    Record,
+    Rest,
+    StopMode,
+    Straight,
+    TurnOnSpot,
+    TurnWheels,
+)
+from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
+from robrain.plugins.device.mocdevice.interface import Counters, MocDeviceInterface, WheelCounts, WheelsInterface
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.plugins.unit.driver.driver import Driver
+from robrain.protocol.model.geometry import Twist2D, wrap_angle_rad
+from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.errors import CallError, RobrainError
 
 BASE, LIDAR, BATTERY, IMU, DRIVER = "mocdevice", "scan", "bm2", "imu", "driver"
@@ -26,6 +45,276 @@ LIDAR_START_S, LOOK_S = 8.0, 0.1
 """How long a lidar has for its first turn: some begin to spin when they are asked."""
 START_S = 3.0
 """How long devices have to start."""
+
+
+STEP_S = 0.02
+LEASE_NS = to_ns(0.5)
+"""The wheels stop this long after the last question how the motion stands: who asks hangs. A process that dies stops
+them sooner, as no command comes any more."""
+SETTLE_NS = to_ns(0.8)
+"""How long it is recorded after the end, so that the robot stands and lidar turns from there have come."""
+SCAN_FRESH_NS = to_ns(1.0)
+NEAR_M = 0.10
+"""Nothing may come nearer to the robot's edge on the floor."""
+BRAKING_M_S2, BRAKING_RAD_S2 = 0.2, 0.5
+CREEP_M_S, CREEP_RAD_S = 0.01, 0.03
+DONE_M, DONE_RAD = 0.002, 0.004
+HOLD_PER_S = 1.5
+"""Turn rate for an error of the heading, and sideways speed for one of the place."""
+SAMPLES_MAX = int((LONGEST_S + 10.0) / STEP_S)
+
+
+class MotionRunner(Unit):
+    """See the module. `begin`, `ask` and `abort` are called on bring-up's own thread, and only read or set fields."""
+
+    Parameters = Driver.Parameters
+    """The file's `[parameters.driver]` are for the driver; nothing of them is used here."""
+    period_s = STEP_S
+    parameters: Driver.Parameters
+
+    def init(self) -> None:
+        self.is_cruising = False
+        """Whether wheels turn at full speed and wait to be halted."""
+        self.failed = ""
+        """Why the last motion was given up; empty if it was not."""
+        self._wanted: Motion | None = None
+        self._motion: Motion | None = None
+        self._asked_ns = 0
+        self._ended_ns: int | None = None
+        self._scan: ScanInterface | None = None
+        self._imu: ImuInterface | None = None
+
+    def activate(self) -> None:
+        self._moc: MocDeviceInterface = self.env.use("mocdevice", MocDeviceInterface)
+        self._wheels: WheelsInterface | None = None
+        with suppress(AccessDenied):  # a base that takes velocities alone
+            self._wheels = self.env.use("mocdevice", WheelsInterface)
+
+    @property
+    def has_wheels(self) -> bool:
+        """Whether wheels can be commanded one by one."""
+        return self._wheels is not None
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether the encoders speak."""
+        return self._moc.is_fresh()
+
+    def counters(self) -> Counters:
+        """Counters of the base, which this plugin holds."""
+        return self._moc.counters()
+
+    def begin(self, motion: Motion) -> None:
+        """Execute a motion at the next step, in place of one that is under way."""
+        self.failed, self.is_cruising = "", False
+        self._asked_ns = self.env.clock.now_ns()
+        self._wanted = motion
+
+    def ask(self) -> bool:
+        """Whether the motion has ended; asking keeps it going."""
+        self._asked_ns = self.env.clock.now_ns()
+        return self._wanted is None and self._motion is None
+
+    def record(self) -> Record:
+        """What was seen during the last motion."""
+        return Record(tuple(self._samples), tuple(self._scans), tuple(self._imu_samples))
+
+    def look(self) -> None:
+        """Add what the encoders say now to the record of a motion that has ended."""
+        self._look(self.env.clock.now_ns())
+
+    def abort(self, why: str) -> None:
+        """Stop the wheels at the next step, if there is a motion."""
+        if self._wanted is not None or self._motion is not None:
+            self.failed = why
+
+    def step(self) -> None:
+        wanted, self._wanted = self._wanted, None
+        if wanted is not None:
+            self._start(wanted)
+        motion = self._motion
+        if motion is None:
+            return
+        now_ns = self.env.clock.now_ns()
+        self._look(now_ns)
+        if self._ended_ns is not None:
+            if now_ns - self._ended_ns >= SETTLE_NS:
+                if isinstance(motion, TurnWheels):  # after a silence they may turn still
+                    self._moc.stop()
+                self._motion = None
+            return
+        why = self.failed or self._why_not(motion, now_ns)
+        if why:
+            self.failed = why
+            self._end(now_ns)
+        elif isinstance(motion, Rest):
+            if self._elapsed_s(now_ns) >= motion.seconds:
+                self._ended_ns = now_ns - SETTLE_NS
+        elif isinstance(motion, TurnWheels):
+            self._turn_wheels(motion, now_ns)
+        else:
+            self._drive(motion, now_ns)
+
+    def deactivate(self) -> None:
+        self._motion = self._wanted = None
+        self._moc.stop()
+
+    def emergency_halt(self) -> None:
+        self._motion = self._wanted = None
+        self.is_cruising = False
+
+    def _start(self, motion: Motion) -> None:
+        self._motion = motion
+        self._began_ns = self.env.clock.now_ns()
+        self._ended_ns = None
+        self._samples: list[EncoderSample] = []
+        self._scans: list[LaserScan] = []
+        self._imu_samples: list[ImuSample] = []
+        self._counts = self._read_counts()
+        self._turns_rad = [0.0] * (len(self._counts.counts) if self._counts is not None else 0)
+        self._from = self._pose = self._moc.pose()
+        self._yaw_rad = 0.0
+
+    def _elapsed_s(self, now_ns: int) -> float:
+        return to_seconds(now_ns - self._began_ns)
+
+    def _read_counts(self) -> WheelCounts | None:
+        return self._wheels.wheel_counts() if self._wheels is not None else None
+
+    def _look(self, now_ns: int) -> None:
+        """Take a sample, and the scan if there is a new one."""
+        counts, before = self._read_counts(), self._counts
+        if counts is not None and before is not None:
+            half = counts.modulus // 2
+            for wheel, (new, old) in enumerate(zip(counts.counts, before.counts, strict=True)):
+                steps = (new - old + half) % counts.modulus - half
+                self._turns_rad[wheel] += steps * counts.rad_per_tick
+        elif counts is not None:
+            self._turns_rad = [0.0] * len(counts.counts)
+        self._counts = counts
+        pose = self._moc.pose()
+        self._yaw_rad += wrap_angle_rad(pose.yaw_rad - self._pose.yaw_rad)
+        self._pose = pose
+        if len(self._samples) < SAMPLES_MAX:
+            self._samples.append(
+                EncoderSample(
+                    self._moc.odometry_until_ns() or now_ns,
+                    tuple(self._turns_rad),
+                    pose,
+                    self._yaw_rad,
+                    is_commanded=self._ended_ns is None and not isinstance(self._motion, Rest | None),
+                )
+            )
+        scan = self._latest_scan()
+        is_new = scan is not None and (not self._scans or scan.stamp_ns > self._scans[-1].stamp_ns)
+        if scan is not None and is_new and len(self._scans) < SAMPLES_MAX:
+            self._scans.append(scan)
+        self._look_at_imu()
+
+    def _look_at_imu(self) -> None:
+        sample = self._imu.latest() if self._imu is not None else None
+        known = self._imu_samples
+        if sample is not None and (not known or sample.stamp_ns > known[-1].stamp_ns) and len(known) < SAMPLES_MAX:
+            known.append(sample)
+
+    def _latest_scan(self) -> LaserScan | None:
+        return self._scan.latest() if self._scan is not None else None
+
+    def _why_not(self, motion: Motion, now_ns: int) -> str:
+        if isinstance(motion, Rest):
+            return ""
+        if abs(now_ns - self._asked_ns) > LEASE_NS:  # it may have asked since this step began
+            return "who asked for the motion is gone"
+        if not self._moc.is_fresh():
+            return "no data from the wheel encoders"
+        if self._elapsed_s(now_ns) > _time_limit_s(motion):
+            return f"it has not ended after {_time_limit_s(motion):.0f} s"
+        if isinstance(motion, Straight):
+            return self._what_is_near(now_ns)
+        return ""
+
+    def _what_is_near(self, now_ns: int) -> str:
+        scan, radius_m = self._latest_scan(), self._moc.radius_m()
+        if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:
+            return "no turn of the lidar for 1 s"
+        # What is within the hull is a part of the robot.
+        nearest_m = min((one for one in scan.beam_ranges_m if one > radius_m), default=math.inf)
+        return f"something is {nearest_m:.2f} m from the lidar" if nearest_m < radius_m + NEAR_M else ""
+
+    def _ramp(self, now_ns: int) -> float:
+        return min(1.0, (self._elapsed_s(now_ns) + STEP_S) / RAMP_S)
+
+    def _turn_wheels(self, motion: TurnWheels, now_ns: int) -> None:
+        if self._wheels is None:
+            self.failed = "this base takes no commands for single wheels"
+            self._end(now_ns)
+            return
+        if self._elapsed_s(now_ns) >= motion.seconds:
+            if motion.ending is not StopMode.HOST:
+                self._ended_ns = now_ns
+                if motion.ending is StopMode.COMMAND:
+                    self._moc.stop()
+                return
+            self.is_cruising = True
+        share = self._ramp(now_ns)
+        self._wheels.drive_wheels([share * speed for speed in motion.speeds_rad_s])
+
+    def _drive(self, motion: Straight | TurnOnSpot, now_ns: int) -> None:
+        at = self._from.inverse().compose(self._pose)
+        if isinstance(motion, TurnOnSpot):
+            left_rad = motion.angle_rad - self._yaw_rad
+            if abs(left_rad) < DONE_RAD or left_rad * motion.angle_rad < 0:
+                self._end(now_ns)
+                return
+            rate = _towards(left_rad, self._ramp(now_ns), TURN_RATE_RAD_S, BRAKING_RAD_S2, CREEP_RAD_S)
+            self._moc.drive(Twist2D(0.0, 0.0, rate))
+            return
+        left_m = motion.distance_m - at.x_m
+        if abs(left_m) < DONE_M or left_m * motion.distance_m < 0:
+            self._end(now_ns)
+            return
+        speed = _towards(left_m, self._ramp(now_ns), SPEED_M_S, BRAKING_M_S2, CREEP_M_S)
+        if self._moc.is_holonomic():
+            twist = Twist2D(speed, -HOLD_PER_S * at.y_m, -HOLD_PER_S * at.yaw_rad)
+        else:
+            twist = Twist2D(speed, 0.0, -HOLD_PER_S * at.yaw_rad)
+        self._moc.drive(twist)
+
+    def _end(self, now_ns: int) -> None:
+        self._moc.stop()
+        self._ended_ns = now_ns
+
+
+class FloorRunner(MotionRunner):
+    """With the lidar."""
+
+    def activate(self) -> None:
+        super().activate()
+        self._scan = self.env.use("scan", ScanInterface)
+
+
+class ImuRunner(FloorRunner):
+    """With the lidar and the inertial measurement unit."""
+
+    def activate(self) -> None:
+        super().activate()
+        self._imu = self.env.use("imu", ImuInterface)
+
+
+def _towards(left: float, ramp: float, fastest: float, braking: float, creep: float) -> float:
+    speed = min(ramp * fastest, max(math.sqrt(2.0 * braking * abs(left)), creep))
+    return math.copysign(speed, left)
+
+
+def _time_limit_s(motion: Motion) -> float:
+    match motion:
+        case Straight(distance_m=way):
+            needed_s = abs(way) / SPEED_M_S
+        case TurnOnSpot(angle_rad=angle):
+            needed_s = abs(angle) / TURN_RATE_RAD_S
+        case TurnWheels(seconds=seconds) | Rest(seconds=seconds):
+            needed_s = seconds
+    return min(LONGEST_S, 2.0 * needed_s + 5.0)
 
 
 class MotionFailed(RobrainError):

@@ -10,10 +10,14 @@ from robrain.coordinator.planning.policy import NEAREST
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
-from robrain.sim.stand_in.errors import ScriptError
 
 Time = Annotated[float, Meta(ge=0.0, le=86_400.0)]
+
+
+class ScriptError(RobrainError):
+    """A file is no fault script; the text names file and key."""
 
 
 class PointRobot(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

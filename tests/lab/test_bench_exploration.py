@@ -9,14 +9,19 @@ import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.exploration.exploration import ExplorationPlan, by_group, choose, figures, run_bench, table
-from robrain.lab.bench.exploration.exploration_runs import (
+from robrain.lab.bench.exploration.exploration import (
     FULL,
     IDEAL,
     ExplorationCase,
+    ExplorationPlan,
     ExplorationRun,
     bound_s,
+    by_group,
+    choose,
+    figures,
+    run_bench,
     run_case,
+    table,
 )
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.floor_plan import FloorPlan

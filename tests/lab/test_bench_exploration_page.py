@@ -6,8 +6,14 @@ import msgspec
 import pytest
 
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.exploration.exploration import times_table, write_page
-from robrain.lab.bench.exploration.exploration_runs import FULL, IDEAL, ExplorationCase, ExplorationRun
+from robrain.lab.bench.exploration.exploration import (
+    FULL,
+    IDEAL,
+    ExplorationCase,
+    ExplorationRun,
+    times_table,
+    write_page,
+)
 
 CASE = ExplorationCase(map="clinic", path="", robots=2, seed=1, strategy="joint", motion=IDEAL)
 

@@ -14,13 +14,13 @@ from robrain.deploy.errors import LogError, UsageError
 from robrain.lab.log_bench.bench import (
     LOOP_S,
     LogReport,
+    play,
     read_relations,
     relations_between,
     relative_errors,
     run_bench,
 )
 from robrain.lab.log_bench.carmen_log import read_carmen_log
-from robrain.lab.log_bench.played_log import play
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 

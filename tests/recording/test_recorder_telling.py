@@ -9,8 +9,8 @@ import pytest
 
 from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
-from robrain.recording.writer import recorder_status as recorder_telling
-from robrain.recording.writer.recorder_status import SLOW, RecorderTelling
+from robrain.recording.writer import recorder as recorder_telling
+from robrain.recording.writer.recorder import SLOW, RecorderTelling
 
 
 class FakeWatch:

@@ -3,9 +3,17 @@
 The smallest complete plugin: read it first.
 """
 
+from typing import Protocol
+
 from robrain.agent.plugin import Skill, external
-from robrain.plugins.skill.counter.interface import CounterInterface
 from robrain.protocol.wire.clock import to_seconds
+
+
+class CounterInterface(Protocol):
+    """Seconds that have passed."""
+
+    def seconds(self) -> int:
+        """Seconds since the start."""
 
 
 class Counter(Skill):

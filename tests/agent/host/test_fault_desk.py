@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from robrain.agent.errors import PluginError, PluginHung
-from robrain.agent.host.fault_desk import FLOOD_DROPS_A_SECOND, HUNG_PERIOD_NS, STEADY_S, FaultDesk
+from robrain.agent.host.plugin_manager import FLOOD_DROPS_A_SECOND, HUNG_PERIOD_NS, STEADY_S, FaultDesk
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Level, PluginState
 from robrain.protocol.wire.clock import to_ns

@@ -10,9 +10,8 @@ from typing import Any
 
 import pytest
 
-from robrain.agent.isolation.child import PluginChild
-from robrain.agent.isolation.child_environment import ChildEnvironment
-from robrain.agent.isolation.child_process import ChildProcess
+from robrain.agent.isolation.child import ChildEnvironment, PluginChild
+from robrain.agent.isolation.isolated_plugin import ChildProcess
 from robrain.agent.isolation.messages import Begin
 from robrain.agent.isolation.process_group import how_it_ended
 from robrain.protocol.wire.session import listening_at, open_session

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from robrain.agent.isolation.child_environment import RemoteBoard
+from robrain.agent.isolation.child import RemoteBoard
 from robrain.agent.isolation.messages import ReadBoard, WriteBoard
 from robrain.agent.isolation.parent_desk import BOARD_TYPES
 from robrain.agent.isolation.plain_data import decoder

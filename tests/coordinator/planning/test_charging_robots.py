@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.allocation.auction import AuctionAllocator
 from robrain.algorithms.allocation.validate import validate
-from robrain.coordinator.planning.plan_search import PlanSolver
-from robrain.coordinator.planning.stock_passes import for_ready_robots, with_charging_robots
+from robrain.coordinator.planning.plan_search import PlanSolver, for_ready_robots, with_charging_robots
 from robrain.protocol.model.tasks.objective import Objective
 from tests.algorithms.allocation.instances import team_problem
 

@@ -5,7 +5,7 @@ import numpy as np
 from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
-from robrain.coordinator.planning.stock_passes import without_idling
+from robrain.coordinator.planning.plan_search import without_idling
 
 
 def problem(*jobs: Job) -> Problem:

@@ -8,7 +8,7 @@ import pytest
 
 from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.planning import stock_passes
+from robrain.coordinator.planning import plan_search
 from robrain.coordinator.planning.plan_search import FRUITLESS, PlanSolver, solve
 
 
@@ -55,9 +55,9 @@ def test_any_gain_over_nothing_is_worth_a_change():
         return Plan(objective=Objective.LIFETIME, routes=(), cost_j=0.0, lost_prize_j=0.0, makespan_s=0.0,
                     least_left_j=left_j)  # fmt: skip
 
-    assert stock_passes._gain(plan(0.0), plan(0.001)) == 1.0
-    assert stock_passes._gain(plan(0.0), plan(0.0)) == 0.0
-    assert stock_passes._gain(plan(2.0), plan(3.0)) == 0.5
+    assert plan_search._gain(plan(0.0), plan(0.001)) == 1.0
+    assert plan_search._gain(plan(0.0), plan(0.0)) == 0.0
+    assert plan_search._gain(plan(2.0), plan(3.0)) == 0.5
 
 
 def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():

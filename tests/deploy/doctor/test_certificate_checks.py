@@ -7,9 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.doctor.certificate_checks import OwnCertificate, check_certificate, check_certificates
 from robrain.deploy.doctor.check import Check, CheckName
-from robrain.deploy.doctor.examination import examine_host, examine_robot
+from robrain.deploy.doctor.examination import (
+    OwnCertificate,
+    check_certificate,
+    check_certificates,
+    examine_host,
+    examine_robot,
+)
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue
 from robrain.protocol.wire.access.identity import CERTIFICATE, KEY, TLS_VARIABLE

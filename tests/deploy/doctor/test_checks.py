@@ -12,8 +12,7 @@ import zenoh
 
 from robrain.agent.errors import PackageMissing
 from robrain.deploy.doctor.check import Check, CheckName, is_good
-from robrain.deploy.doctor.network_checks import check_address, check_port, check_router
-from robrain.deploy.doctor.robot_checks import (
+from robrain.deploy.doctor.examination import (
     RobotFound,
     check_can,
     check_devices,
@@ -22,6 +21,7 @@ from robrain.deploy.doctor.robot_checks import (
     check_robot_file,
     check_robot_ports,
 )
+from robrain.deploy.doctor.network_checks import check_address, check_port, check_router
 from robrain.deploy.doctor.team_checks import (
     check_clock,
     check_key_space,

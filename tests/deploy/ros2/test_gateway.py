@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from robrain.deploy.ros2 import gateway_process
-from robrain.deploy.ros2.gateway_process import Gateway
-from robrain.deploy.ros2.orders import OrderOutcome
+from robrain.deploy.ros2.gateway_process import Gateway, OrderOutcome
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import MapFrame

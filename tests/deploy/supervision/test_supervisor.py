@@ -14,7 +14,7 @@ from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.part import Part, PartEvent, PartEventKind
 from robrain.deploy.supervision.process_figures import CoreWait
 from robrain.deploy.supervision.restarts import Cause, RestartPolicy
-from robrain.deploy.supervision.supervisor import Supervisor
+from robrain.deploy.supervision.up import Supervisor
 from tests.waiting import has_ended, until
 
 QUICK = RestartPolicy(first_delay_s=0.01, limit=2, hang_s=1.0)

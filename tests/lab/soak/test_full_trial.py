@@ -9,9 +9,8 @@ from typer.testing import CliRunner
 from robrain.cli import app
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
-from robrain.lab.soak.full_trial import run_full_trial, scenario_of
 from robrain.lab.soak.planted import planted
-from robrain.lab.soak.soaking import KNOWS, draw_full_script
+from robrain.lab.soak.soaking import KNOWS, draw_full_script, run_full_trial, scenario_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.recording.invariants import findings as recorded

@@ -9,13 +9,13 @@ from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from robrain.sim.stand_in.errors import ScriptError
 from robrain.sim.stand_in.fault_script import (
     CancelOrder,
     FaultScript,
     HaltOrder,
     PointRobot,
     ScriptedTask,
+    ScriptError,
     read_script,
     script_json,
 )
