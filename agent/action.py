@@ -30,7 +30,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from robrain.agent.event import Event
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ RobrainError
 
 from pathlib import Path
 
+from robrain.protocol.errors import ErrorCode, RobrainError
 from robrain.protocol.extras import MissingPackage
-from robrain.protocol.wire.errors import ErrorCode, RobrainError
 
 ForeignError = Exception | SystemExit
 FOREIGN_ERRORS = (Exception, SystemExit)

@@ -18,9 +18,9 @@ import zenoh
 
 from robrain.agent.text_form import encode_own
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.links.publisher import Publisher
 from robrain.protocol.wire.messages.robots import plugin_messages
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topics import ROBOT_EVENT
+from robrain.protocol.wire.table.topics import ROBOT_EVENT
 
 logger = logging.getLogger(__name__)
 

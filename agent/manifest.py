@@ -11,11 +11,11 @@ import msgspec
 
 from robrain.agent.errors import ManifestError, PluginMissing
 from robrain.agent.transform import TransformTable
+from robrain.protocol.errors import BadName, BadToml
+from robrain.protocol.file_mistakes import unknown_name
+from robrain.protocol.keys import check_name
 from robrain.protocol.model.ranges import check_not_negative, check_positive
-from robrain.protocol.wire.errors import BadName, BadToml
-from robrain.protocol.wire.file_mistakes import unknown_name
-from robrain.protocol.wire.keys import check_name
-from robrain.protocol.wire.toml_text import parse_toml, read_toml_text
+from robrain.protocol.toml_text import parse_toml, read_toml_text
 
 ANYBODY = "*"
 COMMAND = "command"

@@ -7,8 +7,8 @@ from typing import Any, TextIO
 
 import msgspec
 
+from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.wire.clock import Clock, to_ns
 
 LINES_PER_S = 100
 """Lines of one plugin that are accepted in a second (chosen)."""

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.cost_messages import TaskCost
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal

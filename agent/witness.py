@@ -9,8 +9,8 @@ from typing import Protocol
 
 import msgspec
 
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.ranges import Count, Name, Stamp
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.witness_messages import (
     Holders,
     Led,

@@ -4,7 +4,7 @@ RobrainError
 └── BadTask                   an invalid task: unknown kind, or a field that is missing or invalid
 """
 
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 class BadTask(RobrainError):

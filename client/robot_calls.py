@@ -12,15 +12,7 @@ from robrain.client.members import no_robot, team_found
 from robrain.client.requests import ROBOT_TIMEOUT_S, Requests
 from robrain.client.transport import Transport
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.host_queries import (
-    HOST_COMMAND,
-    HOST_HOLD,
-    HOST_LOAD,
-    HOST_RELEASE,
-    HOST_RELOAD,
-    HOST_UNLOAD,
-)
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.action_messages import ActionEnd
 from robrain.protocol.wire.messages.robots.host_messages import (
     CommandRequest,
@@ -31,7 +23,15 @@ from robrain.protocol.wire.messages.robots.host_messages import (
     UnloadRequest,
 )
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord, PluginInfo
-from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_LOG, ROBOT_LOG_KEPT, ROBOT_PLUGINS
+from robrain.protocol.wire.table.host_queries import (
+    HOST_COMMAND,
+    HOST_HOLD,
+    HOST_LOAD,
+    HOST_RELEASE,
+    HOST_RELOAD,
+    HOST_UNLOAD,
+)
+from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_LOG, ROBOT_LOG_KEPT, ROBOT_PLUGINS
 
 PluginInfos = list[PluginInfo]
 FINISHED = "finished"

@@ -25,16 +25,16 @@ from robrain.client.robot_calls import RobotCalls
 from robrain.client.standing import LastStates
 from robrain.client.submission import TaskName, asked_task, id_of
 from robrain.client.transport import PATIENCE_S, LiveTransport, Transport, operator_name
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
@@ -52,8 +52,8 @@ from robrain.protocol.wire.messages.tasks.task_messages import (
 )
 from robrain.protocol.wire.messages.team.standing_messages import LeadRequest, RobotRemoval
 from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
-from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_LEFT_NOW,
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,

@@ -38,14 +38,14 @@ from robrain.coordinator.team.left_desk import LeftDesk
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.clock import clock_difference_ns, to_ns
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode, most_refused
-from robrain.protocol.wire.clock import clock_difference_ns, to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
@@ -55,8 +55,8 @@ from robrain.protocol.wire.reasons.idle import IdleReason, TeamHalted
 from robrain.protocol.wire.reasons.offers import OfferRefusal, PositionLost
 from robrain.protocol.wire.reasons.reason import told
 from robrain.protocol.wire.reasons.tasks import MinorityHeard, NotLeading, TakesOver
-from robrain.protocol.wire.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     ROBOT_ALIVE,

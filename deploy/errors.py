@@ -8,7 +8,7 @@ RobrainError
 └── InstanceError             a public routing instance cannot be read, or does not fit the allocators' model
 """
 
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 class UsageError(RobrainError):

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 def state_folder() -> Path:

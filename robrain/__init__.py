@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from robrain.plugins.behavior.errand import Errand, Failed
     from robrain.plugins.device.scan.interface import ScanInterface
     from robrain.plugins.unit.driver.interface import DriverInterface
+    from robrain.protocol.errors import BadName, CallError, ErrorCode, NobodyThere, RobrainError, WireError
     from robrain.protocol.model.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
     from robrain.protocol.model.tasks.objective import Objective
     from robrain.protocol.model.tasks.stock_kinds import TaskParameters
     from robrain.protocol.model.tasks.task import Task, TaskState
-    from robrain.protocol.wire.errors import BadName, CallError, ErrorCode, NobodyThere, RobrainError, WireError
     from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
     from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
     from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
@@ -171,7 +171,7 @@ _NAMES = {
     "robrain.protocol.model.energy_model": ("Work",),
     "robrain.protocol.model.tasks.stock_kinds": ("TaskParameters",),
     "robrain.protocol.model.tasks.task": ("Task", "TaskState"),
-    "robrain.protocol.wire.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),
+    "robrain.protocol.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),
     "robrain.protocol.wire.messages.motes.mote_messages": ("MoteReading",),
     "robrain.protocol.wire.messages.tasks.offer_messages": ("TaskEvent",),
     "robrain.protocol.wire.messages.tasks.plan_messages": ("PlanningStatus",),

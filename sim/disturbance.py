@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 
 MOST_PER_MINUTE = 600.0

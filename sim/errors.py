@@ -7,7 +7,7 @@ RobrainError
 MapError (a ValueError, in `sim/maps/errors.py`) becomes a ScenarioError where a scenario is read.
 """
 
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 class ScenarioError(RobrainError):

@@ -6,7 +6,7 @@ On an overloaded machine an answer may come too late, and a link may break and b
 from collections.abc import Callable
 from typing import TypeVar
 
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from tests.waiting import until
 
 T = TypeVar("T")

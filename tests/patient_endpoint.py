@@ -3,7 +3,7 @@
 from typing import Any
 
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.topic import Query
+from robrain.protocol.wire.table.topic import Query
 from tests.waiting import PATIENCE_S
 
 

@@ -57,9 +57,9 @@ CLOCKS = {
     "recording/writer/recorder.py": "tells of a slow disk, in live",
     "plugins/unit/program/program.py": "refused in lockstep",
     "plugins/unit/tcp_socket/tcp_socket.py": "refused in lockstep",
-    "protocol/wire/access/trial.py": "tries what a router lets through, in live",
+    "protocol/wire/trial.py": "tries what a router lets through, in live",
     "protocol/wire/answers/answering.py": "answers on threads, in live",
-    "protocol/wire/clock.py": "the live drive's clock",
+    "protocol/clock.py": "the live drive's clock",
     "sim/lockstep/pacing.py": "slows a run down for who watches, and tells how long it took",
 }
 """Files that import `time`, and why no run in lockstep depends on it."""

@@ -15,10 +15,10 @@ from robrain.agent.manifest import find_manifests, read_manifest
 from robrain.agent.plugin import Level
 from robrain.deploy.commands.terminal import clock_of
 from robrain.protocol.can.frames import database
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.protocol.wire.table.topics import ROBOT_CALL
 from robrain.sim.scenarios.scenario import Scenario
 
 ROOT = Path(__file__).parent.parent

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.protocol.wire.toml_text import read_toml
+from robrain.protocol.toml_text import read_toml
 from tests.reference_pages.pages import DOCS
 
 ROOT = DOCS.parent

@@ -9,8 +9,8 @@ from typing import Protocol
 
 from robrain.agent.errors import PluginBusy
 from robrain.agent.plugin import PluginState
-from robrain.protocol.wire.clock import Clock, to_ns
-from robrain.protocol.wire.keys import check_name
+from robrain.protocol.clock import Clock, to_ns
+from robrain.protocol.keys import check_name
 from robrain.protocol.wire.messages.robots.host_messages import Lease
 
 

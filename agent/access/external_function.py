@@ -19,7 +19,7 @@ from robrain.agent.text_form import (
     schema_of_own,
 )
 from robrain.agent.type_text import signature_text
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.action_messages import ActionId
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo
 

@@ -6,7 +6,7 @@ from traceback import walk_stack
 from types import TracebackType
 
 from robrain.agent.errors import PluginHung
-from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.clock import Clock, to_ns
 
 COMPILER = "numba.core.dispatcher"
 

@@ -17,13 +17,13 @@ import msgspec
 
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.plugin import Level
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
+from robrain.protocol.wire.table.topics import ROBOT_FOREIGN_CALL
 
 T = TypeVar("T")
 

@@ -21,8 +21,8 @@ from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, im
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest, find_manifests, read_manifest
 from robrain.agent.plugin import EXTERNAL_MARK, Plugin
-from robrain.protocol.wire.errors import BadToml
-from robrain.protocol.wire.toml_text import read_toml
+from robrain.protocol.errors import BadToml
+from robrain.protocol.toml_text import read_toml
 
 POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from robrain.agent.errors import PluginError
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import Level
-from robrain.protocol.wire.errors import BadName
-from robrain.protocol.wire.keys import check_name
+from robrain.protocol.errors import BadName
+from robrain.protocol.keys import check_name
 
 TAKEN_CLASS_NAMES = {
     *("Any", "DriverInterface", "Errand", "Generator", "Plugin", "ScanInterface", "Task", "TaskParameters", "Work"),

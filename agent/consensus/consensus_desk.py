@@ -16,14 +16,14 @@ from robrain.agent.consensus.task_intake import Known, TaskIntake
 from robrain.agent.task_desk import TaskDesk
 from robrain.algorithms.consensus.negotiation import Negotiation
 from robrain.algorithms.consensus.route_scorer import task_scorer
+from robrain.protocol.clock import clock_difference_ns, to_ns, to_seconds
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.ballot import Heard
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import clock_difference_ns, to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ABSENT_MAX,
@@ -39,7 +39,7 @@ from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import Occupied
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
+from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
 
 NUMBERS_MAX = 64
 """Ballots with the claim whose echo counts, the last ones (chosen: 6 s and more)."""

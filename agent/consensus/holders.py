@@ -2,7 +2,7 @@
 
 from collections.abc import Container
 
-from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.tasks.consensus_messages import ABSENT_MAX, TaskHeldBy, TeamBallot
 
 GOES_ON_S = 120.0

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.answers.later import Later
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, NobodyThere
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ASKED_BYTES_MAX,
     ASKED_MAX,
@@ -26,7 +26,7 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import (
 )
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
-from robrain.protocol.wire.topics import TASK_LIST
+from robrain.protocol.wire.table.topics import TASK_LIST
 
 TASKS_MAX = 256
 """Open tasks that a robot remembers (chosen: what is allocated at a time)."""

@@ -10,12 +10,12 @@ import msgspec
 
 from robrain.agent.consensus.known_tasks import OWN_KINDS, KnownTasks
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.errors import BadName, CallError, ErrorCode
+from robrain.protocol.keys import check_name
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
-from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
-from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ASKED_BYTES_MAX,
     ASKED_TOLD,

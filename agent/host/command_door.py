@@ -8,7 +8,7 @@ from robrain.agent.lifecycle.plugin_info import plugin_info
 from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.manifest import COMMAND
 from robrain.agent.transform import Transform
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 
 

@@ -32,7 +32,7 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.lifecycle.worker_pool import WorkerPool, run_in_turn
 from robrain.agent.manifest import Manifest, read_manifest
 from robrain.agent.plugin import Level, PluginState
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import NS_PER_S, to_ns
 
 FLOOD_DROPS_A_SECOND = 1000
 """A plugin whose notifications overflow others' mailboxes faster than this floods."""

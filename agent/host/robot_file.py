@@ -7,10 +7,10 @@ import msgspec
 
 from robrain.agent.errors import RobotFileError
 from robrain.agent.manifest import where_and_what
-from robrain.protocol.wire.errors import BadName, BadToml, WireError
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.errors import BadName, BadToml, WireError
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.toml_text import read_toml
 from robrain.protocol.wire.session import check_endpoint
-from robrain.protocol.wire.toml_text import read_toml
 
 
 class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

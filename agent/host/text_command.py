@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 from robrain.agent.text_form import shown
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 
 GRAMMAR = "`call PLUGIN FUNCTION(ARGUMENTS)`, `list` or `help [PLUGIN]`"
 _CALL = re.compile(r"call\s+([^\s()]+)\s+([^\s()]+)\s*(.*)", re.DOTALL)

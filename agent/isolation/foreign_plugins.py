@@ -17,12 +17,12 @@ from robrain.agent.event import Event
 from robrain.agent.manifest import ANYBODY, COMMAND
 from robrain.agent.plugin import Level
 from robrain.agent.text_form import parse_argument, print_value
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
+from robrain.protocol.wire.table.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
 
 logger = logging.getLogger(__name__)
 

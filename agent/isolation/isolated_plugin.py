@@ -35,7 +35,7 @@ from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_traceback import Raised, raised_elsewhere
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 
 _PERIOD = msgspec.msgpack.Decoder(float | None)

@@ -10,8 +10,8 @@ from robrain.agent import errors as agent_errors
 from robrain.agent.errors import PluginError
 from robrain.agent.isolation.messages import CallFailure
 from robrain.agent.plugin_traceback import Raised, raised, raised_elsewhere
-from robrain.protocol.wire import errors as wire_errors
-from robrain.protocol.wire.errors import ErrorCode, RobrainError
+from robrain.protocol import errors as wire_errors
+from robrain.protocol.errors import ErrorCode, RobrainError
 
 
 class _Array(msgspec.Struct, frozen=True):

@@ -7,7 +7,7 @@ from robrain.agent.access.callee import Callee, Caller
 from robrain.agent.access.exclusive_use import ExternalLeases
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.wire.clock import Clock
+from robrain.protocol.clock import Clock
 
 
 class RobotContext(Protocol):

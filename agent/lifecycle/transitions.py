@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from robrain.agent.errors import PluginError
 from robrain.agent.plugin import PluginState
-from robrain.protocol.wire.errors import ErrorCode
+from robrain.protocol.errors import ErrorCode
 
 
 class Trigger(Enum):

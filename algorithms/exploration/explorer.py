@@ -22,8 +22,8 @@ from robrain.algorithms.exploration.situation import (
 )
 from robrain.algorithms.exploration.strategies import Strategy
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m, mapped_gap_cells
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.reasons.idle import (
     IdleReason,
     LacksRange,

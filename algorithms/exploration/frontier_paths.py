@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.exploration.situation import FrontierCandidate, PathCosts
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import to_ns
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.algorithms.navigation.navigation_grid import NavigationGrid, WayField

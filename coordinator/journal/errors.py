@@ -9,7 +9,7 @@ RobrainError
 
 from pathlib import Path
 
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 class JournalError(RobrainError):

@@ -31,6 +31,7 @@ from robrain.coordinator.motes.mote_registry import KnownMote, MoteTable
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
@@ -38,13 +39,12 @@ from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, Task
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import taken_at_ns
 from robrain.protocol.wire.border.record_guard import RecordGuard
-from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.links.publisher import Publisher
 from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord
-from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.reasons.robots import (
     BatteryTooSmall,
     Dearer,
@@ -56,7 +56,7 @@ from robrain.protocol.wire.reasons.robots import (
     ToldNothing,
 )
 from robrain.protocol.wire.reasons.tasks import DeadlinePassed, MoteUnknown, RobotOut
-from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING
+from robrain.protocol.wire.table.topics import MOTE_DUTY, MOTE_READING
 
 LISTEN_S = 0.2
 """After a reading, for whatever a robot has to say."""

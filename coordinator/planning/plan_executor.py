@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.reasons.plans import LeftOut, NearestOut
 from robrain.protocol.wire.reasons.tasks import GaveUp, NeededFor, TaskReason
 

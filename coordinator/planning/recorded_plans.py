@@ -10,7 +10,7 @@ from robrain.coordinator.planning.plan_passes import STOCK_PASSES
 from robrain.coordinator.planning.plan_search import solve
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
-from robrain.protocol.wire.topics import TASK_PROBLEM
+from robrain.protocol.wire.table.topics import TASK_PROBLEM
 from robrain.recording.reader.reading import read_messages
 
 Routes = tuple[tuple[str, tuple[str, ...]], ...]

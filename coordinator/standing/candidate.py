@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from robrain.coordinator.standing.poll import Poll
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.robots.witness_messages import WitnessRefusal, WitnessRequest, WitnessWish
 

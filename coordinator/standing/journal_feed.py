@@ -14,7 +14,7 @@ import msgspec
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.standing.mandate import Mandate
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.protocol.wire.messages.team.standing_messages import (
     ENTRIES_MAX,
@@ -27,7 +27,7 @@ from robrain.protocol.wire.messages.team.standing_messages import (
 )
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
-from robrain.protocol.wire.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL
+from robrain.protocol.wire.table.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL
 
 logger = logging.getLogger(__name__)
 

@@ -9,6 +9,9 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.errors import BadName
+from robrain.protocol.keys import check_name
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import (
     COLLECT,
@@ -22,9 +25,6 @@ from robrain.protocol.model.tasks.stock_kinds import (
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
 from robrain.protocol.tinyos.payloads import Quantity
-from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.errors import BadName
-from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.messages.message import JsonSchema
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.reason import said, told

@@ -7,7 +7,7 @@ once be followed by the next task.
 
 from typing import NamedTuple
 
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.reasons.offers import (
     DoneJustNow,

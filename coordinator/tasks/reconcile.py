@@ -22,8 +22,8 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.team.roster import Robot
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import NotHeard

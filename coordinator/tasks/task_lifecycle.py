@@ -19,13 +19,13 @@ from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import LEASE_S, MEMBER_PREFIX, TaskState
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import RefusalCode
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, TaskStatus
 from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot
@@ -43,7 +43,7 @@ from robrain.protocol.wire.reasons.tasks import (
     RobotOut,
     TaskReason,
 )
-from robrain.protocol.wire.topics import ROBOT_OFFER
+from robrain.protocol.wire.table.topics import ROBOT_OFFER
 
 
 class HeldElsewhere:

@@ -13,12 +13,12 @@ from robrain.coordinator.tasks.dry_run import DryRuns
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.clock import Clock
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import Clock
 from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
-from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.tasks.task_messages import (
     TaskDryRun,
     TaskFilter,
@@ -28,7 +28,7 @@ from robrain.protocol.wire.messages.tasks.task_messages import (
     TaskWhy,
 )
 from robrain.protocol.wire.reasons.tasks import Cancelled, TaskReason
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     TASK_CANCEL,
     TASK_DRY_RUN,
     TASK_GET,

@@ -8,9 +8,9 @@ from msgspec.structs import replace
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
-from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.standing_messages import KnownRobot
 from robrain.protocol.wire.messages.team.team_messages import RobotSummary

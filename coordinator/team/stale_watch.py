@@ -3,9 +3,9 @@
 import logging
 
 from robrain.coordinator.team.roster import Roster
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.reasons.reason import TopicStale
-from robrain.protocol.wire.topics import ROBOT_STATE
+from robrain.protocol.wire.table.topics import ROBOT_STATE
 
 logger = logging.getLogger(__name__)
 

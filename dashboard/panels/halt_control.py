@@ -14,10 +14,10 @@ import zenoh
 from robrain.dashboard.html.html_words import CLOSE_MARK, text
 from robrain.dashboard.panels.gui_values import set_visible
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.errors import CallError
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.topics import HALT
+from robrain.protocol.wire.table.topics import HALT
 from robrain.recording.drawing.natural_order import natural_key
 
 WIDTH_PX = 290

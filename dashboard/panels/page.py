@@ -47,7 +47,7 @@ from robrain.protocol.wire.messages.tasks.task_messages import (
     TaskWhy,
 )
 from robrain.protocol.wire.schema.announced_parameters import check_announced
-from robrain.protocol.wire.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
+from robrain.protocol.wire.table.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 from robrain.recording.drawing.palette import HEAT, css
 
 CHART_PERIOD_S = 2.0

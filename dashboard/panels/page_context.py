@@ -21,7 +21,7 @@ from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
 from robrain.protocol.wire.messages.tasks.task_messages import KnownKind
 from robrain.protocol.wire.schema.struct_schema import parameters_schema
-from robrain.protocol.wire.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
+from robrain.protocol.wire.table.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
 
 PLUGINS_S = 2.0
 PLANNING_S = 5.0

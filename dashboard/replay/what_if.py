@@ -12,7 +12,7 @@ import viser
 from robrain.dashboard.html.html_words import clock_text, text
 from robrain.dashboard.panels.gui_values import set_html, set_visible
 from robrain.dashboard.replay.replay_source import ReplaySource
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.clock import to_seconds
 from robrain.recording.reader.two_runs import TwoRuns, words_of
 
 TICKED_MAX = 12

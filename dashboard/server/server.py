@@ -21,7 +21,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
-from robrain.protocol.wire.errors import PortTaken, WireError
+from robrain.protocol.errors import PortTaken, WireError
 
 ProcessRequest = Callable[[ServerConnection, Request], Response | None]
 

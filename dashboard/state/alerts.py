@@ -8,7 +8,7 @@ from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.border.refusals import RefusalCode
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.reason import TopicStale
-from robrain.protocol.wire.topics import COORDINATOR_STATE
+from robrain.protocol.wire.table.topics import COORDINATOR_STATE
 
 LOW_SOC = 0.2
 LOW_MOTE_V = 2.4

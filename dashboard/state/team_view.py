@@ -9,7 +9,6 @@ from robrain.dashboard.state.robot_view import MoteView, RecorderView, RobotView
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire import topics
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.wire.border.refusals import Refusal
@@ -25,7 +24,8 @@ from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, Arena
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.table import topics
+from robrain.protocol.wire.table.topic import Topic
 from robrain.recording.drawing.drawn_floor import DrawnFloor
 from robrain.recording.drawing.map_view import FAR_M, ComposedMap, checked_geometry
 

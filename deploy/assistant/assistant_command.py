@@ -12,8 +12,8 @@ from typing import Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, TeamOption
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.state_folder import state_folder
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
 
 TOKEN_BYTES = 9
 ID_BYTES = 4
@@ -100,7 +100,7 @@ def default_log() -> Path:
 
 def _listening(host: str, port: int) -> socket.socket:
     """A socket that listens at the port, or at a free one for 0 (PortTaken if another process does)."""
-    from robrain.protocol.wire.errors import PortTaken
+    from robrain.protocol.errors import PortTaken
 
     try:
         return socket.create_server((host, port))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from robrain.deploy.assistant.policy import Ban
 from robrain.deploy.assistant.words import refusal
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 class AuditError(RobrainError):

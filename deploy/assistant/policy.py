@@ -12,8 +12,8 @@ from robrain.protocol.wire.access.member import Member
 from robrain.protocol.wire.access.permissions import AccessAction, roles
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.topic import WireKey
-from robrain.protocol.wire.topics import HALT, ROBOT_CALL, TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.wire.table.topic import WireKey
+from robrain.protocol.wire.table.topics import HALT, ROBOT_CALL, TASK_CANCEL, TASK_SUBMIT
 
 PRIORITY_MAX = 1.0
 """That of a task for which no priority is given: a task of an assistant never displaces a person's."""

@@ -33,9 +33,9 @@ from robrain.plugins.device.mocdevice.interface import Counters, MocDeviceInterf
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.unit.driver.driver import Driver
+from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.errors import CallError, RobrainError
 from robrain.protocol.model.geometry import Twist2D, wrap_angle_rad
-from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.errors import CallError, RobrainError
 
 BASE, LIDAR, BATTERY, IMU, DRIVER = "mocdevice", "scan", "bm2", "imu", "driver"
 HALTED_BY = "bringup"

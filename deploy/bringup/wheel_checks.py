@@ -22,7 +22,7 @@ from robrain.deploy.bringup.wheel_table import (
 from robrain.plugins.device.mocdevice.frame_map import EncoderMeasure
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.serial_base.line_codec import LineWords
-from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.clock import to_ns, to_seconds
 
 LOOK_S = 2.0
 TURN_S = 1.6

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, print_json, say
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
     from robrain.coordinator.journal.journal_check import JournalContents
@@ -47,10 +47,10 @@ def backup(
         _print(found, f"{output}: {_words(found)}", as_json=as_json)
         return
     from robrain.deploy.processes.live_process import client_session, live_endpoint
+    from robrain.protocol.errors import NobodyThere
     from robrain.protocol.wire.border.safe_text import safe_text
-    from robrain.protocol.wire.errors import NobodyThere
     from robrain.protocol.wire.hub import wrong_team
-    from robrain.protocol.wire.standing_topics import COORDINATOR_BACKUP
+    from robrain.protocol.wire.table.standing_topics import COORDINATOR_BACKUP
 
     check_name("team", team)
     with client_session(connect) as session, live_endpoint(session, team) as wire:

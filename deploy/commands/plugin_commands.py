@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, connect_team, print_json, say
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
     from robrain.client.team import Team

@@ -16,8 +16,8 @@ from robrain.agent.host.text_command import Question, parse_command
 from robrain.client.team import Team
 from robrain.deploy.commands.terminal import print_line
 from robrain.deploy.processes.live_process import tell
+from robrain.protocol.errors import CallError, RobrainError
 from robrain.protocol.state_folder import state_folder
-from robrain.protocol.wire.errors import CallError, RobrainError
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 
 ENDS = ("exit", "quit")

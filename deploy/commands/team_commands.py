@@ -15,7 +15,7 @@ from robrain.deploy.commands.team_options import (
     say,
 )
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
     from robrain.client.halting import HaltReport

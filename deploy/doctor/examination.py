@@ -37,14 +37,14 @@ from robrain.deploy.processes.live_process import live_endpoint
 from robrain.deploy.supervision.credentials import OPERATOR, Credentials
 from robrain.deploy.supervision.part import ARENA, HUB
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import RobrainError, WireError
 from robrain.protocol.extras import missing_package
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.access.identity import TLS_VARIABLE, read_identity, tls_folder
 from robrain.protocol.wire.access.member import Member, MemberRole
-from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.errors import RobrainError, WireError
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import is_secured, listening_at, open_session
 
 PROBE = "doctor"

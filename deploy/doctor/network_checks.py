@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import closing
 
 from robrain.deploy.doctor.check import Check, CheckName
-from robrain.protocol.wire.errors import NobodyThere, PortTaken, WireError
+from robrain.protocol.errors import NobodyThere, PortTaken, WireError
 from robrain.protocol.wire.session import check_port_free, may_answer, open_session
 
 

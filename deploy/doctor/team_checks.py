@@ -13,13 +13,13 @@ import zenoh
 
 from robrain.deploy.commands.status_command import RobotCondition, RobotStanding, TeamStatus, reasons_of
 from robrain.deploy.doctor.check import Check, CheckName
-from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.clock import NS_PER_S, LiveClock
+from robrain.protocol.clock import NS_PER_S, LiveClock
+from robrain.protocol.codec import BadPayload
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topic import Query
-from robrain.protocol.wire.topics import COORDINATOR_STATE, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_STATE, ROBOT_WHO
+from robrain.protocol.wire.table.topic import Query
+from robrain.protocol.wire.table.topics import COORDINATOR_STATE, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_STATE, ROBOT_WHO
 
 SKEW_OK_S = 0.5
 """Chosen: Zenoh stamps again what differs by more."""

@@ -13,19 +13,19 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.errors import CallError, NobodyThere, PortTaken
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, NobodyThere, PortTaken
 from robrain.protocol.wire.hub import team_endpoints
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     RECORDER_STATE,

@@ -4,7 +4,7 @@ RobrainError
 └── PkiError    a certificate, or a file of them, cannot be made or used; names the file
 """
 
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 class PkiError(RobrainError):

@@ -14,8 +14,8 @@ from robrain.deploy.processes.live_process import (
     open_hub,
     tell,
 )
-from robrain.protocol.wire.clock import LiveClock
-from robrain.protocol.wire.keys import check_name
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.keys import check_name
 from robrain.protocol.wire.session import listening_at, open_session
 
 if TYPE_CHECKING:

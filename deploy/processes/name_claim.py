@@ -20,14 +20,14 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.clock import NS_PER_S, LiveClock
+from robrain.protocol.clock import NS_PER_S, LiveClock
+from robrain.protocol.codec import BadPayload
+from robrain.protocol.errors import NameTaken
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
-from robrain.protocol.wire.errors import NameTaken
 from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.session import LEASE_MS
-from robrain.protocol.wire.topic import Query, Token
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Query, Token
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_CLAIM,
     COORDINATOR_WHO,

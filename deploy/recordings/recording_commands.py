@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, print_json
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 recording_app = typer.Typer(rich_markup_mode=None)
 

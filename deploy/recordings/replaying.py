@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.clock import Clock
+from robrain.protocol.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.replay.replay import Replay
 

@@ -15,6 +15,8 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
 from robrain.deploy.ros2 import ros_messages as make
 from robrain.plugins.device.ros2.parameters import environment_domain
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.ros2 import message_types as ros
 from robrain.protocol.ros2.definitions import SubmitTaskResponse, TriggerResponse
@@ -23,14 +25,19 @@ from robrain.protocol.ros2.message_types import MessageType
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, TF, Qos
 from robrain.protocol.ros2.ros_node import RosNode
 from robrain.protocol.ros2.ros_port import PendingRequest, RosPort, Writer
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import RobrainError
 from robrain.protocol.wire.hub import team_endpoints
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT
+from robrain.protocol.wire.table.topics import (
+    ARENA_SCAN,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    TASK_EVENT,
+)
 from robrain.recording.reader.map_at import KnownMap
 
 MAP_NS = to_ns(1.0)

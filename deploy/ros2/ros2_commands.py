@@ -6,7 +6,7 @@ import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, TeamOption
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 ros2_app = typer.Typer(no_args_is_help=True, help="A team and ROS 2.", rich_markup_mode=None)
 

@@ -13,11 +13,11 @@ from numba.core import event
 from numba.core.dispatcher import Dispatcher
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 
+from robrain.algorithms import warm_up as model
 from robrain.algorithms.allocation.warm_up import warm_up as warm_up_allocation
 from robrain.algorithms.exploration.warm_up import warm_up as warm_up_exploration
 from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.commands.terminal import console, say, text_column
-from robrain.protocol.model import warm_up as model
 from robrain.sim.warm_up import warm_up as warm_up_arena
 
 COMPILING = "numba:compile"

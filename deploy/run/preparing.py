@@ -18,9 +18,9 @@ from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.commands.terminal import both_at_a_terminal, console, say, text_column
 from robrain.deploy.run.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.run.run_options import Watched
-from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.clock import VirtualClock
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.lockstep.pacing import StopOnInterrupt
 from robrain.sim.lockstep.start_picture import StartPicture

@@ -7,7 +7,7 @@ from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.dashboard_process import READY_PREFIX, begin_dashboard
 from robrain.deploy.processes.live_process import tell
 from robrain.deploy.run.run_options import RunOptions, Watched
-from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 
 if TYPE_CHECKING:  # brings the simulation, which is loaded once the page's process has started

@@ -6,8 +6,8 @@ from typing import TypeVar
 import msgspec
 
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.errors import BadToml
-from robrain.protocol.wire.toml_text import LARGE, read_toml
+from robrain.protocol.errors import BadToml
+from robrain.protocol.toml_text import LARGE, read_toml
 
 Tables = TypeVar("Tables", bound=msgspec.Struct)
 

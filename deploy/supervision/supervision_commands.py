@@ -26,7 +26,7 @@ from robrain.deploy.commands.scenario_options import (
 )
 from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 EXIT_WRONG = 1
 """Exit status of `up` if a part was given up, and of `doctor` if something is wrong."""

@@ -14,10 +14,10 @@ import msgspec
 from robrain.agent.manifest import where_and_what
 from robrain.deploy.errors import UsageError
 from robrain.deploy.supervision.part import ARENA, HUB, STOCK_PARTS
-from robrain.protocol.wire.errors import BadName, BadToml
-from robrain.protocol.wire.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.errors import BadName, BadToml
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.toml_text import SMALL, read_toml
 from robrain.protocol.wire.session import is_loopback
-from robrain.protocol.wire.toml_text import SMALL, read_toml
 
 HOSTS = "hosts"
 PORT = 7447

@@ -7,15 +7,15 @@ from typing import NamedTuple
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.commands.status_command import RobotCondition, standing_of
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
+from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME
-from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.reason import told
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     ARENA_TRUTH,
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,

@@ -28,10 +28,10 @@ from robrain.deploy.supervision.process_figures import CoreWait, ProcessFigures
 from robrain.deploy.supervision.restarts import Phase, Restarts, RestartStep
 from robrain.deploy.supervision.site import MakeParts, Site, hub_part, router_part
 from robrain.deploy.supervision.team_watch import TeamWatch
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import PortTaken, RobrainError
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import PortTaken, RobrainError
 from robrain.protocol.wire.hub import HUB_VARIABLE, hub_endpoint
 from robrain.protocol.wire.session import check_endpoint, check_port_free, is_loopback, is_secured
 

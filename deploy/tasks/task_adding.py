@@ -8,7 +8,7 @@ import typer
 
 from robrain.deploy.commands.team_options import ConnectOption, TeamOption, connect_team, print_json, say
 from robrain.deploy.tasks.task_terminal import JsonOption, line_of
-from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.keys import DEFAULT_TEAM
 
 if TYPE_CHECKING:
     from robrain.deploy.tasks.task_files import TaskWords
@@ -73,7 +73,7 @@ def add(
     as_json: JsonOption = False,
 ) -> None:
     """Submit a task, or the tasks in a file; an impossible task is refused at once."""
-    from robrain.protocol.wire.errors import CallError
+    from robrain.protocol.errors import CallError
 
     tasks = asked_tasks(
         what, at=at, task_id=task_id, priority=priority, deadline=deadline, earliest=earliest, service=service,

@@ -8,8 +8,8 @@ from robrain.deploy.commands.team_options import ConnectOption, TeamOption, conn
 from robrain.deploy.tasks.dry_run_words import verdict_line
 from robrain.deploy.tasks.task_adding import add
 from robrain.deploy.tasks.task_terminal import IdArgument, JsonOption, line_of, show_table, words_of
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 
 if TYPE_CHECKING:
     from robrain.protocol.model.tasks.task import TaskState

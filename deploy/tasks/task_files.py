@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 from robrain.client.submission import COMMON, RELATIVE, submission_of
 from robrain.deploy.errors import UsageError
+from robrain.protocol.errors import BadToml
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
-from robrain.protocol.wire.errors import BadToml
-from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
+from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 
 
 class TaskWords(NamedTuple):

@@ -31,15 +31,15 @@ from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.live_process import ANY_PORT, client_session, live_endpoint, open_hub
 from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.lab.bench.live_team import TEAM, await_ready
-from robrain.protocol.wire.clock import NS_PER_S
+from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import listening_at
-from robrain.protocol.wire.topic import Query
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Query
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_CALL,

@@ -25,12 +25,12 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import Event
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
-from robrain.protocol.wire.topics import COORDINATOR_STATE, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.wire.table.topics import COORDINATOR_STATE, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
 
 ROBOT = "r1"
 BOUND_MS = 50.0

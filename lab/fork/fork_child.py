@@ -12,7 +12,7 @@ from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.dashboard_process import StartingPage
 from robrain.lab.fork.fork_result import ForkResult, fork_name
 from robrain.lab.fork.repeatable import repeatable
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.clock import to_seconds
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import recording_info
 from robrain.recording.reader.two_runs import TwoRuns

@@ -21,9 +21,9 @@ from robrain.lab.sweep.crew import LocalCrew
 from robrain.lab.sweep.execution import execute_all
 from robrain.lab.sweep.run_outcome import RunState
 from robrain.lab.sweep.worker import is_asked_to_stop
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.invariants.judging import Judging
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec

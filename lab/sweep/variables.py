@@ -10,9 +10,9 @@ from typing import Any
 import msgspec
 
 from robrain.deploy.errors import UsageError
-from robrain.protocol.wire.errors import BadToml
-from robrain.protocol.wire.file_mistakes import nearest
-from robrain.protocol.wire.toml_text import parse_toml
+from robrain.protocol.errors import BadToml
+from robrain.protocol.file_mistakes import nearest
+from robrain.protocol.toml_text import parse_toml
 from robrain.sim.scenarios.scenario import MAX_SEED
 from robrain.sim.scenarios.scenario_file import ScenarioTables
 

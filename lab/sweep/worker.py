@@ -10,7 +10,7 @@ import msgspec
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.lab.bench.mapping.mapping_plan import errors_alone
 from robrain.lab.sweep.run_outcome import RunRecord, RunState, outcome_of
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 from robrain.recording.invariants.judging import Judging, broken
 from robrain.recording.writer.provenance import software_versions
 from robrain.sim.scenarios.driving import Progress

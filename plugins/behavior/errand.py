@@ -33,10 +33,10 @@ from robrain.plugins.behavior.budget import Budget, length_m
 from robrain.plugins.behavior.travel import PRIORITY_MAX, Travel, TravelParameters, TravelState
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.errors import CallError
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NeedsTime, NoPath, OfferRefusal, Unexplored

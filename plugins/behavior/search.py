@@ -7,8 +7,8 @@ needs motes' signals along some metres of way, or walls seen from more than one 
 import math
 
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import to_ns
 
 FIND_ITSELF = "find itself"
 """What the board says of a robot that searches and has nothing else to do."""

@@ -6,11 +6,11 @@ from robrain.agent.plugin import external
 from robrain.algorithms.localization.pose_track import PoseTrack
 from robrain.plugins.device.scan.lidar_device import LidarDevice
 from robrain.plugins.device.scan.lidar_mount import Mount, Placed, ScanMaker
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.lidar.points import LidarDecoder, LineCounts, Piece, Point
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
-from robrain.protocol.wire.clock import to_ns, to_seconds
 
 POLL_S = 0.02
 """Period of the look for bytes; a turn takes 0.1 s or more."""

@@ -19,8 +19,8 @@ from robrain.algorithms.navigation.obstacles import (
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.wire.clock import to_ns
 
 if TYPE_CHECKING:
     from robrain.algorithms.navigation.obstacles import Points

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import can
 
 from robrain.protocol.can.payload import ERROR, EXTENDED, ID_MASK, REMOTE
-from robrain.protocol.wire.clock import NS_PER_S
+from robrain.protocol.clock import NS_PER_S
 
 
 class Frame(NamedTuple):

@@ -13,7 +13,7 @@ from typing import Any
 import can
 import cantools
 
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 ROBERTINO = "robertino"
 

@@ -34,15 +34,15 @@ from robrain.protocol.can.payload import (
     pack_fd,
     unpack,
 )
-from robrain.protocol.wire.clock import LiveClock
-from robrain.protocol.wire.errors import BadName, WireError
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import BadName, WireError
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.hub import team_endpoints
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.links.exchange import NOBODY, Exchange
 from robrain.protocol.wire.links.link import Declaration
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topic import CAN_FRAME
-from robrain.protocol.wire.topics import ARENA_CAN
+from robrain.protocol.wire.table.topic import CAN_FRAME
+from robrain.protocol.wire.table.topics import ARENA_CAN
 
 ROUTES_MAX = 4096
 """Identifiers and senders whose receivers are remembered."""

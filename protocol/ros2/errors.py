@@ -9,7 +9,7 @@ RobrainError
     └── NoReply               a service did not answer; `.service` is its name
 """
 
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 class RosError(RobrainError):

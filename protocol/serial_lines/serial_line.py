@@ -8,8 +8,8 @@ import serial
 from serial import Serial
 
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_SERIAL, ARENA_SERIAL_TX
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 
 CHUNK_BYTES = 65_536
 SIMULATED = "zenoh:"

@@ -16,6 +16,10 @@ from typing import Any, Generic, NamedTuple
 
 import zenoh
 
+from robrain.protocol.clock import Clock
+from robrain.protocol.codec import BadPayload
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, WireError
+from robrain.protocol.keys import check_name
 from robrain.protocol.wire.access.identity import member_on
 from robrain.protocol.wire.access.member import Member
 from robrain.protocol.wire.access.signed_keys import is_signed, read_signed
@@ -28,16 +32,13 @@ from robrain.protocol.wire.answers.replying import reply_deferred
 from robrain.protocol.wire.answers.trace import Traces
 from robrain.protocol.wire.answers.waiting_queries import WaitingQueries
 from robrain.protocol.wire.border.border import Border, Heard
-from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
-from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere, WireError
-from robrain.protocol.wire.inbox import NOTHING, Inbox
-from robrain.protocol.wire.keys import check_name
 from robrain.protocol.wire.links.declared_keys import DeclaredKeys
 from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.inbox import NOTHING, Inbox
 from robrain.protocol.wire.links.link import Link
 from robrain.protocol.wire.links.local_link import LocalLink
+from robrain.protocol.wire.links.publisher import Publisher
 from robrain.protocol.wire.links.qos import query_options
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.links.radio_link import LocalRadioLink
@@ -45,8 +46,7 @@ from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.protocol.wire.links.thinning import Thinning
 from robrain.protocol.wire.links.zenoh_link import ZenohLink
 from robrain.protocol.wire.presence import Presence
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topic import JSON, Q, Query, R, Token, Topic
+from robrain.protocol.wire.table.topic import JSON, Q, Query, R, Token, Topic
 
 logger = logging.getLogger(__name__)
 

@@ -4,13 +4,13 @@ import os
 
 import zenoh
 
+from robrain.protocol.errors import NobodyThere
 from robrain.protocol.wire.access.identity import Connection, connection_of
 from robrain.protocol.wire.access.member import MemberRole
-from robrain.protocol.wire.access.trial import missing_rights
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import NobodyThere
 from robrain.protocol.wire.session import check_endpoint, unknown_host
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+from robrain.protocol.wire.trial import missing_rights
 
 CONNECT_VARIABLE = "ROBRAIN_CONNECT"
 """Environment variable with the team's endpoints, used without `--connect`."""

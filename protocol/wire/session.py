@@ -12,6 +12,7 @@ from typing import Any
 
 import zenoh
 
+from robrain.protocol.errors import NobodyThere, PortTaken, WireError
 from robrain.protocol.wire.access.identity import (
     TLS_VARIABLE,
     Connection,
@@ -21,7 +22,6 @@ from robrain.protocol.wire.access.identity import (
     tls_folder,
 )
 from robrain.protocol.wire.access.member import MemberRole
-from robrain.protocol.wire.errors import NobodyThere, PortTaken, WireError
 
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 LEASE_MS = 2000

@@ -11,16 +11,16 @@ import msgspec
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import (
     ARENA_SCAN,
     HALT,
     MOTE_READING,

@@ -2,12 +2,12 @@
 
 import foxglove
 
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import WireError
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import WireError
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import (
     ARENA_SCAN,
     HALT,
     MOTE_READING,

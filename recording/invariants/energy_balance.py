@@ -5,8 +5,8 @@ The estimates of robots are judged by their intervals alone, and only between tw
 
 from collections.abc import Mapping
 
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.recording.invariants.findings import (

@@ -6,10 +6,10 @@ compared with the one with which it goes on.
 
 from collections.abc import Mapping
 
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
-from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
+from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import to_seconds
 from robrain.recording.invariants.findings import AnyFinding, Breach, Invariant, InvariantState, MissingEvidence, Ruling
 from robrain.recording.invariants.words import breach_words, missing_words
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
-from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.recording.invariants.findings import DoneAgain, Invariant, MissingEvidence, Reopened, StillAtDone

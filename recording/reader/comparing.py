@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.clock import to_seconds
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.reading import RecordedMessage, read_messages, topic_named_by
 

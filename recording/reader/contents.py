@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from robrain.protocol.wire.clock import NS_PER_S
-from robrain.protocol.wire.topic import Role, Topic
-from robrain.protocol.wire.topics import ROBOT_LOG, ROBOT_PATH
+from robrain.protocol.clock import NS_PER_S
+from robrain.protocol.wire.table.topic import Role, Topic
+from robrain.protocol.wire.table.topics import ROBOT_LOG, ROBOT_PATH
 from robrain.recording.reader.reading import (
     RecordedMessage,
     RecordingInfo,

@@ -19,10 +19,10 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.tasks.old_form import upgraded_json
-from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import topic_of
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.writer.provenance import (

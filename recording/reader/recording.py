@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.clock import to_seconds
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import PUBLISHED, topic_of
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import PUBLISHED, topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.tables import Cell, Table
 from robrain.recording.reader.reading import read_messages, read_provenance, recording_info

@@ -8,12 +8,12 @@ from typing import Any
 
 import msgspec
 
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.codec import BadPayload
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState

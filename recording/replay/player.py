@@ -23,8 +23,8 @@ from pathlib import Path
 import msgspec
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.topics import ROBOT_MAP, topic_of
+from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.wire.table.topics import ROBOT_MAP, topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.chunked_file import ChunkedFile
 from robrain.recording.reader.map_at import MapAt, Place, patches_of

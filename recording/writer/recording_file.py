@@ -17,9 +17,9 @@ from typing import IO, TYPE_CHECKING, Any, cast
 import msgspec
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.schema.struct_schema import bare, schema_of
-from robrain.protocol.wire.topic import JSON, Topic
+from robrain.protocol.wire.table.topic import JSON, Topic
 from robrain.recording.errors import RecordingError
 from robrain.recording.writer.plain_schema import plain_schema
 from robrain.recording.writer.provenance import (

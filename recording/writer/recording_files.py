@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.clock import to_ns
+from robrain.protocol.wire.table.topic import Topic
 from robrain.recording.errors import RecordingError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import NS_PER_S, to_ns
 
 logger = logging.getLogger(__name__)
 

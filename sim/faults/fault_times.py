@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultMoment, FaultSpec
 
 _RNG_OF_FAULTS = 7

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
-from robrain.protocol.wire.clock import Clock, to_ns
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.clock import Clock, to_ns
+from robrain.protocol.errors import RobrainError
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robrain.protocol.wire.clock import Clock, to_ns
+from robrain.protocol.clock import Clock, to_ns
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 

@@ -13,7 +13,7 @@ import can
 
 from robrain.protocol.can.bus_state import BUS_OFF_ERRORS, PASSIVE_ERRORS, BusState, error_frame
 from robrain.protocol.can.frame_port import Frame, frame_port
-from robrain.protocol.wire.clock import Clock
+from robrain.protocol.clock import Clock
 from robrain.sim.disturbance import DelayLine
 
 

@@ -19,9 +19,9 @@ from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_cl
 from robrain.algorithms.navigation.frontier import MIN_CELLS, frontier_mask
 from robrain.algorithms.navigation.line_of_sight import standpoint
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire.clock import to_ns
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.world.referee import floor_weights, team_geometry

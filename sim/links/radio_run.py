@@ -10,13 +10,13 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
+from robrain.protocol.clock import Clock, to_ns, to_seconds
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import Clock, to_ns, to_seconds
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.protocol.wire.messages.team.arena_messages import ArenaLinks, LinkCounters, RadioTruth
-from robrain.protocol.wire.topics import ARENA_LINKS
+from robrain.protocol.wire.table.topics import ARENA_LINKS
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.links.link_spec import LinkSpec

@@ -15,10 +15,10 @@ from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, READING_TYPE, STORED_TYPE, DutyPayload, ReadingPayload
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.links.publisher import Publisher
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
+from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
 from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mote import ArenaMote
 

@@ -11,8 +11,8 @@ import msgspec
 
 from robrain.protocol.tinyos.serial_forwarder import GREETING, BadGreeting, PacketDecoder, encode
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 
 LOOPBACK = "127.0.0.1"
 MAX_CLIENTS = 16

@@ -5,8 +5,8 @@ import tty
 from pathlib import Path
 
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_SERIAL, ARENA_SERIAL_TX
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 
 
 class SerialPlug:

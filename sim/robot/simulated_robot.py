@@ -12,8 +12,8 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.battery import SimulatedBattery
 from robrain.sim.firmware.battery_manager import BatteryManager

@@ -10,10 +10,10 @@ import numpy as np
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule, check_rules
+from robrain.protocol.errors import BadToml
+from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
-from robrain.protocol.wire.errors import BadToml
-from robrain.protocol.wire.file_mistakes import unknown_name
-from robrain.protocol.wire.toml_text import LARGE, parse_toml, read_toml_text
+from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec

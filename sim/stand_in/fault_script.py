@@ -7,10 +7,10 @@ import msgspec
 from msgspec import Meta
 
 from robrain.coordinator.planning.policy import NEAREST
+from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Name
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
 
 Time = Annotated[float, Meta(ge=0.0, le=86_400.0)]

@@ -6,10 +6,10 @@ import numpy as np
 
 from robrain.algorithms.allocation.allocator import AUCTION, OPTIMAL
 from robrain.coordinator.planning.policy import NEAREST
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import to_ns
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, ScriptedTask
 

@@ -15,9 +15,9 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.witness import WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, WIRE, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.faults.fault_times import FaultTimes

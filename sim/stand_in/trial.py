@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import msgspec
 
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.clock import to_seconds
 from robrain.sim.stand_in.fault_script import FaultScript
 from robrain.sim.stand_in.judge import Broken, Judge
 from robrain.sim.stand_in.stand_in_run import StandInRun

@@ -21,7 +21,7 @@ from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
-from robrain.protocol.wire.topics import ARENA_CAMERA, ARENA_CLOCK, ARENA_RADIO_RX, ARENA_SENSE, ARENA_TRUTH
+from robrain.protocol.wire.table.topics import ARENA_CAMERA, ARENA_CLOCK, ARENA_RADIO_RX, ARENA_SENSE, ARENA_TRUTH
 from robrain.sim.disturbance import Disturbance
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S

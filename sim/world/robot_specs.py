@@ -13,8 +13,8 @@ import numpy as np
 from robrain.agent.host.agent_host import stock_place
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.agent.manifest import read_manifest
+from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.file_mistakes import unknown_name
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts, scatter_poses, spawn_poses

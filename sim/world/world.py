@@ -16,10 +16,10 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.plugins.device.scan.lidar_mount import Mount
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial_lines.serial_line import SIMULATED
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.recording.writer.provenance import MAP_ATTACHMENT
 from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.faults.fault_spec import FaultSpec

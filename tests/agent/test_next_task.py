@@ -6,15 +6,15 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.reasons.offers import DoneJustNow, EpochOld, NoBehavior, NotAtTask
 from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
+from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 

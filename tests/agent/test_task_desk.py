@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.reasons.offers import DoneJustNow, EpochAhead, EpochOld, NoBehavior, Occupied
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer

@@ -3,8 +3,8 @@
 import pytest
 
 from robrain.agent.task_desk import RESULT_BYTES_MAX, TaskDesk
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.wire.reasons.offers import EpochOld, Occupied

@@ -19,7 +19,7 @@ from robrain.agent.text_form import (
     print_value,
     register_text_form,
 )
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 
 
 class Complex:

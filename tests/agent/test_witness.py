@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.agent.witness import SILENT_NS, Kept, Witness, WitnessInMemory
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.messages.robots.witness_messages import (
     Lead,
     Led,

@@ -12,9 +12,9 @@ import zlib
 import msgspec
 import numpy as np
 
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
@@ -22,7 +22,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, P
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, Scan
 from robrain.protocol.wire.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     ARENA_SCAN,
     ARENA_TRUTH,
     COORDINATOR_ALIVE,

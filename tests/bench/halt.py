@@ -21,12 +21,12 @@ from rich.console import Console
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import HALT, ROBOT_STATE
+from robrain.protocol.wire.table.topics import HALT, ROBOT_STATE
 
 ROUNDS = 300
 PATIENCE_S = 30.0

@@ -22,8 +22,8 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.warm_up import warm_up
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, deterministic, show_figures, timing
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.bus_line import LineFault

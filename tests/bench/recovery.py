@@ -25,16 +25,16 @@ from rich.console import Console
 
 from robrain.deploy.supervision.part import COORDINATOR, STAND_BY
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.access.identity import read_identity
-from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     ARENA_TRUTH,
     COORDINATOR_STATE,
     COORDINATOR_WHO,

@@ -16,8 +16,8 @@ import numpy as np
 from rich.console import Console
 
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
-from robrain.protocol.wire.errors import CallError, NobodyThere
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_STATE
 from tests.bench.recovery import RecoveryTeam, recovery_team
 
 CALLS = 400

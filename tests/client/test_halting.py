@@ -8,14 +8,14 @@ import pytest
 import zenoh
 
 from robrain import NobodyThere, Team
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.links.publisher import Publisher
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.publisher import Publisher
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import HALT, ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.wire.table.topics import HALT, ROBOT_ALIVE, ROBOT_STATE
 
 
 @dataclass

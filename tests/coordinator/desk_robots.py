@@ -1,13 +1,13 @@
 """Robots with a task desk as real ones have it, that work by the clock, lose touch, are stopped and are killed."""
 
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.topics import COORDINATOR_STATE
+from robrain.protocol.wire.table.topics import COORDINATOR_STATE
 from tests.coordinator.conftest import FakeRobot, Team
 
 RESUMED_NS = to_ns(0.5)

@@ -12,7 +12,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.topics import ROBOT_BALLOT, ROBOT_STATE
+from robrain.protocol.wire.table.topics import ROBOT_BALLOT, ROBOT_STATE
 from tests.coordinator.conftest import Team
 from tests.coordinator.desk_robots import DeskRobot
 

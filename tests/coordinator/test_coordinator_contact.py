@@ -7,7 +7,7 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.model.grid_geometry import FREE
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     ROBOT_ALIVE,
     ROBOT_STATE,
 )

@@ -6,7 +6,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest
-from robrain.protocol.wire.topics import TASK_CANCEL
+from robrain.protocol.wire.table.topics import TASK_CANCEL
 
 
 def visit(task_id="t1", x_m=6.0, **fields):

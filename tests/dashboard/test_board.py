@@ -28,7 +28,7 @@ from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, 
 from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.wire.reasons.reason import TopicStale
 from robrain.protocol.wire.reasons.tasks import MinorityHeard
-from robrain.protocol.wire.topics import RECORDER_STATE
+from robrain.protocol.wire.table.topics import RECORDER_STATE
 from robrain.recording.drawing.robot_history import RobotHistory
 
 PLACE = Point2D(0.0, 0.0)

@@ -10,7 +10,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import RobotState, Tas
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
 from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
-from robrain.protocol.wire.topics import COORDINATOR_CHARGES
+from robrain.protocol.wire.table.topics import COORDINATOR_CHARGES
 
 PLACE = Point2D(1.0, 2.0)
 S = 1_000_000_000

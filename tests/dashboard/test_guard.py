@@ -11,7 +11,7 @@ import websockets.exceptions
 import websockets.sync.client
 
 from robrain.dashboard.server.server import LocalServer, PageGuard, close_server, open_server
-from robrain.protocol.wire.errors import WireError
+from robrain.protocol.errors import WireError
 from tests.waiting import PATIENCE_S
 
 PROTOCOL = f"viser-v{viser.__version__}"

@@ -15,7 +15,7 @@ from robrain.dashboard.state.live_source import MapLoading
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.messages.team.arena_messages import ArenaClock
-from robrain.protocol.wire.topics import ARENA_CLOCK, ROBOT_MAP
+from robrain.protocol.wire.table.topics import ARENA_CLOCK, ROBOT_MAP
 from tests.waiting import PATIENCE_S
 
 SLOW = ("numba", "llvmlite", "scipy", "pandas", "matplotlib", "PIL", "mcap", "pymunk")
@@ -23,7 +23,7 @@ LOADED = """
 import sys
 import robrain.cli, robrain.deploy.processes.live_commands
 from robrain.dashboard import Dashboard
-from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 session = open_lockstep_session()

@@ -24,8 +24,8 @@ from robrain.protocol.wire.messages.team.arena_messages import (
     RobotTruth,
 )
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP
 
 CELLS = np.array([[0, 100, -1], [0, 0, 100]], np.int8)
 LONG_S = 60.0

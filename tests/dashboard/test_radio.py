@@ -15,7 +15,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, RobotLinks, RobotState
-from robrain.protocol.wire.topics import ROBOT_LINKS
+from robrain.protocol.wire.table.topics import ROBOT_LINKS
 
 NOW_S = 10.0
 

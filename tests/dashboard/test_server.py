@@ -8,8 +8,8 @@ from robrain.dashboard import Dashboard
 from robrain.dashboard.layers.marker_layers import ChargerLayer
 from robrain.dashboard.server.retry import FIRST_S
 from robrain.dashboard.server.server import close_server, open_server
+from robrain.protocol.errors import PortTaken, WireError
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import PortTaken, WireError
 
 
 def test_port_that_is_taken_is_refused_and_not_moved_from(endpoint: Endpoint) -> None:

@@ -19,8 +19,8 @@ from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, Arena
 from robrain.protocol.wire.messages.team.team_messages import Halt, RobotSummary, TeamState
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.reasons.robots import Gone
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import (
     ARENA_CLOCK,
     ARENA_SCAN,
     ARENA_TRUTH,

@@ -8,10 +8,10 @@ import pytest
 from numba import njit
 from rich.console import Console
 
+from robrain.algorithms import warm_up as model
 from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.commands import terminal
 from robrain.deploy.run import kernels
-from robrain.protocol.model import warm_up as model
 
 
 @pytest.fixture

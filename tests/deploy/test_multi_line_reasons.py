@@ -12,7 +12,7 @@ from robrain.client.team import Team
 from robrain.deploy.commands import team_options
 from robrain.deploy.observability.json_logs import SafeLines
 from robrain.deploy.processes.live_process import note, tell
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.testing import PluginBench
 
 REASON = "bad input:\r\n\x1b[31mr1: up\n\tat 3"

@@ -14,9 +14,9 @@ from robrain.deploy.processes.dashboard_process import StartingPage
 from robrain.deploy.run import preparing, starting
 from robrain.deploy.run.preparing import LATER_S, Preparing
 from robrain.deploy.run.run_options import RunOptions, Watched
-from robrain.protocol.wire.keys import DEFAULT_TEAM
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
-from robrain.protocol.wire.topics import ARENA_PREPARATION
+from robrain.protocol.wire.table.topics import ARENA_PREPARATION
 from robrain.sim.lockstep.lockstep import LockstepRun
 from tests.waiting import PATIENCE_S, until
 

@@ -8,8 +8,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.lab.fork.change_words import changes_of, moment_s
 from robrain.lab.fork.changes import AddFault, AddTask, Change, SetPolicy, Without, as_json, from_json
 from robrain.lab.fork.fork_result import fork_name
+from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 

@@ -13,10 +13,10 @@ from robrain.lab.fork.changes import AddFault, AddTask, Change, SetPolicy, Witho
 from robrain.lab.fork.fork_result import ForkResult
 from robrain.lab.fork.forking import fork_run
 from robrain.lab.fork.recorded_run import recorded_run
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.protocol.wire.table.topics import ROBOT_CALL
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.comparing import first_difference
 from robrain.recording.reader.reading import read_messages, recording_info

@@ -11,17 +11,17 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.warm_up import warm_up
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import (
     ARENA_RADIO_RX,
     ARENA_SCAN,
     COORDINATOR_STATE,

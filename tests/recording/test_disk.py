@@ -13,11 +13,11 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 
-from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_IMAGE, ROBOT_LOG
+from robrain.protocol.wire.table.topics import ROBOT_IMAGE, ROBOT_LOG
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import read_messages, read_provenance
 from robrain.recording.writer import recording_file
@@ -208,10 +208,10 @@ from pathlib import Path
 from robrain.recording.writer.provenance import Provenance
 from robrain.recording.reader.reading import read_messages, read_provenance
 from robrain.recording.writer.recorder import Recorder
-from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_LOG
+from robrain.protocol.wire.table.topics import ROBOT_LOG
 
 clock = VirtualClock()
 endpoint = Endpoint(open_lockstep_session(), "default", clock, Drive.LOCKSTEP)

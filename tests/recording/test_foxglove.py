@@ -16,8 +16,8 @@ from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import (
     ARENA_SCAN,
     HALT,
     MOTE_READING,

@@ -6,8 +6,8 @@ from typing import Any, Literal
 import msgspec
 import pytest
 
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import PUBLISHED
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import PUBLISHED
 from robrain.recording.writer.plain_schema import SCALARS, plain_schema
 
 

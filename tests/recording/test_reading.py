@@ -5,11 +5,11 @@ import pytest
 import zenoh
 from mcap.writer import Writer
 
-from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_LOG
+from robrain.protocol.wire.table.topics import ROBOT_LOG
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import RecordedMessage, read_messages, read_provenance, recording_info
 from robrain.recording.writer.provenance import Provenance

@@ -12,8 +12,8 @@ import zenoh
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.message import Message
 from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
@@ -21,8 +21,8 @@ from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.arena_messages import ArenaClock
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topic import Topic
-from robrain.protocol.wire.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.wire.table.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 from robrain.recording.errors import RecordingError
 from robrain.recording.writer import provenance, recording_file
 from robrain.recording.writer.provenance import Provenance

@@ -5,16 +5,16 @@ import pytest
 import zenoh
 from mcap.writer import Writer
 
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     ARENA_SCAN,
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,

@@ -9,7 +9,7 @@ import pytest
 
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.recording_live import keep_of, split_for, split_of
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.recording.writer.rotation import LOOK_NS, YOUNG_S, KeepFiles, Rotation, own_recordings
 
 NOW_NS = to_ns(1_800_000_000.0)

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import RECORDER_STATE, ROBOT_STATE
+from robrain.protocol.wire.table.topics import RECORDER_STATE, ROBOT_STATE
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.writer import recorder as recorder_module
 from robrain.recording.writer import recording_file

@@ -4,7 +4,7 @@ from typing import Literal
 import msgspec
 import pytest
 
-from robrain.protocol.wire.file_mistakes import unknown_name
+from robrain.protocol.file_mistakes import unknown_name
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario_file import parse_scenario
 

@@ -16,7 +16,7 @@ from unittest.mock import patch
 import pytest
 import zenoh
 
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from robrain.protocol.wire.session import open_session

@@ -6,17 +6,17 @@ import zlib
 
 import numpy as np
 
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     ARENA_TRUTH,
     COORDINATOR_ALIVE,
     HALT,

@@ -30,10 +30,10 @@ from robrain.lab.bench.mapping.mapping_plan import (
     numbers_of,
 )
 from robrain.lab.report.mean_interval import mean_interval
+from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.registry import UnknownEntry
-from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.errors import RunFailed
 from robrain.sim.ideal.ideal_run import IdealResult, run_ideal
 from robrain.sim.ideal.ideal_team import SPEED_M_S

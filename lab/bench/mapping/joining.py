@@ -29,9 +29,9 @@ from robrain.lab.bench.figure import (
     write_json,
 )
 from robrain.lab.bench.mapping.mapping_plan import Case, MappingPlan, all_runs, errors_alone
+from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.wire.errors import RobrainError
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.placement import Starts
 from robrain.sim.world.world import World

@@ -37,7 +37,7 @@ from robrain.lab.bench.mapping.mapping_plan import (
     all_runs,
     errors_alone,
 )
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 from robrain.sim.lockstep.result import RunResult
 
 OFF_BOUND_PERCENT = {"exact": 2.0, "slipping": 3.0}

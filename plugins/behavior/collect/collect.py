@@ -3,9 +3,9 @@
 from robrain.plugins.behavior.errand import Errand, Failed, Script
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.snw_exploration.interface import HeardMote, SnwInterface
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.tasks.stock_kinds import COLLECT, Collect
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import to_ns
 
 LOOK_S = 0.6
 """How often it is looked whether more has come."""

@@ -23,12 +23,12 @@ from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Travel, TravelParameters, TravelState, too_narrow
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Name, Share
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.wire.reasons.offers import NoPath, PositionLost
 

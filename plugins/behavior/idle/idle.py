@@ -8,11 +8,11 @@ import math
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.search import FIND_ITSELF
 from robrain.plugins.behavior.travel import IDLE, Travel, TravelParameters, TravelState
+from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import check_not_negative
-from robrain.protocol.wire.clock import to_ns, to_seconds
-from robrain.protocol.wire.errors import CallError, ErrorCode
 
 NEAR_M = 0.5
 """So near to its place a robot stays where it is."""

@@ -16,10 +16,10 @@ from robrain.plugins.behavior.image_out import ImageOut
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera.interface import CameraInterface
 from robrain.plugins.skill.energy.interface import Work
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, Monitor
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import to_ns, to_seconds
 
 HALF = 2
 TURN_MAX_RAD = 0.14

@@ -12,11 +12,11 @@ from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.snw_exploration.interface import SnwInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import to_ns, to_seconds
 from robrain.protocol.wire.reasons.offers import OfferRefusal
 from robrain.protocol.wire.reasons.reason import Said
 

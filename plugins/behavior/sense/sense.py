@@ -6,9 +6,9 @@ from robrain.plugins.behavior.errand import Errand, Failed, Script
 from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.snw_exploration.interface import SnwInterface
+from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.tasks.stock_kinds import SENSE, Sense
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import to_seconds
 
 OWN_S = 1.0
 """What the board takes."""

@@ -9,10 +9,10 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.errors import CallError, ErrorCode
 
 STEP_S = 0.25
 TRIES = 8

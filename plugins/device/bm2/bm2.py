@@ -16,8 +16,8 @@ from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame
 from robrain.protocol.can.frame_port import Frame, FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec
 from robrain.protocol.can.payload import EXTENDED, ID_MASK
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.ranges import check_finite, check_positive
-from robrain.protocol.wire.clock import to_ns
 
 SIGNALS_MAX = 8
 RECENT_NS = to_ns(5.0)

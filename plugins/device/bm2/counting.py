@@ -9,7 +9,7 @@ import msgspec
 
 from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.plugins.device.bm2.interface import ASSUMED_C, BatteryMeasurement
-from robrain.protocol.wire.clock import NS_PER_S
+from robrain.protocol.clock import NS_PER_S
 
 VOLTAGE_MAX_V = 1000.0
 CURRENT_MAX_A = 1000.0

@@ -11,8 +11,8 @@ from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
 from robrain.plugins.device.bm2.counting import BadReading, Reading, counted
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 GAP_S = 2.0
 """A longer time between two readings is not counted."""

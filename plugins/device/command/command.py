@@ -3,7 +3,7 @@
 from robrain.agent.environment import CommandDoor
 from robrain.agent.plugin import Device, unlocked
 from robrain.plugins.device.command.interface import CommandInterface
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 
 
 class Command(Device):

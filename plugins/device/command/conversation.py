@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from robrain.protocol.wire.errors import ErrorCode
+from robrain.protocol.errors import ErrorCode
 
 MAX_LINE_BYTES = 4096
 

@@ -20,9 +20,9 @@ from robrain.plugins.device.imu.errors import ImuAbsent
 from robrain.plugins.device.imu.imu_codec import ImuCodec, ImuMotion
 from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_finite, check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 HEADER = 0x55
 FRAME_BYTES = 11

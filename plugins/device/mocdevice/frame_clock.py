@@ -10,7 +10,7 @@ delays only increase it (Moon, Skelly, Towsley: Estimation and removal of clock 
 from enum import StrEnum
 
 from robrain.protocol.can.sequence import LONGEST_GAP, MODULUS
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import NS_PER_S, to_ns
 
 FRAME_PERIOD_NS = to_ns(0.02)
 """Period at which the controller sends frames."""

@@ -25,8 +25,8 @@ from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, known_identifiers
 from robrain.protocol.can.payload import ERROR, EXTENDED, ID_MASK
 from robrain.protocol.can.sequence import MODULUS, SequenceWatch
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.wire.clock import to_ns
 
 STATUS_FIELDS = ControllerStatus.__struct_fields__
 SPEED_TICKS_PER_RAD = 100_000

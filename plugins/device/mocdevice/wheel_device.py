@@ -28,9 +28,9 @@ from robrain.plugins.device.mocdevice.interface import (
 )
 from robrain.plugins.device.mocdevice.odometry import Counting, Ticks, WheelOdometry
 from robrain.plugins.device.mocdevice.wheel_link import WheelLink, WheelReport
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 logger = logging.getLogger(__name__)
 

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import NS_PER_S, to_ns
 
 
 class LineAbsent(OSError):

@@ -13,13 +13,13 @@ from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
 from robrain.plugins.device.mote_base.link import Backoff, LineAbsent, PacketLink
 from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, GREETING, BadGreeting, PacketDecoder, encode
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 
 
 class SimulatedAirLink:

@@ -24,8 +24,8 @@ from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
 from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE
 from robrain.protocol.can.sequence import SequenceWatch
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 POLL_S = 0.04
 """Period of the step where the bus does not tell of arrivals."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from robrain.plugins.device.ros2.link import Ros2Link
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import NS_PER_S, to_ns
 
 LATENCY_MAX_NS = to_ns(0.5)
 """Messages that all come later after their stamps are stamped by another clock."""

@@ -8,8 +8,8 @@ stops a robot whose plugin hangs. A robot whose agent has died stops by its own 
 from collections.abc import Callable
 from threading import Lock
 
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.wire.clock import to_ns
 
 HOLD_NS = to_ns(0.2)
 ZEROS = 10

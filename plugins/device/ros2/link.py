@@ -22,7 +22,7 @@ from rclpy.duration import Duration
 from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, environment_domain
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 
 M = TypeVar("M")

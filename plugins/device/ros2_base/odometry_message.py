@@ -3,8 +3,8 @@
 import math
 from typing import NamedTuple, Protocol
 
+from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.clock import NS_PER_S
 
 PLACE_MAX_M = 1e5
 """Farther from its start no robot drives."""

@@ -26,9 +26,9 @@ from robrain.plugins.device.ros2.command_gate import TICK_S, CommandGate
 from robrain.plugins.device.ros2.link import Ros2Link, Ros2Publisher, open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry, read_odometry
+from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.clock import NS_PER_S, to_ns, to_seconds
 
 HISTORY_NS = 5 * NS_PER_S
 HISTORY_MESSAGES = 2048

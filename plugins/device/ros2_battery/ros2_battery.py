@@ -14,8 +14,8 @@ from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.ros2_base.odometry_message import Header
+from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.clock import NS_PER_S
 
 CHARGING, DISCHARGING = 1, 2
 """POWER_SUPPLY_STATUS of sensor_msgs/BatteryState; they decide the sign of the current."""

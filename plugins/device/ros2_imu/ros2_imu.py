@@ -21,8 +21,8 @@ from robrain.plugins.device.ros2.link import open_link
 from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.ros2_base.odometry_message import Header
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_finite, check_positive
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 ACCELERATION_MAX_M_S2 = 2000.0
 """Beyond the range of any accelerometer of this kind: 200 g."""

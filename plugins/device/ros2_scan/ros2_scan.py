@@ -16,8 +16,8 @@ from robrain.plugins.device.ros2_base.odometry_message import Header
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, LidarFault
 from robrain.plugins.device.scan.lidar_mount import Mount
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 MM_PER_M = 1000.0
 

@@ -14,7 +14,7 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import FirstWord, Silence
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import NS_PER_S, to_ns
 
 logger = logging.getLogger(__name__)
 

@@ -15,10 +15,10 @@ from robrain.plugins.device.mocdevice.odometry import Counting
 from robrain.plugins.device.mocdevice.wheel_device import OpenLink, WheelDevice
 from robrain.plugins.device.mocdevice.wheel_link import WheelReport
 from robrain.plugins.device.serial_base.line_codec import LineWords, WheelCodec, WheelLineCodec
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial_lines.serial_line import SerialLine
-from robrain.protocol.wire.clock import to_ns, to_seconds
 
 NOISE_NS = to_ns(2.0)
 """Bytes without counts for this long are a fault."""

@@ -6,7 +6,7 @@ The smallest complete plugin: read it first.
 from typing import Protocol
 
 from robrain.agent.plugin import Skill, external
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.clock import to_seconds
 
 
 class CounterInterface(Protocol):

@@ -14,8 +14,8 @@ from robrain.algorithms.energy.consumption import Drawn
 from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.plugins.unit.battery.interface import BatteryAlarm, BatteryInterface
+from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.ranges import check_within
-from robrain.protocol.wire.clock import to_seconds
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 CHARGING_BELOW_A = -0.05

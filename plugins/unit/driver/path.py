@@ -8,9 +8,9 @@ import math
 
 import msgspec
 
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import METRES_MAX
-from robrain.protocol.wire.errors import CallError, ErrorCode
 
 CORNER_M = 0.25
 """A waypoint that is not the last counts as passed within this."""

@@ -15,9 +15,9 @@ from robrain.algorithms.navigation.obstacles import joined, sector_distances_m
 from robrain.plugins.device.range_sensors.interface import RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.lookout import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.errors import CallError, ErrorCode
 
 
 class ObstacleView(msgspec.Struct, frozen=True, kw_only=True):

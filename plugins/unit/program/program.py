@@ -31,10 +31,10 @@ from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
 from robrain.agent.plugin import Unit, external
+from robrain.protocol.codec import BAD_PAYLOAD
+from robrain.protocol.errors import ErrorCode
 from robrain.protocol.model.ranges import check_not_negative, check_positive
-from robrain.protocol.wire.border.codec import BAD_PAYLOAD
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.errors import ErrorCode
 
 WAITING_LINES = 256
 END_TIMEOUT_S = 1.0

@@ -25,10 +25,10 @@ from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
 from robrain.plugins.unit.driver.on_base import OnBase
 from robrain.plugins.unit.driver.path import check_range
+from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Radians, check_positive
-from robrain.protocol.wire.clock import NS_PER_S, to_ns, to_seconds
-from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 
 ENDS_MAX = 64

@@ -10,8 +10,8 @@ from collections.abc import Callable
 import msgspec
 
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.tinyos.payloads import DECI, REQUEST_SPAN, REQUEST_TYPE
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
 
 SEEK_PERIODS = 6
 """A mote that has been silent for so many of its periods is out of reach."""

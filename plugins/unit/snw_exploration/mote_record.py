@@ -13,7 +13,7 @@ from robrain.protocol.tinyos.payloads import (
     SequenceRange,
     sequences_after,
 )
-from robrain.protocol.wire.publisher import Publisher
+from robrain.protocol.wire.links.publisher import Publisher
 
 RESTART_BACK = 16
 """A mote whose live readings fall back by more than this has restarted; less is an old packet that comes late."""

@@ -8,6 +8,7 @@ any mote. On the way packets and answers may get lost: what has not had its effe
 from collections.abc import Callable
 
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
+from robrain.protocol.clock import to_ns
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
     DUTY_TYPE,
@@ -16,7 +17,6 @@ from robrain.protocol.tinyos.payloads import (
     ReadingPayload,
 )
 from robrain.protocol.tinyos.routed import ROUTE_MAX, ROUTED_TYPE, SERIALS, RoutedPayload
-from robrain.protocol.wire.clock import to_ns
 
 WAIT_NS = to_ns(10.0)
 """Between two packets of one type to one mote, and until a missing reading counts as lost on the way (chosen)."""

@@ -13,6 +13,9 @@ from robrain.plugins.unit.snw_exploration.interface import HeardMote, HeardRobot
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, place_of
 from robrain.plugins.unit.snw_exploration.over_hops import OverHops
 from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
+from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.errors import BadName
+from robrain.protocol.keys import check_name
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
@@ -34,13 +37,10 @@ from robrain.protocol.tinyos.payloads import (
     ReadingPayload,
     sequences_after,
 )
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
-from robrain.protocol.wire.errors import BadName
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.keys import check_name
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, RobotLinks
-from robrain.protocol.wire.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
+from robrain.protocol.wire.table.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 
 MAX_ROBOTS = 256
 

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import zenoh
 
+from robrain.protocol.errors import WireError
 from robrain.protocol.extras import missing_package
 from robrain.protocol.wire.access.member import Member, MemberRole, member_of
-from robrain.protocol.wire.errors import WireError
 
 TLS_VARIABLE = "ROBRAIN_TLS"
 """Environment variable with the folder of the process's certificate."""

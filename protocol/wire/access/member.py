@@ -3,8 +3,8 @@
 from enum import StrEnum
 from typing import NamedTuple
 
-from robrain.protocol.wire.errors import BadName
-from robrain.protocol.wire.keys import check_name
+from robrain.protocol.errors import BadName
+from robrain.protocol.keys import check_name
 
 LONGEST_COMMON_NAME = 64
 """Characters that X.509 allows for a common name."""

@@ -4,15 +4,15 @@ from collections.abc import Set as AbstractSet
 from enum import StrEnum
 
 from robrain.protocol.wire.access.member import MEMBERS, MemberRole
-from robrain.protocol.wire.host_queries import HOST_HALT, HOST_QUERIES, HOST_VERB
-from robrain.protocol.wire.standing_topics import (
+from robrain.protocol.wire.table.host_queries import HOST_HALT, HOST_QUERIES, HOST_VERB
+from robrain.protocol.wire.table.standing_topics import (
     COORDINATOR_BACKUP,
     COORDINATOR_LEAD,
     COORDINATOR_REMOVE_ROBOT,
     STANDING_ROWS,
 )
-from robrain.protocol.wire.topic import Query, Role, Topic, WireKey
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Query, Role, Topic, WireKey
+from robrain.protocol.wire.table.topics import (
     ARENA_CAN,
     ARENA_RADIO_TX,
     ARENA_SERIAL_TX,

@@ -8,13 +8,13 @@ member is allowed for its whole team where the router sends it only to those who
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from robrain.protocol.keys import ROOT
 from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.protocol.wire.access.permissions import AccessAction, own_names, roles
 from robrain.protocol.wire.access.signed_keys import is_signed, signed
-from robrain.protocol.wire.host_queries import HOST_VERB
-from robrain.protocol.wire.keys import ROOT
-from robrain.protocol.wire.topic import Delivery, Topic, WireKey
-from robrain.protocol.wire.topics import ARENA_CAN, TOPICS
+from robrain.protocol.wire.table.host_queries import HOST_VERB
+from robrain.protocol.wire.table.topic import Delivery, Topic, WireKey
+from robrain.protocol.wire.table.topics import ARENA_CAN, TOPICS
 
 ROWS: tuple[WireKey, ...] = (*TOPICS, HOST_VERB)
 """All rows that rules are made from. The verbs that other distributions bring have none of their own."""

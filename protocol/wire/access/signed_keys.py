@@ -8,10 +8,10 @@ their plain keys (docs/decisions/0051-who-asks-is-in-the-key.md).
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from robrain.protocol.errors import BadName
+from robrain.protocol.keys import ROOT
 from robrain.protocol.wire.access.member import Member, member
-from robrain.protocol.wire.errors import BadName
-from robrain.protocol.wire.keys import ROOT
-from robrain.protocol.wire.topic import Query, Role, Topic, WireKey
+from robrain.protocol.wire.table.topic import Query, Role, Topic, WireKey
 
 AS = "as"
 """Chunk behind the team's name that begins a signed key."""

@@ -2,12 +2,12 @@
 
 from typing import Any
 
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.access.member import Member
 from robrain.protocol.wire.access.permissions import AccessAction
 from robrain.protocol.wire.access.signed_keys import is_signed, signed
 from robrain.protocol.wire.access.vouching import in_own_name, why_not
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.topic import Query, WireKey
+from robrain.protocol.wire.table.topic import Query, WireKey
 
 
 class Signing:

@@ -7,14 +7,14 @@ from typing import Any
 
 import msgspec
 
+from robrain.protocol.codec import BadPayload
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.access.member import Member
 from robrain.protocol.wire.access.permissions import AccessAction, roles
 from robrain.protocol.wire.access.signed_keys import read_signed, sender_field
-from robrain.protocol.wire.border.codec import BadPayload
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_queries import HOST_VERB
-from robrain.protocol.wire.topic import Query, Topic
+from robrain.protocol.wire.table.host_queries import HOST_VERB
+from robrain.protocol.wire.table.topic import Query, Topic
 
 VERBS = {AccessAction.PUT: "publish", AccessAction.ASK: "ask", AccessAction.HEAR: "hear", AccessAction.ANSWER: "answer"}
 ROBOT_FIELD = "via"

@@ -5,9 +5,9 @@ from typing import NamedTuple, Protocol
 import msgspec
 import zenoh
 
+from robrain.protocol.errors import CallError
 from robrain.protocol.wire.answers.trace import read_trace
-from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.topic import JSON
+from robrain.protocol.wire.table.topic import JSON
 
 BY = "by"
 """Parameter of a selector: who asks, if the asker says."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
+from robrain.protocol.errors import CallError, ErrorCode, RobrainError
 from robrain.protocol.model.ranges import Count, PositiveDuration
-from robrain.protocol.wire.errors import CallError, ErrorCode, RobrainError
 
 DRIVER = "driver"
 RENEW_S = 0.025

@@ -5,11 +5,11 @@ from typing import Any, Generic
 import msgspec
 import zenoh
 
+from robrain.protocol.codec import BAD_PAYLOAD, BadPayload
+from robrain.protocol.errors import CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.wire.answers.asked import Answer, answer_of
 from robrain.protocol.wire.border.border import other_names
-from robrain.protocol.wire.border.codec import BAD_PAYLOAD, BadPayload
-from robrain.protocol.wire.errors import CallError, ErrorCode, ErrorReply, NobodyThere
-from robrain.protocol.wire.topic import Query, R
+from robrain.protocol.wire.table.topic import Query, R
 
 ZENOH_TIMEOUT = b"Timeout"
 """What Zenoh itself replies with when nobody has replied in time."""

@@ -11,8 +11,8 @@ from typing import ClassVar
 import msgspec
 import zenoh
 
+from robrain.protocol.errors import CallError
 from robrain.protocol.wire.answers.asked import BY, Answer
-from robrain.protocol.wire.errors import CallError
 
 
 class Gathering:

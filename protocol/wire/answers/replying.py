@@ -5,9 +5,9 @@ from typing import Any
 
 import zenoh
 
+from robrain.protocol.errors import CallError
 from robrain.protocol.wire.answers.asked import Asked
-from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.topic import Query
+from robrain.protocol.wire.table.topic import Query
 
 logger = logging.getLogger(__name__)
 

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from robrain.protocol.wire.border.codec import BAD_PAYLOAD, Codec
+from robrain.protocol.clock import Clock, clock_difference_ns
+from robrain.protocol.codec import BAD_PAYLOAD, Codec
 from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
-from robrain.protocol.wire.clock import Clock, clock_difference_ns
-from robrain.protocol.wire.topic import Query, Topic
+from robrain.protocol.wire.table.topic import Query, Topic
 
 Heard = Topic[Any] | Query[Any, Any]
 """What may lie in an inbox: messages of topics, and replies to queries."""

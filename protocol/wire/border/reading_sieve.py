@@ -7,7 +7,7 @@ round and the mote has not restarted; the time when it was taken tells those cas
 
 from collections import OrderedDict
 
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 
 SAME_NS = to_ns(5.0)

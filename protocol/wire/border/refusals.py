@@ -8,9 +8,9 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.model.ranges import Count, Name, Text
 from robrain.protocol.wire.border.safe_text import safe_text
-from robrain.protocol.wire.clock import Clock, to_ns
 
 logger = logging.getLogger(__name__)
 

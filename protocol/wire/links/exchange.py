@@ -14,8 +14,8 @@ import zenoh
 from robrain.protocol.wire.answers.asked import Answer, Asked
 from robrain.protocol.wire.answers.local_query import Gathering, LocalQuery
 from robrain.protocol.wire.border.border import Heard
-from robrain.protocol.wire.inbox import Inbox, Sample
 from robrain.protocol.wire.links.declared import Declared, Entry, is_wild
+from robrain.protocol.wire.links.inbox import Inbox, Sample
 
 ROUTES_MAX = 65536
 """Keys whose subscriptions are remembered."""

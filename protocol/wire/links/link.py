@@ -7,11 +7,11 @@ can join, and declares nothing to Zenoh; its `Exchange` is the one place that de
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, Protocol
 
+from robrain.protocol.clock import Clock
 from robrain.protocol.wire.answers.asked import Answer, Asked
-from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topic import Topic, Urgency
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.links.publisher import Publisher
+from robrain.protocol.wire.table.topic import Topic, Urgency
 
 TakeSample = Callable[[str, bytes], None]
 """Takes key and payload of a sample that Zenoh delivers."""

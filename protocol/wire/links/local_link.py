@@ -3,10 +3,10 @@
 from threading import Event
 from typing import Any
 
+from robrain.protocol.clock import Clock
 from robrain.protocol.wire.answers.asked import Answer
-from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.links.link import (
     Declaration,
     Replies,
@@ -16,8 +16,8 @@ from robrain.protocol.wire.links.link import (
     TakeSample,
 )
 from robrain.protocol.wire.links.party_exchange import PartyExchange
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topic import Topic, Urgency
+from robrain.protocol.wire.links.publisher import Publisher
+from robrain.protocol.wire.table.topic import Topic, Urgency
 
 
 class DeclaringLink:

@@ -6,9 +6,9 @@ import zenoh
 
 from robrain.protocol.wire.answers.asked import Asked
 from robrain.protocol.wire.border.border import Heard
-from robrain.protocol.wire.inbox import Inbox, Sample
 from robrain.protocol.wire.links.declared import is_wild
 from robrain.protocol.wire.links.exchange import NOBODY, Exchange
+from robrain.protocol.wire.links.inbox import Inbox, Sample
 
 
 class PartyExchange(Exchange):

@@ -9,7 +9,7 @@ from typing import Any
 
 import zenoh
 
-from robrain.protocol.wire.topic import Topic, Urgency
+from robrain.protocol.wire.table.topic import Topic, Urgency
 
 PRIORITY = {
     Urgency.REAL_TIME: zenoh.Priority.REAL_TIME,

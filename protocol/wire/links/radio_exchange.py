@@ -22,15 +22,15 @@ from threading import get_ident
 
 import zenoh
 
+from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.wire.answers.asked import Answer, Asked
 from robrain.protocol.wire.answers.local_query import Gathering, LocalQuery
 from robrain.protocol.wire.border.border import Heard
-from robrain.protocol.wire.clock import Clock, to_ns
-from robrain.protocol.wire.inbox import Sample
 from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.inbox import Sample
 from robrain.protocol.wire.links.party_exchange import PartyExchange
 from robrain.protocol.wire.links.radio_network import EVERYWHERE, RadioNetwork, is_direct
-from robrain.protocol.wire.topic import Delivery, Topic
+from robrain.protocol.wire.table.topic import Delivery, Topic
 
 After = Callable[[int, Callable[[], object]], object]
 """Does something after so many nanoseconds."""

@@ -3,14 +3,14 @@
 from threading import Event
 from typing import Any
 
+from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.wire.answers.asked import Answer
 from robrain.protocol.wire.border.border import Heard
-from robrain.protocol.wire.clock import Clock, to_ns
 from robrain.protocol.wire.links.link import Replies, TakeAnswer
 from robrain.protocol.wire.links.local_link import DeclaringLink
+from robrain.protocol.wire.links.publisher import Publisher
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topic import ANSWER_S, Topic, Urgency
+from robrain.protocol.wire.table.topic import ANSWER_S, Topic, Urgency
 
 
 class LocalRadioLink(DeclaringLink):

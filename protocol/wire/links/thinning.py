@@ -8,8 +8,8 @@ deadline. Everything else is sent, and uses the link up first.
 import threading
 from typing import Any
 
-from robrain.protocol.wire.clock import Clock, to_ns, to_seconds
-from robrain.protocol.wire.topic import Role, Topic
+from robrain.protocol.clock import Clock, to_ns, to_seconds
+from robrain.protocol.wire.table.topic import Role, Topic
 
 BURST_S = 1.0
 """What was not used of the last second may be sent at once, and as much is owed at the most."""

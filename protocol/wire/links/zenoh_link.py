@@ -6,16 +6,16 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
+from robrain.protocol.clock import Clock
 from robrain.protocol.wire.answers.asked import Answer, ZenohQuery, answer_of
 from robrain.protocol.wire.answers.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
 from robrain.protocol.wire.border.border import Border
-from robrain.protocol.wire.clock import Clock
-from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.links.link import Declaration, Replies, TakeAnswer, TakeChange, TakeQuery, TakeSample
+from robrain.protocol.wire.links.publisher import Publisher
 from robrain.protocol.wire.links.qos import publisher_options, query_options
-from robrain.protocol.wire.publisher import Publisher
-from robrain.protocol.wire.topic import JSON, Delivery, Topic, Urgency
+from robrain.protocol.wire.table.topic import JSON, Delivery, Topic, Urgency
 
 SENDERS_MAX = 4096
 """Senders whose keys are kept; samples that one of the others lost are counted under the selector."""

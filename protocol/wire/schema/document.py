@@ -4,16 +4,16 @@ from importlib.metadata import version
 from types import NoneType
 from typing import Any
 
+from robrain.protocol.clock import AHEAD_S, BEHIND_S
+from robrain.protocol.errors import ErrorCode, ErrorReply
+from robrain.protocol.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT
 from robrain.protocol.wire.answers.asked import BY
 from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
-from robrain.protocol.wire.clock import AHEAD_S, BEHIND_S
-from robrain.protocol.wire.errors import ErrorCode, ErrorReply
-from robrain.protocol.wire.host_queries import HOST_VERB
-from robrain.protocol.wire.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT
 from robrain.protocol.wire.schema.json_schema import definitions, reference_to
 from robrain.protocol.wire.schema.struct_schema import DIALECT
-from robrain.protocol.wire.topic import JSON, Delivery, Query, Token, Topic, WireKey
-from robrain.protocol.wire.topics import TOPICS
+from robrain.protocol.wire.table.host_queries import HOST_VERB
+from robrain.protocol.wire.table.topic import JSON, Delivery, Query, Token, Topic, WireKey
+from robrain.protocol.wire.table.topics import TOPICS
 
 ABOUT = (
     f"Zenoh keys below `{ROOT}/{{team}}/`; names in braces are filled in. A topic is published, a query is answered, a "

@@ -4,10 +4,10 @@ from functools import cache
 from types import NoneType
 from typing import Any
 
-from robrain.protocol.wire.errors import ErrorReply
+from robrain.protocol.errors import ErrorReply
 from robrain.protocol.wire.schema.struct_schema import Schema, definitions_of
-from robrain.protocol.wire.topic import Query, Topic, WireKey
-from robrain.protocol.wire.topics import TOPICS
+from robrain.protocol.wire.table.topic import Query, Topic, WireKey
+from robrain.protocol.wire.table.topics import TOPICS
 
 
 def types_of(row: WireKey) -> list[Any]:

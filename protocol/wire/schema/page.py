@@ -7,8 +7,8 @@ from typing import Any, get_args, get_origin
 from robrain.protocol.wire.schema.document import COMMON_ERRORS, OTHER_ERRORS
 from robrain.protocol.wire.schema.json_schema import definitions
 from robrain.protocol.wire.schema.struct_schema import Schema
-from robrain.protocol.wire.topic import JSON, Delivery, Query, Token, Topic
-from robrain.protocol.wire.topics import PUBLISHED, TOPICS
+from robrain.protocol.wire.table.topic import JSON, Delivery, Query, Token, Topic
+from robrain.protocol.wire.table.topics import PUBLISHED, TOPICS
 
 INTRODUCTION = """\
 # Topics and queries

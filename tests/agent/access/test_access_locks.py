@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from robrain.protocol.wire.errors import CallError
+from robrain.protocol.errors import CallError
 
 PROBE = """
     from robrain.agent.plugin import unlocked

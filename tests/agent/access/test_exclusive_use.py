@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 from robrain.agent.access.exclusive_use import ExternalLeases
 from robrain.agent.errors import PluginBusy
-from robrain.protocol.wire.clock import VirtualClock, to_ns
-from robrain.protocol.wire.errors import BadName, CallError, ErrorCode
-from robrain.protocol.wire.host_queries import HOST_COMMAND, HOST_HOLD, HOST_RELEASE
+from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.host_messages import LONGEST_LEASE_S, CommandRequest
-from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.protocol.wire.table.host_queries import HOST_COMMAND, HOST_HOLD, HOST_RELEASE
+from robrain.protocol.wire.table.topics import ROBOT_CALL
 
 LAB = """
     class ArmInterface(Protocol):

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from robrain.agent.access.external_function import external_functions, find_function
 from robrain.agent.plugin import Unit, external, unlocked
 from robrain.agent.text_form import print_value, register_text_form
+from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.keys import check_name
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.keys import check_name
 
 
 class Complex:

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.agent.access.turn import PluginLock
 from robrain.agent.errors import PluginHung
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
 from tests.waiting import PATIENCE_S
 
 LAB = """

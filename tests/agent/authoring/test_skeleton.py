@@ -8,7 +8,7 @@ from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.agent.authoring.testing import PluginBench
 from robrain.agent.errors import PluginError, PluginInactive
 from robrain.agent.manifest import read_manifest
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 
 LEVELS = ("device", "unit", "skill", "behavior")
 

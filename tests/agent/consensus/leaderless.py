@@ -9,8 +9,8 @@ import msgspec
 from robrain.client.team import Team
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ROBOT_BALLOT, ROBOT_STATE
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topics import ROBOT_BALLOT, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 

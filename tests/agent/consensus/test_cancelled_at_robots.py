@@ -2,8 +2,8 @@
 
 import pytest
 
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
     CANCELLED_MAX,
     CANCELLED_TEXT_MAX,

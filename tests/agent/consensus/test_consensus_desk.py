@@ -9,12 +9,12 @@ from robrain.agent.consensus.consensus_desk import AGAIN_NS, TELLING, chargers_i
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.agent.consensus.known_tasks import ENDED_MAX, TASKS_MAX, KnownTasks
 from robrain.algorithms.consensus.route_scorer import task_scorer
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError
 from robrain.protocol.model.ballot import Ballot, Bid
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.errors import CallError
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
     ASKED_MAX,
     ENDS_MAX,
@@ -27,7 +27,7 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import (
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.wire.reasons.offers import Occupied
-from robrain.protocol.wire.topics import ROBOT_BALLOT
+from robrain.protocol.wire.table.topics import ROBOT_BALLOT
 from tests.agent.consensus.one_robot import OneRobot, alone, free, visit
 
 

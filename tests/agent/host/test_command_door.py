@@ -10,7 +10,7 @@ from robrain.agent.errors import PluginInactive, PluginMissing
 from robrain.agent.host.command_door import TextCommandDoor
 from robrain.agent.plugin import Unit, external
 from robrain.agent.transform import TransformTable
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from tests.waiting import PATIENCE_S
 

@@ -9,7 +9,7 @@ from robrain.agent.errors import PluginError, PluginHung
 from robrain.agent.host.plugin_manager import FLOOD_DROPS_A_SECOND, HUNG_PERIOD_NS, STEADY_S, FaultDesk
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Level, PluginState
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 
 SECOND_NS = to_ns(1.0)
 

@@ -6,7 +6,7 @@ import pytest
 
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import PluginState
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 
 HOUSE = """
     class BoilerInterface(Protocol):

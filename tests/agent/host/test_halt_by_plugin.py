@@ -2,12 +2,12 @@
 
 import pytest
 
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_queries import HOST_RESUME, HOST_UNLOAD
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.host_messages import ResumeRequest, UnloadRequest
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.topics import HALT, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.wire.table.host_queries import HOST_RESUME, HOST_UNLOAD
+from robrain.protocol.wire.table.topics import HALT, ROBOT_LOG, ROBOT_STATE
 
 CODE = """
     WHY = []

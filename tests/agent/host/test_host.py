@@ -2,10 +2,10 @@ from itertools import pairwise
 
 import pytest
 
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
 
 DICE = """
     from robrain.protocol.model.geometry import Pose2D

@@ -8,10 +8,11 @@ import msgspec
 import pytest
 
 from robrain.agent.host import host_verbs
+from robrain.protocol.codec import BadPayload
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.registry import Registry
-from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_queries import (
+from robrain.protocol.wire.messages.robots.host_messages import CommandRequest, HoldRequest, UnloadRequest
+from robrain.protocol.wire.table.host_queries import (
     HOST_COMMAND,
     HOST_HALT,
     HOST_HOLD,
@@ -24,7 +25,6 @@ from robrain.protocol.wire.host_queries import (
     HOST_VERB,
     host_query,
 )
-from robrain.protocol.wire.messages.robots.host_messages import CommandRequest, HoldRequest, UnloadRequest
 from tests.hostile_payloads import fixed_payloads
 from tests.installed_distributions import install  # noqa: F401 - a fixture
 
@@ -37,8 +37,8 @@ BLINK = """
 import msgspec
 from robrain.agent.host.host_verbs import HostVerb
 from robrain.protocol.model.ranges import Count
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_queries import host_query
+from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.wire.table.host_queries import host_query
 
 class BlinkRequest(msgspec.Struct, frozen=True, kw_only=True):
     times: Count

@@ -7,10 +7,10 @@ import msgspec
 import pytest
 
 from robrain.agent.errors import PluginError
-from robrain.protocol.wire.errors import ErrorCode, ErrorReply
-from robrain.protocol.wire.host_queries import HOST_VERB
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.errors import ErrorCode, ErrorReply
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.host_queries import HOST_VERB
+from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_STATE
 
 COUNT = 2500
 WARM_UP = 500

@@ -16,13 +16,13 @@ from robrain.agent.event import Event
 from robrain.agent.isolation.isolated_plugin import IsolatedPlugin
 from robrain.agent.plugin import Level
 from robrain.agent.plugin_traceback import plugin_traceback, where_raised
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
+from robrain.protocol.wire.table.topics import ROBOT_FOREIGN_CALL
 from tests.agent.isolation.isolation_bench import IsolationBench, StandInEnvironment
 from tests.waiting import PATIENCE_S, until
 
@@ -266,7 +266,7 @@ def test_only_the_interface_is_offered_through_its_handles(bench):
 )
 def test_what_it_raises_is_raised_here(bench, raised, kind, text):
     vision = bench.start(f"""
-        from robrain.protocol.wire.errors import CallError, ErrorCode
+        from robrain.protocol.errors import CallError, ErrorCode
         class Odd(Exception): pass
         class Vision(Unit):
             @external
@@ -475,7 +475,7 @@ def test_it_has_a_place_of_its_own_on_the_wire(bench):
             RANGED
             + """
     def init(self):
-        from robrain.protocol.wire.topics import ROBOT_FOREIGN_CALL
+        from robrain.protocol.wire.table.topics import ROBOT_FOREIGN_CALL
         self.env.answer(ROBOT_FOREIGN_CALL, self.tell, robot=self.env.robot, plugin="vision", function="tell")
     def tell(self, request): return msgspec.json.encode([os.getpid(), self.ranger.measure(0.5).x_m])
     """

@@ -11,7 +11,7 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.plugin import PluginState
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.clock import VirtualClock
 
 DIARY = """
     DIARY = []

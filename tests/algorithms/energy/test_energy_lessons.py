@@ -19,8 +19,8 @@ from robrain.algorithms.energy.consumption import (
     MotionTerms,
 )
 from robrain.algorithms.energy.power_learner import BATCH_S, PACE_OVER_S, PRIOR_BATCHES, PowerLearner, PowerPrior
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.energy_model import Work, estimate
-from robrain.protocol.wire.clock import to_ns
 
 PRIOR = PowerPrior()
 

@@ -8,9 +8,9 @@ from robrain.algorithms.exploration.situation import Busy
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.reasons.idle import (
     LacksRange,
     NothingUnknown,

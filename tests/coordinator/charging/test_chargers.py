@@ -5,11 +5,11 @@ from collections import Counter
 import pytest
 
 from robrain.coordinator.charging.chargers import ASKED_MAX, Charger, KnownChargers
+from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.protocol.wire.table.topics import ROBOT_CALL
 
 
 class Homes:

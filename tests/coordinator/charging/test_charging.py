@@ -14,13 +14,13 @@ from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.wire.reasons.plans import ChargersTaken
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_CHARGES,
     COORDINATOR_PLANNING,
     ROBOT_CALL,

@@ -10,7 +10,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskWhy
 from robrain.protocol.wire.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard
-from robrain.protocol.wire.topics import TASK_WHY
+from robrain.protocol.wire.table.topics import TASK_WHY
 from tests.coordinator.motes.test_motes import Field
 
 NEAR, FAR, WEST = Point2D(6.5, 4.0), Point2D(2.0, 2.0), Point2D(2.0, 6.0)

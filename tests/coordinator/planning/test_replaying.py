@@ -13,10 +13,10 @@ from robrain.coordinator.planning.recorded_plans import plan_again, replay_decis
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import TASK_DECISION, TASK_PROBLEM
+from robrain.protocol.wire.table.topics import TASK_DECISION, TASK_PROBLEM
 from robrain.recording.writer.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder
 from tests.coordinator.conftest import Team

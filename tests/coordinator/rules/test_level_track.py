@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robrain.coordinator.rules.rule import ReadingCondition
 from robrain.coordinator.rules.rule_watch import RATE_READINGS_MAX, RUNS_MAX, Class, LevelTrack
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 
 GAP_NS = to_ns(10.0)
 

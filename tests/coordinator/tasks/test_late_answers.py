@@ -12,9 +12,9 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import COMPLAIN_AGAIN_NS, WITHDRAW_AGAIN_NS, TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal

@@ -4,9 +4,9 @@ import pytest
 
 from robrain.coordinator.tasks.reconcile import FORGOTTEN_S, OFFER_ARRIVES_S, StateChange, reconcile, strays
 from robrain.coordinator.team.roster import Robot
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, Task, TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.reasons.robots import Gone, LostContact

@@ -8,9 +8,9 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, invaria
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import ATTEMPTS, KEPT_ENDED, LEGAL, TaskBook
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.wire.reasons.reason import Said
 from robrain.protocol.wire.reasons.robots import LostContact

@@ -4,10 +4,10 @@ import pytest
 
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.team_intake import take_in
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.messages.tasks.consensus_messages import (
     TaskAsked,
     TaskDone,

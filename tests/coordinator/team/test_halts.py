@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.topics import COORDINATOR_HALT, HALT
+from robrain.protocol.wire.table.topics import COORDINATOR_HALT, HALT
 
 
 @pytest.fixture

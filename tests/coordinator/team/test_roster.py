@@ -1,8 +1,8 @@
 import pytest
 
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.tasks.task import LOST_AFTER_S, TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard

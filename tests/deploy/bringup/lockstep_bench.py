@@ -7,9 +7,9 @@ from typing import Self
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile
 from robrain.deploy.bringup.bench import Bench, bench_file
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.world.arena import TICK_S, Arena
 from robrain.sim.world.world import World

@@ -19,8 +19,8 @@ from robrain.deploy.bringup.wheel_checks import (
     check_wheels,
 )
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import to_ns
 
 BASE = WheelDevice.Parameters(base=Differential(wheel_radius_m=0.05, track_m=0.3, encoder_ticks_per_turn=4096))
 PERIOD_S = 0.01

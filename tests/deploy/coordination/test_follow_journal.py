@@ -8,9 +8,9 @@ import pytest
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.standing.stand_by import SILENT_NS
 from robrain.deploy.coordination.coordinator_command import follow_journal
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.keys import DEFAULT_TEAM
 from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.kept_journal import JournalDisk

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.deploy.coordination.coordinator_command import LeadershipOptions
-from robrain.protocol.wire.errors import RobrainError
+from robrain.protocol.errors import RobrainError
 
 
 def test_robots_elect_with_witnesses_and_nobody_without() -> None:

@@ -9,8 +9,8 @@ import zenoh
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.behavior.travel import TravelState
+from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec

@@ -9,7 +9,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath, Unexplored
-from robrain.protocol.wire.topics import HALT, ROBOT_PATH
+from robrain.protocol.wire.table.topics import HALT, ROBOT_PATH
 from tests.plugins.behavior.errands import START, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)

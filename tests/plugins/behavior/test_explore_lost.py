@@ -9,7 +9,7 @@ from robrain.plugins.skill.mapper.frames import FrameMove
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
-from robrain.protocol.wire.topics import ROBOT_STATE
+from robrain.protocol.wire.table.topics import ROBOT_STATE
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))
 START = Pose2D(1.5, 2.0, 0.0)

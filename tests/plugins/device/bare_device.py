@@ -8,7 +8,7 @@ import can
 from robrain.agent.board import Board
 from robrain.agent.event import Event, Mailbox
 from robrain.protocol.can.frames import codec
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
 
 
 class BareBus:

@@ -7,7 +7,7 @@ from robrain.plugins.unit.snw_exploration.snw_exploration import MAX_ROBOTS, Bas
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import BEACON_TYPE, SEQUENCES, BeaconPayload
-from robrain.protocol.wire.topics import ARENA_RADIO_TX, ROBOT_LINKS
+from robrain.protocol.wire.table.topics import ARENA_RADIO_TX, ROBOT_LINKS
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork

@@ -8,7 +8,7 @@ from PIL import Image
 
 from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device.camera.camera import png_size
-from robrain.protocol.wire.errors import CallError
+from robrain.protocol.errors import CallError
 from tests.plugins.behavior.errands import Errands
 
 

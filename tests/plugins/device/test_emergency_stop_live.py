@@ -12,12 +12,12 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.gpio import input_lines
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import CallError
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.host_queries import HOST_RESUME
 from robrain.protocol.wire.messages.robots.host_messages import ResumeRequest
 from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.table.host_queries import HOST_RESUME
 from robrain.sim.peripherals.gpio_chip import GpioChip
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import until

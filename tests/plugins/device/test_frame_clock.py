@@ -9,7 +9,7 @@ from robrain.plugins.device.mocdevice.frame_clock import (
     FrameClock,
     StampedAt,
 )
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 
 START_NS = to_ns(100.0)
 

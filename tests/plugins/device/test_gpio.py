@@ -14,11 +14,11 @@ from robrain.plugins.device.gpio.gpio_bumpers import BumperContact, GpioBumpers
 from robrain.plugins.device.gpio.gpio_emergency_stop import GpioEmergencyStop
 from robrain.plugins.device.gpio.input_lines import GpioAbsent
 from robrain.plugins.device.range_sensors.interface import Bump
-from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.host_queries import HOST_RESUME
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.errors import CallError
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.host_messages import ResumeRequest
-from robrain.protocol.wire.topics import ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.wire.table.host_queries import HOST_RESUME
+from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_STATE
 from robrain.sim.peripherals.gpio_chip import GpioChip
 from tests.plugins.device.bare_device import BareDevice
 

@@ -11,8 +11,8 @@ from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, DriveCondition
 from robrain.plugins.device.mocdevice.mocdevice import ECHOES, MocDevice
 from robrain.protocol.can.bus_state import BusState, error_frame
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.clock import to_ns
 from tests.plugins.device.bare_device import BareDevice
 
 WELL = {"rejected_frames": 1, "lost_commands": 2, "bus_state": 3, "transmit_errors": 4, "receive_errors": 5}

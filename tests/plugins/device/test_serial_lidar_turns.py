@@ -5,9 +5,9 @@ import pytest
 from robrain.plugins.device.ld19.ld19 import Ld19
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.serial_lidar import WAIT_NS
+from robrain.protocol.clock import to_seconds
 from robrain.protocol.lidar.ld19 import encode_ld19
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import to_seconds
 from tests.plugins.device.bare_device import BareDevice
 
 PACKETS = 30

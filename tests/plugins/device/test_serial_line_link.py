@@ -5,8 +5,8 @@ import pytest
 from robrain.plugins.device.mote_base import serial_line_link
 from robrain.plugins.device.mote_base.link import Backoff
 from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
+from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.tinyos.serial_line import frame
-from robrain.protocol.wire.clock import NS_PER_S
 
 PACKET = bytes.fromhex("00 FF FF 00 00 04 22 06 00 02 00 01")
 ARRIVING = frame(b"\x45" + PACKET)

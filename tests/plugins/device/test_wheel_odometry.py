@@ -6,8 +6,8 @@ import pytest
 
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.plugins.device.mocdevice.odometry import ENCODER_PERIOD_S, HISTORY_FRAMES, WheelOdometry
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.wire.clock import to_ns
 
 BASE = OmniBase()
 START = Pose2D(0.0, 0.0, 0.0)

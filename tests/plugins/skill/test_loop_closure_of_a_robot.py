@@ -13,7 +13,7 @@ from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.wire.messages.team.arena_messages import Scan
-from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_MAP
+from robrain.protocol.wire.table.topics import ARENA_SCAN, ROBOT_MAP
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, LidarFloor
 
 pytestmark = pytest.mark.slow

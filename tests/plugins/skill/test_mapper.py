@@ -14,7 +14,7 @@ from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGe
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.team.arena_messages import Scan
-from robrain.protocol.wire.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.wire.table.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from robrain.plugins.unit.driver.by_hand import LONGEST_LEASE_S, ByHand
 from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.errors import CallError, ErrorCode
 
 START = Pose2D(1.0, 2.0, 0.0)
 RENEW_S = 0.02

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.protocol.wire.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError, ErrorCode
 
 
 def test_the_wheels_belong_to_the_driver_and_nobody_outside_may_order_them(stage):

@@ -4,8 +4,8 @@ import math
 import pytest
 
 from robrain.protocol.can.frames import codec
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.errors import CallError, ErrorCode
 
 FAR = [0.0] * 180
 """A lidar that hits nothing."""

@@ -2,9 +2,9 @@
 
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
 from robrain.plugins.unit.snw_exploration.over_hops import DUTY_TRIES, FRESH_NS, WAIT_NS, OverHops
+from robrain.protocol.clock import to_ns
 from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, DUTY_TYPE, REQUEST_TYPE, ReadingPayload, RequestPayload
 from robrain.protocol.tinyos.routed import ROUTE_MAX, ROUTED_TYPE, RoutedPayload
-from robrain.protocol.wire.clock import to_ns
 
 SECOND_NS = to_ns(1.0)
 

@@ -18,11 +18,11 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.unit.program import program
 from robrain.plugins.unit.program.program import BadLine, Program, ProgramAbsent, ProgramEnded, ProgramLate
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ROBOT_CALL
+from robrain.protocol.wire.table.topics import ROBOT_CALL
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, has_ended, until
 

@@ -9,7 +9,7 @@ from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity, ReadingPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.topics import COORDINATOR_ALIVE
+from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE
 from tests.plugins.unit.test_motes import Talk, asked, packet
 
 

@@ -1,6 +1,6 @@
 """Two components of a lockstep run, side by side."""
 
-from robrain.protocol.wire.clock import VirtualClock
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 
 

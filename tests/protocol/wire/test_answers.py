@@ -2,14 +2,14 @@
 
 import pytest
 
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.protocol.wire.answers.later import call_error
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.host_queries import HOST_HALT, HOST_RESUME
 from robrain.protocol.wire.messages.robots.host_messages import HaltAnswer, HaltRequest, ResumeRequest
-from robrain.protocol.wire.topic import Urgency
-from robrain.protocol.wire.topics import ROBOT_CALL, ROBOT_PLUGINS, TASK_SUBMIT
+from robrain.protocol.wire.table.host_queries import HOST_HALT, HOST_RESUME
+from robrain.protocol.wire.table.topic import Urgency
+from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_PLUGINS, TASK_SUBMIT
 from tests.protocol.wire.lockstep_wire import Wire
 from tests.waiting import PATIENCE_S
 

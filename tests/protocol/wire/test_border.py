@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import msgspec
 import pytest
 
+from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.errors import CallError
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.border.refusals import KINDS_MAX, RefusalCode, Refusals
-from robrain.protocol.wire.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
@@ -23,7 +23,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     HALT,
     MOTE_READING,
     ROBOT_EVENT,

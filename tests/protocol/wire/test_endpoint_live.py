@@ -7,15 +7,15 @@ import time
 import pytest
 import zenoh
 
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links import declared_keys
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.plugin_messages import Event
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
 
 EVENT = {"robot": "r1", "plugin": "driver", "event": "arrived"}

@@ -5,12 +5,12 @@ import threading
 import msgspec
 import pytest
 
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import HALT, ROBOT_PATH
+from robrain.protocol.wire.table.topics import HALT, ROBOT_PATH
 from tests.waiting import until
 
 ROBOTS = 4

@@ -7,15 +7,15 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.links.declared import Declared
 from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.links.local_link import LocalLink
 from robrain.protocol.wire.links.zenoh_link import ZenohLink
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topic import JSON, Urgency
-from robrain.protocol.wire.topics import ROBOT_STATE
+from robrain.protocol.wire.table.topic import JSON, Urgency
+from robrain.protocol.wire.table.topics import ROBOT_STATE
 
 ERROR = CallError(ErrorCode.REFUSED, "no", "because")
 CHUNKS = ["a", "b", "*", "**"]

@@ -21,10 +21,10 @@ from robrain.algorithms.slam.map_patch import (
     whole_map,
 )
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.wire.clock import NS_PER_S
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, OCCUPIED_MAX
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from robrain.protocol import errors
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire import errors
 from robrain.protocol.wire.messages import message
 from robrain.protocol.wire.messages.robots import plugin_messages, robot_messages
 from robrain.protocol.wire.messages.tasks import plan_messages, task_messages

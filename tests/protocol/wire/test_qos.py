@@ -4,8 +4,8 @@ import pytest
 import zenoh
 
 from robrain.protocol.wire.links.qos import PRIORITY, publisher_options, query_options
-from robrain.protocol.wire.topic import Query, Topic, Urgency
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Query, Topic, Urgency
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_STATE,
     HALT,
     ROBOT_CALL,

@@ -4,17 +4,17 @@ import threading
 
 import pytest
 
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
 from robrain.protocol.wire.links import radio_exchange
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.links.radio_exchange import RadioExchange
 from robrain.protocol.wire.messages.robots.plugin_messages import Event
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
 
 CACHE = ROBOT_EVENT.cache
 

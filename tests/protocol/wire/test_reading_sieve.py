@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.border.reading_sieve import ReadingSieve
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 
 

@@ -5,7 +5,7 @@ import socket
 import pytest
 import zenoh
 
-from robrain.protocol.wire.errors import NobodyThere, PortTaken, RobrainError, WireError
+from robrain.protocol.errors import NobodyThere, PortTaken, RobrainError, WireError
 from robrain.protocol.wire.hub import nobody_answers
 from robrain.protocol.wire.session import check_endpoint, listening_at, open_lockstep_session, open_session
 from tests.own_hub import OwnHub

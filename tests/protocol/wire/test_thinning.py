@@ -4,13 +4,13 @@ import itertools
 
 import pytest
 
-from robrain.protocol.wire.clock import VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.links.thinning import Thinning, is_thinned
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_STATE,
     HALT,
     PUBLISHED,

@@ -4,9 +4,9 @@ from typing import Any
 
 from msgspec import UNSET, UnsetType
 
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth

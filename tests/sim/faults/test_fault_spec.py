@@ -1,7 +1,7 @@
 import msgspec
 import pytest
 
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.faults.fault_times import FaultTimes
 

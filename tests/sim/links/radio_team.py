@@ -7,7 +7,7 @@ import msgspec
 from robrain.client.team import Team
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -5,12 +5,12 @@ import math
 import msgspec
 import pytest
 
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     ARENA_LINKS,
     COORDINATOR_STATE,
     HALT,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robrain.protocol.wire.clock import to_ns, to_seconds
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.links.radio_run import TeamRadio, walls_between
 from robrain.sim.maps.drawing import FloorDrawing, Wall, rasterise

@@ -3,8 +3,8 @@
 import pytest
 
 from robrain.client.members import team_found
+from robrain.protocol.errors import NobodyThere
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.errors import NobodyThere
 from tests.agent.consensus.leaderless import pass_time, team_of
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_CHARGES,
     COORDINATOR_STATE,
     ROBOT_PATH,

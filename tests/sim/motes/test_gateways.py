@@ -8,11 +8,11 @@ import pytest
 
 from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.wire.clock import to_seconds
+from robrain.protocol.clock import to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.links.radio_network import COORDINATOR
-from robrain.protocol.wire.topics import MOTE_READING
+from robrain.protocol.wire.table.topics import MOTE_READING
 from robrain.sim.errors import ScenarioError
 from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.motes.mesh_spec import MeshSpec

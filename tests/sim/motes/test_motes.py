@@ -18,8 +18,8 @@ from robrain.protocol.tinyos.payloads import (
     SequenceRange,
 )
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.inbox import Inbox
-from robrain.protocol.wire.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
+from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mote import ArenaMote, MoteSpec, ReadingLog
 from robrain.sim.motes.mote_power import MoteState

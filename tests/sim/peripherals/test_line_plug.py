@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from robrain.protocol.clock import VirtualClock
 from robrain.protocol.serial_lines.serial_line import PortLine
-from robrain.protocol.wire.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.topics import ARENA_SERIAL, ARENA_SERIAL_TX
+from robrain.protocol.wire.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.sim.peripherals.line_plug import LinePlug
 
 

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from robrain.coordinator.standing.stand_by import Following, StandBy
-from robrain.protocol.wire.clock import to_ns
+from robrain.protocol.clock import to_ns
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Process

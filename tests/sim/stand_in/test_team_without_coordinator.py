@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from robrain.agent.consensus import consensus_desk
+from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import to_seconds
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.stand_in.fault_script import FaultScript, PointRobot, ScriptedTask
 from robrain.sim.stand_in.script_drawing import draw_script

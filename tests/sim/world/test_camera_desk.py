@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.errors import CallError, NobodyThere
-from robrain.protocol.wire.topics import ARENA_CAMERA, ARENA_SENSE
+from robrain.protocol.wire.table.topics import ARENA_CAMERA, ARENA_SENSE
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario_file import parse_scenario
 from tests.plugins.behavior.errands import Errands

@@ -7,15 +7,15 @@ from contextlib import closing
 
 import pytest
 
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_queries import HOST_HALT
 from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, LogRecord, PluginInfo, ProcessInfo
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.host_queries import HOST_HALT
+from robrain.protocol.wire.table.topics import (
     ROBOT_ALIVE,
     ROBOT_CALL,
     ROBOT_LOG,

@@ -9,14 +9,14 @@ import pytest
 
 from robrain.client.team import Team
 from robrain.client.transport import LiveTransport
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_queries import HOST_HOLD, HOST_LOAD, HOST_RELEASE, HOST_RESUME
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskState
-from robrain.protocol.wire.topic import Query
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.host_queries import HOST_HOLD, HOST_LOAD, HOST_RELEASE, HOST_RESUME
+from robrain.protocol.wire.table.topic import Query
+from robrain.protocol.wire.table.topics import (
     ROBOT_CALL,
     ROBOT_PLUGINS,
     ROBOT_STATE,

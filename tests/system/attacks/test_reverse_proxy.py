@@ -15,7 +15,7 @@ import pytest
 from playwright.sync_api import expect
 
 from robrain.deploy.machine.machine_files import FILES
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from tests.system.browser import browser_process, keep, open_page

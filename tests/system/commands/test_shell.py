@@ -17,13 +17,13 @@ from robrain.agent.access.external_function import external_functions
 from robrain.agent.plugin import Unit, external
 from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
 from robrain.plugins.unit.interactive_shell.interactive_shell import InteractiveShell
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode
-from robrain.protocol.wire.host_queries import HOST_COMMAND
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import ROBOT_PLUGINS
+from robrain.protocol.wire.table.host_queries import HOST_COMMAND
+from robrain.protocol.wire.table.topics import ROBOT_PLUGINS
 
 pytestmark = pytest.mark.system
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from robrain import Team
+from robrain.protocol.errors import CallError
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.errors import CallError
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 

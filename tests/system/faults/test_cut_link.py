@@ -6,11 +6,11 @@ import time
 
 import pytest
 
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.topics import COORDINATOR_STATE, ROBOT_PLUGINS
+from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_PLUGINS
 from tests.asking import until_answered
 from tests.system.cut_network import NEAR, CutNetwork, cut_network
 from tests.waiting import until

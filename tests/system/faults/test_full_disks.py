@@ -11,7 +11,7 @@ import pytest
 
 from robrain import Team
 from robrain.coordinator.journal.journal import Journal
-from robrain.protocol.wire.errors import CallError
+from robrain.protocol.errors import CallError
 from tests.system.conftest import Commands
 from tests.system.hanging import unread_socket
 from tests.system.small_disk import SmallDisk, can_have_small_disks

@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.codec import BadPayload
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topic import Delivery, Query, Topic
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import Delivery, Query, Topic
+from robrain.protocol.wire.table.topics import (
     MOTE_READING,
     PUBLISHED,
     RECORDER_STATE,

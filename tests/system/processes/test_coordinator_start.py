@@ -10,9 +10,9 @@ import pytest
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import listening_at
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_PLANNING,
     COORDINATOR_STATE,

@@ -21,7 +21,7 @@ from robrain import (
     TaskState,
     Team,
 )
-from robrain.protocol.wire.errors import BadName
+from robrain.protocol.errors import BadName
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.lockstep.lockstep import LockstepTransport
 from tests.system.conftest import Commands

@@ -4,14 +4,14 @@ import json
 
 import pytest
 
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.wire.session import listening_at
-from robrain.protocol.wire.topics import ROBOT_STATE, TASK_LIST, TASK_SUBMIT
+from robrain.protocol.wire.table.topics import ROBOT_STATE, TASK_LIST, TASK_SUBMIT
 from tests.asking import until_answered
 from tests.waiting import until
 

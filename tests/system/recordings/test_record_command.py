@@ -11,7 +11,7 @@ import pytest
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
-from robrain.protocol.wire.topics import ROBOT_STATE
+from robrain.protocol.wire.table.topics import ROBOT_STATE
 from robrain.recording.reader.checking import check_recording
 from robrain.recording.reader.reading import read_messages, recording_info
 from robrain.recording.reader.recovering import recover

@@ -2,11 +2,11 @@
 
 import pytest
 
-from robrain.protocol.wire.clock import LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.inbox import Inbox
+from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topics import ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system

@@ -10,7 +10,7 @@ import pytest
 
 from robrain.client.team import Team
 from robrain.plugins.device.ros2.command_gate import ZEROS
-from robrain.protocol.wire.errors import CallError, NobodyThere
+from robrain.protocol.errors import CallError, NobodyThere
 from tests.system.conftest import Commands
 from tests.waiting import until
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.ranges import (
     Count,
     Epoch,
@@ -19,7 +20,6 @@ from robrain.protocol.model.ranges import (
     Text,
 )
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.clock import to_ns
 from robrain.protocol.wire.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.reasons.reason import told

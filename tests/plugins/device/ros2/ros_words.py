@@ -4,8 +4,8 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.clock import NS_PER_S
 
 STANDING = Twist2D()
 

@@ -1,8 +1,8 @@
 import pytest
 
 from robrain.plugins.device.ros2.command_gate import TICK_S, ZEROS, CommandGate
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.wire.clock import to_ns
 
 DRIVING, STANDING = Twist2D(0.4, 0.0, 0.1), Twist2D()
 

@@ -16,9 +16,9 @@ from robrain.plugins.device.ros2_base import ros2_base
 from robrain.plugins.device.ros2_battery import ros2_battery
 from robrain.plugins.device.ros2_imu import ros2_imu
 from robrain.plugins.device.ros2_scan import ros2_scan
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.clock import to_ns
-from robrain.protocol.wire.topics import ROBOT_EVENT
+from robrain.protocol.wire.table.topics import ROBOT_EVENT
 from tests.plugins.device.ros2.fake_link import Link
 from tests.plugins.device.ros2.ros_words import STANDING, battery, imu, odometry, scan
 

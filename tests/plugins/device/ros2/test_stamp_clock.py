@@ -1,7 +1,7 @@
 import pytest
 
 from robrain.plugins.device.ros2.checked_topic import WINDOW, StampClock
-from robrain.protocol.wire.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import NS_PER_S, to_ns
 
 NOW_NS = 1_700_000_000 * NS_PER_S
 

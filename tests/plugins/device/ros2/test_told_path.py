@@ -4,8 +4,8 @@ import pytest
 
 from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry
 from robrain.plugins.device.ros2_base.ros2_base import ToldPath
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.clock import to_ns
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 DRIVING = Twist2D(0.5, 0.0, 0.0)

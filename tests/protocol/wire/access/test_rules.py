@@ -8,7 +8,7 @@ import pytest
 from robrain.protocol.wire.access.member import MEMBERS, Member, MemberRole
 from robrain.protocol.wire.access.permissions import AccessAction
 from robrain.protocol.wire.access.rules import ROWS, access_control
-from robrain.protocol.wire.topic import Delivery, Query, Token, Topic, WireKey
+from robrain.protocol.wire.table.topic import Delivery, Query, Token, Topic, WireKey
 from tests.protocol.wire.access.zenoh_rules import allows
 
 TEAM = "blue"

@@ -2,10 +2,10 @@
 
 from types import NoneType
 
-from robrain.protocol.wire.errors import ErrorCode
+from robrain.protocol.errors import ErrorCode
 from robrain.protocol.wire.messages.robots import witness_messages
 from robrain.protocol.wire.messages.team import standing_messages
-from robrain.protocol.wire.topic import Delivery, Query, Role, Topic, Urgency
+from robrain.protocol.wire.table.topic import Delivery, Query, Role, Topic, Urgency
 
 COORDINATOR_JOURNAL = Topic(
     name="coordinator_journal",

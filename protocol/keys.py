@@ -2,7 +2,7 @@
 
 import re
 
-from robrain.protocol.wire.errors import BadName
+from robrain.protocol.errors import BadName
 
 ROOT = "robrain"
 DEFAULT_TEAM = "default"

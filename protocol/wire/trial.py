@@ -15,15 +15,15 @@ from typing import Any, NamedTuple
 import msgspec
 import zenoh
 
+from robrain.protocol.clock import LiveClock
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.access.identity import Identity
 from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.protocol.wire.access.signed_keys import signed
-from robrain.protocol.wire.clock import LiveClock
-from robrain.protocol.wire.errors import CallError, ErrorCode
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.topic import JSON, Query, Token
-from robrain.protocol.wire.topics import (
+from robrain.protocol.wire.table.topic import JSON, Query, Token
+from robrain.protocol.wire.table.topics import (
     COORDINATOR_CLAIM,
     COORDINATOR_WHO,
     REPLAY_CONTROL,

@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.wire.errors import BadName
-from robrain.protocol.wire.keys import check_name
+from robrain.protocol.errors import BadName
+from robrain.protocol.keys import check_name
 
 NAME_LETTERS = "abcXYZ019_.-"
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import msgspec
 
-from robrain.protocol.wire.clock import Clock
+from robrain.protocol.clock import Clock
 from robrain.protocol.wire.links.exchange import Delivering
 from robrain.protocol.wire.links.thinning import Thinning
 from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.topic import Topic
+from robrain.protocol.wire.table.topic import Topic
 
 
 class Publisher:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.wire.errors import BadToml
-from robrain.protocol.wire.toml_text import LARGE, TomlLimits, parse_toml, read_toml
+from robrain.protocol.errors import BadToml
+from robrain.protocol.toml_text import LARGE, TomlLimits, parse_toml, read_toml
 
 HOSTILE = {
     "a dotted key of 20,000 parts": ".".join(["a"] * 20_000) + "=1",

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Generic, TypeVar, cast, get_args
 
 import msgspec
 
-from robrain.protocol.wire.border.codec import Codec
-from robrain.protocol.wire.errors import ErrorCode
-from robrain.protocol.wire.keys import ROOT, check_name, is_name
+from robrain.protocol.codec import Codec
+from robrain.protocol.errors import ErrorCode
+from robrain.protocol.keys import ROOT, check_name, is_name
 
 M = TypeVar("M")
 """The message of a topic."""

@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from robrain.protocol.wire.errors import BadToml
+from robrain.protocol.errors import BadToml
 
 
 class TomlLimits(NamedTuple):

@@ -3,7 +3,7 @@
 A verb of another distribution has a row of its own, made by `host_query`, under the same keys; it is in no table.
 """
 
-from robrain.protocol.wire.errors import PLUGIN_ERRORS, START_ERRORS, ErrorCode
+from robrain.protocol.errors import PLUGIN_ERRORS, START_ERRORS, ErrorCode
 from robrain.protocol.wire.messages.robots.host_messages import (
     CommandRequest,
     HaltAnswer,
@@ -17,7 +17,7 @@ from robrain.protocol.wire.messages.robots.host_messages import (
     UnloadRequest,
 )
 from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.topic import ANSWER_S, Q, Query, R, Role, Urgency
+from robrain.protocol.wire.table.topic import ANSWER_S, Q, Query, R, Role, Urgency
 
 HOST_S = 10.0
 """Time limit for a verb unless its row says otherwise."""

@@ -8,8 +8,7 @@ from dataclasses import replace
 from types import NoneType
 from typing import Any, cast
 
-from robrain.protocol.wire.errors import PLUGIN_ERRORS, ErrorCode
-from robrain.protocol.wire.host_queries import HOST_QUERIES
+from robrain.protocol.errors import PLUGIN_ERRORS, ErrorCode
 from robrain.protocol.wire.messages.maps import left_messages, map_messages
 from robrain.protocol.wire.messages.motes import mote_messages
 from robrain.protocol.wire.messages.robots import plugin_messages, robot_messages
@@ -26,8 +25,9 @@ from robrain.protocol.wire.messages.tasks.task_messages import (
 )
 from robrain.protocol.wire.messages.team import arena_messages, recorder_messages, team_messages
 from robrain.protocol.wire.messages.team.replay_messages import ReplayRequest, ReplayStatus
-from robrain.protocol.wire.standing_topics import STANDING_ROWS
-from robrain.protocol.wire.topic import (
+from robrain.protocol.wire.table.host_queries import HOST_QUERIES
+from robrain.protocol.wire.table.standing_topics import STANDING_ROWS
+from robrain.protocol.wire.table.topic import (
     CAN_FRAME,
     PNG,
     SERIAL_BYTES,

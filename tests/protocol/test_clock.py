@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.wire.clock import LiveClock, VirtualClock, clock_difference_ns, to_ns, to_seconds
+from robrain.protocol.clock import LiveClock, VirtualClock, clock_difference_ns, to_ns, to_seconds
 
 DAY_S = 86_400.0
 

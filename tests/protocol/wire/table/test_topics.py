@@ -7,11 +7,11 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.wire.border.codec import BadPayload
-from robrain.protocol.wire.errors import BadName
+from robrain.protocol.codec import BadPayload
+from robrain.protocol.errors import BadName
 from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.topic import Query, Topic
-from robrain.protocol.wire.topics import HALT, PUBLISHED, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE, TOPICS, topic_of
+from robrain.protocol.wire.table.topic import Query, Topic
+from robrain.protocol.wire.table.topics import HALT, PUBLISHED, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE, TOPICS, topic_of
 
 NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}", fullmatch=True)
 QUERIES = [row for row in TOPICS if isinstance(row, Query)]

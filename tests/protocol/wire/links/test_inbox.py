@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.wire.border.border import Border
-from robrain.protocol.wire.inbox import LARGE_BYTES, Inbox
+from robrain.protocol.wire.links.inbox import LARGE_BYTES, Inbox
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.topics import HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.wire.table.topics import HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 
 LOG_KEY = ROBOT_LOG.key("t", robot="r1")
 
