@@ -24,6 +24,7 @@ from robrain.algorithms.localization.scan_match import (
     search_scan,
     without_dropouts,
 )
+from robrain.algorithms.localization.surface_match import match_surface
 from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
@@ -62,10 +63,8 @@ from robrain.algorithms.slam.map_overlap import MapMatcher
 from robrain.algorithms.slam.mates_in_scan import mate_circles, wall_ends
 from robrain.algorithms.slam.place_search import search_places
 from robrain.algorithms.slam.pose_graph import Edge, solve
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.algorithms.slam.surface_match import match_surface
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 8, 8)

@@ -14,12 +14,11 @@ from robrain.algorithms.localization.pose_mixture import PoseMixture
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.localization.scan_agreement import COMPARED_MIN, agreement
 from robrain.algorithms.localization.scan_match import ScanFit, search_scan
+from robrain.algorithms.localization.surface_match import match_surface
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import innovation_squared
-from robrain.algorithms.slam.submap import IDENTITY
-from robrain.algorithms.slam.surface_match import match_surface
-from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
+from robrain.protocol.model.geometry import IDENTITY, Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 COMPARE_EVERY = 24

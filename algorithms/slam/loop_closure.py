@@ -12,10 +12,10 @@ import numpy as np
 
 from robrain.algorithms.localization.scan_agreement import agreement
 from robrain.algorithms.localization.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
+from robrain.algorithms.localization.surface_match import match_surface
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import least_solution
 from robrain.algorithms.slam.submap import Submap
-from robrain.algorithms.slam.surface_match import match_surface
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 

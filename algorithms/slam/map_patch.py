@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.shared_patches import TOLD_SHARE, step_of
-from robrain.algorithms.slam.submap import IDENTITY, SURFACE, SURFACES_MAX, TILE_CELLS, Submap
+from robrain.algorithms.slam.submap import SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.clock import clock_difference_ns
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import INT8, INT32, kernel_array
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 
@@ -25,7 +25,6 @@ TILE_CELLS = 8
 """Side of a tile, in cells; each tile keeps one time of observation."""
 SIDE_MAX_CELLS = 4096
 """Largest side of a submap, in cells: more than a lidar sees on the path of one submap."""
-IDENTITY = Pose2D(0.0, 0.0, 0.0)
 SAYS_FREE, SAYS_OCCUPIED = np.int8(-60), np.int8(60)
 """Evidence of a free and an occupied cell, as in `OccupancyGrid.log_odds`; 0 means unknown."""
 

@@ -14,8 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import LAST_STAMP_MS, OccupancyGrid
-from robrain.algorithms.slam.submap import IDENTITY, TILE_CELLS, Submap, SubmapStep, moved_box
-from robrain.protocol.model.geometry import Pose2D
+from robrain.algorithms.slam.submap import TILE_CELLS, Submap, SubmapStep, moved_box
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 

@@ -16,9 +16,8 @@ from robrain.algorithms.mapping.local_map import Variances
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import inverse, is_semidefinite
 from robrain.algorithms.slam.pose_graph import Edge, solve
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_atlas import SubmapKey
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 
 UNKNOWN = np.diag((1e4, 1e4, 10.0))

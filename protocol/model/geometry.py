@@ -74,3 +74,7 @@ def wrap_angle_rad(angle_rad: float) -> float:
     if wrapped <= 0:
         wrapped += 2 * math.pi
     return wrapped - math.pi
+
+
+IDENTITY = Pose2D(0.0, 0.0, 0.0)
+"""The transform that changes nothing."""

@@ -8,19 +8,12 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
-from robrain.algorithms.localization import mote_relocalisation
+from robrain.algorithms.localization import mote_relocalisation, surface_match
 from robrain.algorithms.mapping import grid_geometry, occupancy_grid, ray_cast
 from robrain.algorithms.navigation import clearance_kernels, frontier, path_planning, right_of_way
 from robrain.algorithms.navigation import navigation_grid as navigation
 from robrain.algorithms.numeric import small_linear_algebra
-from robrain.algorithms.slam import (
-    mates_in_scan,
-    pose_graph,
-    submap,
-    submap_atlas,
-    submap_drawing_kernels,
-    surface_match,
-)
+from robrain.algorithms.slam import mates_in_scan, pose_graph, submap, submap_atlas, submap_drawing_kernels
 from robrain.algorithms.warm_up import warm_up
 from robrain.protocol.model.geometry import Point2D, Pose2D
 

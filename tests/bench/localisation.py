@@ -25,9 +25,8 @@ from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.algorithms.slam.map_overlap import MapMatcher
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.lab.bench.figure import Figure, at_most, deterministic
-from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.bench.localisation_world import (
     BLOCK_M,

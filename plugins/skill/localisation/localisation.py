@@ -22,13 +22,12 @@ from robrain.algorithms.mapping.local_map import ArenaFix, LocalPose
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.mates_in_scan import mate_circles, wall_ends
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.localisation.interface import Divergence, LocalisationHealth, LocalisationInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.accuracy import recent_agreement
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX, check_positive, check_within
 

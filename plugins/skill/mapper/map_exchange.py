@@ -18,14 +18,13 @@ from robrain.algorithms.slam.map_patch import (
     whole_map,
 )
 from robrain.algorithms.slam.shared_patches import SharedSteps
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import OwnSubmap
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.own_submaps import OwnPatch, OwnSubmaps
 from robrain.protocol.clock import AHEAD_S, BEHIND_S, to_ns
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.border.border import Received
 from robrain.protocol.wire.border.record_guard import RecordGuard

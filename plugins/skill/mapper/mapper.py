@@ -14,7 +14,6 @@ from robrain.algorithms.mapping.local_map import LocalPose
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.map_patch import map_stamp_ms
 from robrain.algorithms.slam.mates_in_scan import mate_circles, sees_through, wall_ends
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
@@ -26,7 +25,7 @@ from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import TeammatesInterface
 from robrain.protocol.clock import to_ns
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import check_positive

@@ -12,9 +12,9 @@ from robrain.algorithms.mapping.local_map import NO_DRIFT, Drift, LocalMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.numeric.elementary_functions import arctan2
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.algorithms.slam.submap import IDENTITY, PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
+from robrain.algorithms.slam.submap import PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
 from robrain.algorithms.slam.submap_graph import SubmapGraph
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA
 

@@ -10,8 +10,7 @@ from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec
 from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.slam.submap import IDENTITY
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from tests.algorithms.mapping.lidar_floor import ROOM, ROOM_PLACES, local_map
 

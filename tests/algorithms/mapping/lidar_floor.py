@@ -9,10 +9,10 @@ from robrain.algorithms.localization.scan_match import beam_ends
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap, Variances
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
-from robrain.algorithms.slam.submap import IDENTITY, Submap
+from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 Floats = NDArray[np.float64]

@@ -9,8 +9,7 @@ from robrain.algorithms.slam.map_overlap import (
     some_points,
     wall_points,
 )
-from robrain.algorithms.slam.submap import IDENTITY
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from tests.algorithms.slam.test_map_overlap import WIDE
 

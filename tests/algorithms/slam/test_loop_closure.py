@@ -5,8 +5,8 @@ import pytest
 
 from robrain.algorithms.localization.scan_match import Direction, ScanFit
 from robrain.algorithms.slam.loop_closure import Contradiction, Lying, geometry_of, lay_on, moved
-from robrain.algorithms.slam.submap import IDENTITY, Submap
-from robrain.protocol.model.geometry import Pose2D
+from robrain.algorithms.slam.submap import Submap
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from tests.algorithms.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
 

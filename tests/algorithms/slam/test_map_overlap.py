@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam import map_overlap
 from robrain.algorithms.slam.map_overlap import COMMON_MIN, MapMatcher, Overlap, cells_outside
-from robrain.algorithms.slam.submap import IDENTITY
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, ROOM, ROOM_PLACES, LidarFloor
 

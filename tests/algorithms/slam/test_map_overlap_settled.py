@@ -7,8 +7,7 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam.map_overlap import MapMatcher
-from robrain.algorithms.slam.submap import IDENTITY
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 GEOMETRY = GridGeometry(0.1, -1.0, -6.0, 400, 160)

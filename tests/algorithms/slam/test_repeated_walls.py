@@ -5,7 +5,7 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam.map_overlap import MapMatcher
-from robrain.algorithms.slam.submap import IDENTITY
+from robrain.protocol.model.geometry import IDENTITY
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from tests.algorithms.slam.test_map_overlap import FEW, TEAM, WIDE
 

@@ -7,18 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.slam import submap_atlas
-from robrain.algorithms.slam.submap import (
-    BLOCK_CELLS,
-    IDENTITY,
-    PARTS,
-    SIDE_MAX_CELLS,
-    SURFACE,
-    TILE_CELLS,
-    Submap,
-    moved_box,
-)
+from robrain.algorithms.slam.submap import BLOCK_CELLS, PARTS, SIDE_MAX_CELLS, SURFACE, TILE_CELLS, Submap, moved_box
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 GEOMETRY = GridGeometry(0.5, -3.0, 2.0, 24, 20)

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.mapping.local_map import NONE
 from robrain.algorithms.numeric.small_linear_algebra import symmetric
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 
 MATE = ("r2", 7)
 PRIOR = np.diag((0.01, 0.01, 0.0004))

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.mapping.local_map import NONE
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_graph import BEGINNING, GraphSpec, SubmapGraph
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 
 MATE, THIRD = ("r2", 7), ("r3", 1)

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.mapping.local_map import NONE
 from robrain.algorithms.numeric.small_linear_algebra import symmetric
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph, is_information
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 
 MATE, THIRD = ("r2", 7), ("r3", 1)
 PRIOR = np.diag((0.01, 0.02, 0.0004))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.localization.scan_match import ScanFit
+from robrain.algorithms.localization.surface_match import DEGENERATE, INFORMATION_MIN, match_surface
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam.loop_closure import moved
-from robrain.algorithms.slam.surface_match import DEGENERATE, INFORMATION_MIN, match_surface
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.algorithms.mapping.lidar_floor import (

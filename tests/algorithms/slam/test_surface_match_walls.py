@@ -2,9 +2,9 @@
 
 import pytest
 
+from robrain.algorithms.localization.surface_match import match_surface
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam.loop_closure import moved
-from robrain.algorithms.slam.surface_match import match_surface
 from robrain.protocol.model.geometry import Pose2D
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, RANGE_M, LidarFloor
 

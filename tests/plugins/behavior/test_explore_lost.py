@@ -3,10 +3,9 @@
 import pytest
 
 from robrain.algorithms.navigation.frontier import find_frontiers
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.behavior.explore.explore import ExploreBehavior
 from robrain.plugins.skill.mapper.frames import FrameMove
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.table.topics import ROBOT_STATE

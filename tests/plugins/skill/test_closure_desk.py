@@ -6,12 +6,12 @@ import pytest
 from robrain.algorithms.mapping.local_map import NONE
 from robrain.algorithms.numeric.small_linear_algebra import symmetric
 from robrain.algorithms.slam.map_patch import joined_message, pose_message
-from robrain.algorithms.slam.submap import IDENTITY, Submap
+from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph, is_information
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import UNSAID, WAY_M, ClosureDesk
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures, MapPatch
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 

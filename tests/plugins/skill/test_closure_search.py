@@ -3,12 +3,12 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from robrain.algorithms.slam.submap import IDENTITY, SURFACE
+from robrain.algorithms.slam.submap import SURFACE
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import ClosureSearch
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 128, 128)

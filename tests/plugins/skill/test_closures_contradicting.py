@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from robrain.algorithms.slam.submap import IDENTITY, Submap
+from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.closures import ClosureDesk
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 SEEN = ROOM.submap(*ROOM_PLACES)

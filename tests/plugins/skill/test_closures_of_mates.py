@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.slam.map_patch import joined_message, pose_message
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import UNSAID, ClosureDesk
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from robrain.algorithms.slam.submap import IDENTITY
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import OCCUPIED
 from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_MAP
 

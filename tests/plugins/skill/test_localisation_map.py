@@ -8,10 +8,9 @@ import pytest
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.skill.localisation.localisation import PAUSE_M, PAUSE_RAD, Localisation
 from robrain.protocol.can.frames import codec
-from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 

@@ -10,9 +10,8 @@ from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.protocol.can.frames import codec
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.map_frame import MapFrame
 from robrain.protocol.wire.table.topics import ROBOT_EVENT

@@ -7,10 +7,9 @@ import pytest
 
 from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose
 from robrain.algorithms.slam.map_patch import pose_message, to_message
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX

@@ -8,10 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.plugins.skill.mapper import frames as module
 from robrain.plugins.skill.mapper.frames import ANSWERS_MAX
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from tests.plugins.unit.frame_scene import MATES, PLACES, T_OWN_FLOOR, Scene, lost, off
 

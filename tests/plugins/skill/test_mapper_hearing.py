@@ -6,8 +6,7 @@ import pytest
 from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import joined_message, to_message
-from robrain.algorithms.slam.submap import IDENTITY
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX

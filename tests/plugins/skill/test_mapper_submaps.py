@@ -8,10 +8,9 @@ import pytest
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.plugins.skill.mapper.mapper import Mapper
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.mapping.local_map import NO_DRIFT, Drift
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.slam.submap import IDENTITY, PARTS, SURFACE
+from robrain.algorithms.slam.submap import PARTS, SURFACE
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper import own_submaps
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, RANGE_M, ROOM, ROOM_PLACES
 

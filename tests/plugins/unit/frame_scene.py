@@ -7,12 +7,11 @@ import numpy as np
 
 from robrain.algorithms.mapping.local_map import NO_DRIFT
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, ROOM, ROOM_PLACES

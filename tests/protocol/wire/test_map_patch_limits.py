@@ -14,9 +14,9 @@ from robrain.algorithms.slam.map_patch import (
     take_message,
     to_message,
 )
-from robrain.algorithms.slam.submap import IDENTITY, SURFACE, SURFACES_MAX
+from robrain.algorithms.slam.submap import SURFACE, SURFACES_MAX
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 

@@ -13,9 +13,8 @@ from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam import submap_atlas
 from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message, whole_map
 from robrain.algorithms.slam.shared_patches import SharedSteps
-from robrain.algorithms.slam.submap import IDENTITY
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 

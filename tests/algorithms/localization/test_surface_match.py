@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.algorithms.localization.surface_match import match_surface
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam.loop_closure import moved
-from robrain.algorithms.slam.surface_match import match_surface
 from robrain.protocol.model.geometry import Pose2D
 from tests.algorithms.mapping.lidar_floor import (
     ANGLES_RAD,
