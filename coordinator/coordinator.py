@@ -17,6 +17,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.field.field_keeper import FieldKeeper
 from robrain.coordinator.motes.mote_members import MoteDesk
 from robrain.coordinator.planning.coalition import Coalitions
+from robrain.coordinator.planning.dry_run import DryRuns
 from robrain.coordinator.planning.own_decisions import own_decision
 from robrain.coordinator.planning.plan_executor import PlanExecutor
 from robrain.coordinator.planning.planning import Planning
@@ -27,7 +28,6 @@ from robrain.coordinator.standing.candidate import Elected
 from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.standing.mandate import Mandate
 from robrain.coordinator.standing.offer_fence import OfferFence
-from robrain.coordinator.tasks.dry_run import DryRuns
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 
+from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.panels.halt_control import HaltControl
 from robrain.dashboard.panels.page import ClientPage, set_theme
 from robrain.dashboard.panels.page_context import Inquiries, PageContext
 from robrain.dashboard.replay.replay_bar import ReplayBar
 from robrain.dashboard.replay.replay_source import ReplaySource
-from robrain.dashboard.scene.scene import Scene
 from robrain.dashboard.server.asker import Asker
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.live_source import LiveSource

@@ -43,11 +43,11 @@ if TYPE_CHECKING:
     from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
     from robrain.protocol.wire.messages.tasks.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
     from robrain.protocol.wire.messages.team.team_messages import TeamState
-    from robrain.recording.reader.recording import Recording, load
+    from robrain.recording.export.recording import Recording, load
     from robrain.recording.reader.two_runs import TwoRuns, compare_runs
-    from robrain.sim.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
+    from robrain.sim.firmware.disturbance import DisturbanceSpec, PauseSpec
     from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
     from robrain.sim.lockstep.result import RunResult
     from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
@@ -158,7 +158,7 @@ _NAMES = {
     "robrain.client.hand": ("Hand",),
     "robrain.client.team": ("Team",),
     "robrain.coordinator.planning.policy": ("PlanningPolicy",),
-    "robrain.recording.reader.recording": ("Recording", "load"),
+    "robrain.recording.export.recording": ("Recording", "load"),
     "robrain.recording.reader.two_runs": ("TwoRuns", "compare_runs"),
     "robrain.lab.fork.fork_api": ("fork",),
     "robrain.lab.fork.fork_result": ("ForkResult",),
@@ -181,7 +181,7 @@ _NAMES = {
     "robrain.protocol.wire.messages.tasks.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),
     "robrain.protocol.wire.messages.team.team_messages": ("TeamState",),
     "robrain.sim.world.chargers": ("ChargerSpec",),
-    "robrain.sim.disturbance": ("DisturbanceSpec", "PauseSpec"),
+    "robrain.sim.firmware.disturbance": ("DisturbanceSpec", "PauseSpec"),
     "robrain.sim.links.link_spec": ("LinkSpec", "PartitionSpec"),
     "robrain.sim.errors": ("ScenarioError",),
     "robrain.sim.firmware.battery": ("BatterySpec",),

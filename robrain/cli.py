@@ -14,11 +14,9 @@ import typer
 from robrain.deploy.agents.agent_words import agent_words
 from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bringup.command_line import bringup
-from robrain.deploy.commands.command_group import CommandGroup
-from robrain.deploy.commands.extras import missing_extra
-from robrain.deploy.commands.journal_commands import journal_app
-from robrain.deploy.commands.plugin_commands import plugin_app
-from robrain.deploy.commands.process_options import (
+from robrain.deploy.command_line.command_group import CommandGroup
+from robrain.deploy.command_line.extras import missing_extra
+from robrain.deploy.command_line.process_options import (
     JournalOption,
     LeadAnywayOption,
     ListenOption,
@@ -27,7 +25,7 @@ from robrain.deploy.commands.process_options import (
     RulesOption,
     WitnessesOption,
 )
-from robrain.deploy.commands.scenario_options import (
+from robrain.deploy.command_line.scenario_options import (
     IdleOption,
     MapOption,
     MotesOption,
@@ -38,9 +36,12 @@ from robrain.deploy.commands.scenario_options import (
     TimeLimitOption,
     UntilOption,
 )
+from robrain.deploy.command_line.team_options import ConnectOption, JsonOption, TeamOption, WireFormat, print_json
+from robrain.deploy.commands.journal_commands import journal_app
+from robrain.deploy.commands.plugin_commands import plugin_app
 from robrain.deploy.commands.scenarios_command import scenarios
+from robrain.deploy.commands.supervision_commands import supervision_app
 from robrain.deploy.commands.team_commands import team_app
-from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, WireFormat, print_json
 from robrain.deploy.machine.machine_files import machine_files
 from robrain.deploy.observability.json_logs import set_up_logs
 from robrain.deploy.pki.pki_commands import pki_app, router
@@ -48,9 +49,8 @@ from robrain.deploy.processes.native_threads import limit_native_threads
 from robrain.deploy.processes.standard_streams import guarded_streams
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.ros2.ros2_commands import ros2_app
-from robrain.deploy.supervision.supervision_commands import supervision_app
 from robrain.deploy.tasks.task_commands import task_app
-from robrain.lab.bench.commands import bench_app
+from robrain.lab.bench_commands import bench_app
 from robrain.lab.fork.fork_command import fork
 from robrain.lab.report.report_command import report
 from robrain.lab.soak.soak_commands import soak_app
@@ -140,12 +140,12 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario in lockstep: repeatable, and as fast as possible."""
-    from robrain.deploy.commands.recording_path import new_recording
+    from robrain.deploy.command_line.recording_path import new_recording
     from robrain.deploy.run.run_options import RunOptions
     from robrain.deploy.run.starting import start_run
 
     def choose() -> "Scenario":
-        from robrain.deploy.commands.options import choose_scenario
+        from robrain.deploy.command_line.options import choose_scenario
 
         return choose_scenario(
             scenario, map_file, robots, motes, seed, near, idle=idle, strategy=strategy, method=method
@@ -173,12 +173,12 @@ def demo(
     port: PortOption = None,
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
-    from robrain.deploy.commands.recording_path import next_file
+    from robrain.deploy.command_line.recording_path import next_file
     from robrain.deploy.run.run_options import RunOptions
     from robrain.deploy.run.starting import start_run
 
     def choose() -> "Scenario":
-        from robrain.deploy.commands.options import choose_scenario
+        from robrain.deploy.command_line.options import choose_scenario
 
         return choose_scenario(DEMO, None, None, None, seed)
 
@@ -208,9 +208,9 @@ def arena(
     resume: Annotated[Path | None, typer.Option(hidden=True, help="Written by `robrain up`.")] = None,
 ) -> None:
     """Simulate a scenario's robots and motes in real time; agents drive them over the wire."""
-    from robrain.deploy.commands.options import choose_scenario
-    from robrain.deploy.processes.arena_process import arena_command
+    from robrain.deploy.command_line.options import choose_scenario
     from robrain.deploy.processes.live_process import place_of
+    from robrain.deploy.supervision.arena_process import arena_command
 
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
     arena_command(chosen, place_of(connect, listen), check_name("team", team), robot_files, resume)
@@ -261,7 +261,7 @@ def dashboard(
     replay: Annotated[Path | None, typer.Option(help="Show this recording instead of a live team.")] = None,
 ) -> None:
     """Show a team, or a recording, in a browser page on 127.0.0.1."""
-    from robrain.deploy.processes.live_commands import dashboard_command, show_recording
+    from robrain.deploy.recordings.live_commands import dashboard_command, show_recording
 
     if replay is not None:
         from robrain.lab.fork.fork_child import ForkChild
@@ -291,7 +291,7 @@ def replay(
     ] = DEFAULT_REPLAY_TEAM,
 ) -> None:
     """Show a recording in a browser page, or publish it on the wire."""
-    from robrain.deploy.processes.live_commands import replay_on_wire, show_recording
+    from robrain.deploy.recordings.live_commands import replay_on_wire, show_recording
     from robrain.deploy.recordings.replaying import check_replay
     from robrain.protocol.wire.hub import given_endpoints
 

@@ -13,7 +13,7 @@ from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.manifest import find_manifests, read_manifest
 from robrain.agent.plugin import Level
-from robrain.deploy.commands.terminal import clock_of
+from robrain.deploy.command_line.terminal import clock_of
 from robrain.protocol.can.frames import database
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from robrain.coordinator.charging.chargers import Charger
+from robrain.coordinator.planning.chargers import Charger
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.reasons.plans import ChargersTaken
 

@@ -28,8 +28,8 @@ from robrain.algorithms.motes.mote_energy import (
     SENSE_S,
 )
 from robrain.coordinator.motes.mote_registry import KnownMote, MoteTable
+from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.charging.chargers import KnownChargers
+from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import PLENTY_J, profile_of
 from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.plan_in_force import PlanInForce, PlanMaker, PlannedStep

@@ -6,7 +6,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 
-from robrain.coordinator.charging.chargers import KnownChargers
+from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import when_charged
 from robrain.coordinator.planning.snapshot import AfterCharge, Floor, PlanningRobot, PredictedEnd
 from robrain.coordinator.tasks.task_book import TaskBook

@@ -11,12 +11,12 @@ from contextlib import AbstractContextManager
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
 from robrain.coordinator.tasks.backoff import TaskBackoff
 from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
 from robrain.coordinator.tasks.reconcile import reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
-from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns

@@ -7,9 +7,9 @@ import msgspec
 
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.planning.dry_run import DryRuns
 from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.tasks.admission import why_impossible, why_unknown
-from robrain.coordinator.tasks.dry_run import DryRuns
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap

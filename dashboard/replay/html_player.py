@@ -6,8 +6,8 @@ The page holds viser's own player (`get_scene_serializer`). Texts in the picture
 from collections.abc import Callable
 from pathlib import Path
 
+from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.replay.replay_index import MessageDecoder
-from robrain.dashboard.scene.scene import Scene
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.table.topics import ROBOT_MAP

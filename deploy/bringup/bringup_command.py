@@ -19,7 +19,7 @@ from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_fil
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
 from robrain.deploy.bringup.findings import BringUpFinding
 from robrain.deploy.bringup.operator import Operator, TerminalOperator, YesOperator
-from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import note, tell_json
 from robrain.deploy.processes.name_claim import claim_robot

@@ -7,7 +7,7 @@ import msgspec
 from robrain.agent.host.text_command import TextCall, parse_call
 from robrain.agent.text_form import parse_argument, parse_value, print_value
 from robrain.client.team import Team
-from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import check_name
 from robrain.protocol.wire.border.safe_text import safe_json

@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, RobotArgument, TeamOption, connect_team, print_json, say
+from robrain.deploy.command_line.team_options import (
+    ConnectOption,
+    RobotArgument,
+    TeamOption,
+    connect_team,
+    print_json,
+    say,
+)
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
@@ -138,7 +145,7 @@ def _show(infos: "list[PluginInfo]") -> None:
     from rich.console import JustifyMethod
     from rich.table import Table
 
-    from robrain.deploy.commands.terminal import results
+    from robrain.deploy.command_line.terminal import results
     from robrain.protocol.wire.border.safe_text import safe_lines
 
     headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")

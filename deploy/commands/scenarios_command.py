@@ -3,7 +3,7 @@
 import sys
 from typing import TYPE_CHECKING
 
-from robrain.deploy.commands.team_options import JsonOption
+from robrain.deploy.command_line.team_options import JsonOption
 
 if TYPE_CHECKING:
     from robrain.sim.scenarios.listing import ListedScenario
@@ -25,7 +25,7 @@ def scenarios(as_json: JsonOption = False) -> None:
 def _show(found: "list[ListedScenario]") -> None:
     from rich.table import Table
 
-    from robrain.deploy.commands.terminal import results
+    from robrain.deploy.command_line.terminal import results
 
     table = Table(box=None, pad_edge=False)
     for heading in ("name", "floor", "robots", "motes"):

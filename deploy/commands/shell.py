@@ -14,7 +14,7 @@ from prompt_toolkit.history import FileHistory, History, InMemoryHistory
 from robrain.agent.host.command_door import answer_question, usage, visible_to_command
 from robrain.agent.host.text_command import Question, parse_command
 from robrain.client.team import Team
-from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.processes.live_process import tell
 from robrain.protocol.errors import CallError, RobrainError
 from robrain.protocol.state_folder import state_folder

@@ -8,7 +8,7 @@ import msgspec
 from rich.table import Table
 
 from robrain.client.members import team_found
-from robrain.deploy.commands.terminal import print_line, results
+from robrain.deploy.command_line.terminal import print_line, results
 from robrain.deploy.processes.live_process import client_session, live_endpoint
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.border.refusals import Refusal

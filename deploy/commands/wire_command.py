@@ -2,7 +2,7 @@
 
 import msgspec
 
-from robrain.deploy.commands.team_options import WireFormat
+from robrain.deploy.command_line.team_options import WireFormat
 from robrain.protocol.wire.schema.document import wire_document
 from robrain.protocol.wire.schema.page import wire_page
 

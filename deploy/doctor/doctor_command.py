@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from robrain.deploy.commands.terminal import print_line
+from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.doctor.check import Check, is_good
 from robrain.deploy.doctor.examination import examine_host, examine_hub, examine_robot
 from robrain.deploy.errors import UsageError

@@ -418,7 +418,7 @@ def _check_scenario(path: Path, team_file: TeamFile, host: HostTable) -> Check:
     """Whether the scenario, and the map that it names, can be loaded here: for the arena and the robots' files."""
     name = team_file.team.scenario
     try:
-        from robrain.deploy.commands.options import choose_scenario
+        from robrain.deploy.command_line.options import choose_scenario
 
         where = str(path.parent / name) if name.endswith(".toml") or "/" in name else name
         known = [robot.name for robot in choose_scenario(where, None, None, None, None).world().robots]

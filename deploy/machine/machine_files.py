@@ -26,7 +26,7 @@ def write_files(folder: Path) -> list[Path]:
 
 def machine_files(folder: Annotated[Path, typer.Argument(help="Folder to make.")]) -> None:
     """Write service units, files for router, web server, containers, devices, time and logs."""
-    from robrain.deploy.commands.terminal import print_line
+    from robrain.deploy.command_line.terminal import print_line
 
     for path in write_files(folder):
         print_line(str(path))

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption, print_json
+from robrain.deploy.command_line.team_options import ConnectOption, JsonOption, TeamOption, print_json
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 recording_app = typer.Typer(rich_markup_mode=None)
@@ -37,7 +37,7 @@ def record(
     provenance: Annotated[Path | None, typer.Option(hidden=True, help="Written by `robrain up`.")] = None,
 ) -> None:
     """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
-    from robrain.deploy.commands.recording_path import next_file
+    from robrain.deploy.command_line.recording_path import next_file
     from robrain.deploy.errors import UsageError
     from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
     from robrain.deploy.recordings.recording_display import record_display, show_recorded

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
-from robrain.deploy.commands.terminal import console, results, text_column
+from robrain.deploy.command_line.terminal import console, results, text_column
 from robrain.protocol.wire.border.safe_text import safe_text
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.comparing import Difference

@@ -10,7 +10,7 @@ from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_PLUGINS
-from robrain.recording.writer.provenance import Provenance
+from robrain.recording.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder, RecordingSummary
 from robrain.recording.writer.recording_files import SplitAt
 from robrain.recording.writer.rotation import KeepFiles, Rotation

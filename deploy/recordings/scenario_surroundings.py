@@ -7,7 +7,7 @@ import numpy as np
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.invariants.invariant_judge import FloorCharger, Surroundings
-from robrain.recording.writer.provenance import MAP_ATTACHMENT, MAP_YAML_ATTACHMENT, Provenance
+from robrain.recording.provenance import MAP_ATTACHMENT, MAP_YAML_ATTACHMENT, Provenance
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.scenarios.scenario import Scenario

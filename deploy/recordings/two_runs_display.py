@@ -2,7 +2,7 @@
 
 from rich.table import Table
 
-from robrain.deploy.commands.terminal import results
+from robrain.deploy.command_line.terminal import results
 from robrain.deploy.recordings.recording_display import said
 from robrain.recording.reader.two_runs import ComparedRow, TwoRuns, words_of
 

@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robrain.deploy.commands.terminal import results
+from robrain.deploy.command_line.terminal import results
 from robrain.deploy.recordings.recording_display import said
 from robrain.recording.invariants.findings import InvariantState, Ruling
 from robrain.recording.invariants.judging import broken

@@ -38,7 +38,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
-from robrain.recording.reader.map_at import KnownMap
+from robrain.recording.drawing.map_at import KnownMap
 
 MAP_NS = to_ns(1.0)
 MARKERS_NS = to_ns(0.5)

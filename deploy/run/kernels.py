@@ -17,7 +17,7 @@ from robrain.algorithms import warm_up as model
 from robrain.algorithms.allocation.warm_up import warm_up as warm_up_allocation
 from robrain.algorithms.exploration.warm_up import warm_up as warm_up_exploration
 from robrain.algorithms.warm_up import KernelPart
-from robrain.deploy.commands.terminal import console, say, text_column
+from robrain.deploy.command_line.terminal import console, say, text_column
 from robrain.sim.warm_up import warm_up as warm_up_arena
 
 COMPILING = "numba:compile"

@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID
 
 from robrain.algorithms.warm_up import KernelPart
-from robrain.deploy.commands.terminal import both_at_a_terminal, console, say, text_column
+from robrain.deploy.command_line.terminal import both_at_a_terminal, console, say, text_column
 from robrain.deploy.run.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.run.run_options import Watched
 from robrain.protocol.clock import VirtualClock

@@ -7,7 +7,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task
 from rich.table import Table
 from rich.text import Text
 
-from robrain.deploy.commands.terminal import (
+from robrain.deploy.command_line.terminal import (
     both_at_a_terminal,
     clock_of,
     console,

@@ -1,7 +1,7 @@
 """A lockstep run with its progress bar, and with the dashboard beside it."""
 
-from robrain.deploy.commands.process_options import above_zero, until_explored
-from robrain.deploy.commands.terminal import say
+from robrain.deploy.command_line.process_options import above_zero, until_explored
+from robrain.deploy.command_line.terminal import say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.dashboard_process import go_on_with_recording

@@ -14,7 +14,7 @@ from robrain.deploy.supervision.arena_resume import write_resume
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, RECORDER, STAND_BY, Part
 from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts, dashboard_part, recorder_part
 from robrain.protocol.wire.endpoint import Drive
-from robrain.recording.writer.provenance import Provenance
+from robrain.recording.provenance import Provenance
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.world import World, manifest_texts
 

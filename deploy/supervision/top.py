@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import msgspec
 from rich.live import Live
 
-from robrain.deploy.commands.terminal import console, print_line
+from robrain.deploy.command_line.terminal import console, print_line
 from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, tell_json
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, PartView
 from robrain.deploy.supervision.part_table import drawn, lines_of

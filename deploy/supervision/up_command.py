@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 from rich.live import Live
 
-from robrain.deploy.commands.recording_path import new_recording, next_file
-from robrain.deploy.commands.terminal import both_at_a_terminal, clock_of, console, print_line, say
+from robrain.deploy.command_line.recording_path import new_recording, next_file
+from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, console, print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.forwarder_words import said
 from robrain.deploy.processes.live_process import LiveStop, note, tell_json
@@ -398,7 +398,7 @@ def _recording(path: Path, team_file: TeamFile, host: HostTable) -> Path | None:
 
 def _scenario_of(path: Path, name: str) -> tuple["Scenario", list[str]]:
     """The scenario of a team file, and the words of a command line that name it."""
-    from robrain.deploy.commands.options import choose_scenario
+    from robrain.deploy.command_line.options import choose_scenario
 
     if name.endswith(".toml") or "/" in name:
         name = str(path.parent / name)

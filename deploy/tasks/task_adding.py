@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, TeamOption, connect_team, print_json, say
+from robrain.deploy.command_line.team_options import ConnectOption, TeamOption, connect_team, print_json, say
 from robrain.deploy.tasks.task_terminal import JsonOption, line_of
 from robrain.protocol.keys import DEFAULT_TEAM
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.commands.team_options import ConnectOption, TeamOption, connect_team, print_json, say
+from robrain.deploy.command_line.team_options import ConnectOption, TeamOption, connect_team, print_json, say
 from robrain.deploy.tasks.dry_run_words import verdict_line
 from robrain.deploy.tasks.task_adding import add
 from robrain.deploy.tasks.task_terminal import IdArgument, JsonOption, line_of, show_table, words_of

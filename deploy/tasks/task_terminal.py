@@ -23,7 +23,7 @@ def show_table(records: list[Any]) -> None:
     """Tasks as a table."""
     from rich.table import Table
 
-    from robrain.deploy.commands.terminal import results
+    from robrain.deploy.command_line.terminal import results
     from robrain.protocol.wire.border.safe_text import safe_lines
 
     table = Table(box=None, pad_edge=False)

@@ -14,7 +14,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from robrain.deploy.commands.terminal import new_console
+from robrain.deploy.command_line.terminal import new_console
 
 WIDTH = 110
 HEADINGS = ("figure", "measured", "bound", "kept", "beside")

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from rich.progress import BarColumn, Progress
 
-from robrain.deploy.commands.terminal import clock_of, console, own_command, print_line, say, text_column
+from robrain.deploy.command_line.terminal import clock_of, console, own_command, print_line, say, text_column
 from robrain.deploy.recordings.recording_display import where_different
 from robrain.deploy.recordings.two_runs_display import show_two_runs
 from robrain.lab.fork.fork_result import ForkResult

@@ -22,20 +22,20 @@ from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.table.topic import JSON, Query, Topic
 from robrain.protocol.wire.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, HALT, TOPICS
 from robrain.recording.errors import RecordingError
-from robrain.recording.reader.reading import (
-    RecordedMessage,
-    RecordingInfo,
-    read_messages,
-    recording_info,
-    topic_named_by,
-)
-from robrain.recording.writer.provenance import (
+from robrain.recording.provenance import (
     MAP_ATTACHMENT,
     MAP_YAML_ATTACHMENT,
     SETUP_ATTACHMENT,
     Provenance,
     RunSetup,
     software_versions,
+)
+from robrain.recording.reader.reading import (
+    RecordedMessage,
+    RecordingInfo,
+    read_messages,
+    recording_info,
+    topic_named_by,
 )
 from robrain.sim.errors import ScenarioError
 from robrain.sim.lockstep.lockstep import LockstepRun

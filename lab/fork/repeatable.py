@@ -4,8 +4,8 @@ from pathlib import Path
 
 from robrain.protocol.wire.endpoint import Drive
 from robrain.recording.errors import RecordingError
+from robrain.recording.provenance import SETUP_ATTACHMENT, Provenance, RunSetup
 from robrain.recording.reader.reading import read_provenance
-from robrain.recording.writer.provenance import SETUP_ATTACHMENT, Provenance, RunSetup
 
 
 def repeatable(path: Path) -> tuple[Provenance, RunSetup]:

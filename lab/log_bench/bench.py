@@ -20,7 +20,7 @@ from robrain.agent.plugin import Device, Unit
 from robrain.algorithms.localization.pose_track import PoseTrack
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.warm_up import warm_up
-from robrain.deploy.commands.terminal import new_console, print_line
+from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import LogError, UsageError
 from robrain.lab.bench.figure import WIDTH, write_json
 from robrain.lab.log_bench.carmen_log import (

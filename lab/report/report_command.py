@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.commands.team_options import JsonOption, print_json
+from robrain.deploy.command_line.team_options import JsonOption, print_json
 
 
 def report(
@@ -20,7 +20,7 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Write a page of plots of a run, or compare several; those of several seeds by mean and interval."""
-    from robrain.deploy.commands.terminal import results
+    from robrain.deploy.command_line.terminal import results
     from robrain.deploy.recordings.recording_display import progress, said
     from robrain.lab.report.report import write_report
 

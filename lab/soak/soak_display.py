@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, results, text_column
+from robrain.deploy.command_line.terminal import both_at_a_terminal, console, print_line, results, text_column
 from robrain.lab.soak.planted import BUGS
 from robrain.lab.soak.soaking import PlantedFind, SoakResult
 from robrain.sim.faults.fault_spec import FaultSpec

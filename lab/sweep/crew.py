@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 from robrain.deploy.errors import UsageError
 from robrain.lab.sweep.run_outcome import RunRecord
 from robrain.lab.sweep.worker import STOP, RunTask, run_task, start_worker
-from robrain.recording.writer.provenance import software_versions
+from robrain.recording.provenance import software_versions
 
 CONNECT_S = 10.0
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

@@ -39,7 +39,7 @@ from robrain.lab.sweep.run_outcome import RunOutcome, RunRecord, RunState
 from robrain.lab.sweep.summary import SweepSummary, summarise, summary_csv
 from robrain.lab.sweep.variables import Value
 from robrain.lab.sweep.worker import RunTask, run_task
-from robrain.recording.writer.provenance import host_description, software_versions
+from robrain.recording.provenance import host_description, software_versions
 from robrain.sim.lockstep.pacing import StopOnInterrupt
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import typer
 
-from robrain.deploy.commands.scenario_options import (
+from robrain.deploy.command_line.scenario_options import (
     MapOption,
     MotesOption,
     RobotsOption,
@@ -15,7 +15,7 @@ from robrain.deploy.commands.scenario_options import (
     TimeLimitOption,
     UntilOption,
 )
-from robrain.deploy.commands.team_options import JsonOption
+from robrain.deploy.command_line.team_options import JsonOption
 from robrain.protocol.wire.border.safe_text import safe_json
 
 sweep_app = typer.Typer(rich_markup_mode=None)
@@ -53,8 +53,8 @@ def sweep(
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario with many seeds and settings on all cores; the same command continues a sweep."""
-    from robrain.deploy.commands.options import choose_scenario
-    from robrain.deploy.commands.process_options import above_zero, until_explored
+    from robrain.deploy.command_line.options import choose_scenario
+    from robrain.deploy.command_line.process_options import above_zero, until_explored
     from robrain.deploy.errors import UsageError
     from robrain.lab.sweep.plan import make_plan
     from robrain.lab.sweep.sweep import SweepOptions, run_sweep

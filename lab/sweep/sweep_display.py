@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robrain.deploy.commands.terminal import both_at_a_terminal, console, print_line, results, say, text_column
+from robrain.deploy.command_line.terminal import both_at_a_terminal, console, print_line, results, say, text_column
 from robrain.lab.report.mean_interval import FEW, MeanInterval
 from robrain.lab.sweep.plan import SweepPlan
 from robrain.lab.sweep.run_outcome import RunState

@@ -12,7 +12,7 @@ from robrain.lab.bench.mapping.mapping_plan import errors_alone
 from robrain.lab.sweep.run_outcome import RunRecord, RunState, outcome_of
 from robrain.protocol.errors import RobrainError
 from robrain.recording.invariants.judging import Judging, broken
-from robrain.recording.writer.provenance import software_versions
+from robrain.recording.provenance import software_versions
 from robrain.sim.scenarios.driving import Progress
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -30,11 +30,11 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from robrain.recording.drawing.map_at import KnownMap
 from robrain.recording.foxglove import messages as make
 from robrain.recording.foxglove import scene as foxglove_scene
 from robrain.recording.foxglove import visual_topics
-from robrain.recording.reader.map_at import KnownMap
-from robrain.recording.writer.plain_schema import plain_schema
+from robrain.recording.foxglove.plain_schema import plain_schema
 
 Kind = TypeVar("Kind")
 

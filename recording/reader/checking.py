@@ -19,9 +19,9 @@ from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.invariants.findings import Ruling
 from robrain.recording.invariants.invariant_judge import NOWHERE, Surroundings
 from robrain.recording.invariants.judging import Judging, broken
+from robrain.recording.provenance import SUMMARY_METADATA
 from robrain.recording.reader.contents import has_numbers, several_senders
 from robrain.recording.reader.reading import RecordedMessage, read_messages, recording_info, topic_named_by
-from robrain.recording.writer.provenance import SUMMARY_METADATA
 
 TOLD_OF_A_KIND = 5
 """Findings of one kind and key that are told one by one; the rest is counted."""

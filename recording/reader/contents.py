@@ -11,6 +11,12 @@ import numpy as np
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.wire.table.topic import Role, Topic
 from robrain.protocol.wire.table.topics import ROBOT_LOG, ROBOT_PATH
+from robrain.recording.provenance import (
+    HOST_METADATA,
+    MANIFESTS_METADATA,
+    RUN_METADATA,
+    VERSIONS_METADATA,
+)
 from robrain.recording.reader.reading import (
     RecordedMessage,
     RecordingInfo,
@@ -18,12 +24,6 @@ from robrain.recording.reader.reading import (
     read_messages,
     recording_info,
     topic_named_by,
-)
-from robrain.recording.writer.provenance import (
-    HOST_METADATA,
-    MANIFESTS_METADATA,
-    RUN_METADATA,
-    VERSIONS_METADATA,
 )
 
 OnProgress = Callable[[float], None]

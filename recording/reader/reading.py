@@ -25,7 +25,7 @@ from robrain.protocol.wire.table.topic import Topic
 from robrain.protocol.wire.table.topics import topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.writer.provenance import (
+from robrain.recording.provenance import (
     FORK_METADATA,
     MANIFESTS_METADATA,
     RUN_METADATA,

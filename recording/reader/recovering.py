@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 from robrain.recording.errors import RecordingError, writing
 from robrain.recording.foxglove.channels import FoxgloveChannels, VisualMessage
 from robrain.recording.foxglove.visual_topics import is_visual
+from robrain.recording.provenance import RECOVERY_METADATA, VISUAL_METADATA
 from robrain.recording.reader.reading import (
     DAMAGE,
     check_readable,
@@ -23,7 +24,6 @@ from robrain.recording.reader.reading import (
     topic_named_by,
     whole_reads,
 )
-from robrain.recording.writer.provenance import RECOVERY_METADATA, VISUAL_METADATA
 
 CHUNK_BYTES = 1024 * 1024
 

@@ -26,9 +26,9 @@ from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.drawing.robot_history import model_power_w
+from robrain.recording.provenance import SCENARIO_ATTACHMENT
 from robrain.recording.reader.contents import RecordingContents, read_contents
 from robrain.recording.reader.reading import read_front, read_messages, topic_named_by
-from robrain.recording.writer.provenance import SCENARIO_ATTACHMENT
 
 SILENT_S = 3.0
 """A robot that says nothing for longer than this is silent; its state comes ten times a second."""

@@ -20,9 +20,9 @@ from robrain.protocol.wire.links.publisher import Publisher
 from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.wire.table.topic import Topic
 from robrain.protocol.wire.table.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.recording.drawing.map_at import KnownMap
 from robrain.recording.errors import RecordingError
-from robrain.recording.reader.map_at import KnownMap
-from robrain.recording.writer.provenance import Provenance
+from robrain.recording.provenance import Provenance
 from robrain.recording.writer.recording_files import RecordingFiles, SplitAt
 from robrain.recording.writer.rotation import Rotation
 from robrain.recording.writer.run_digest import RunDigest

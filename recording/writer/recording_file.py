@@ -21,8 +21,8 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.wire.schema.struct_schema import bare, schema_of
 from robrain.protocol.wire.table.topic import JSON, Topic
 from robrain.recording.errors import RecordingError
-from robrain.recording.writer.plain_schema import plain_schema
-from robrain.recording.writer.provenance import (
+from robrain.recording.foxglove.plain_schema import plain_schema
+from robrain.recording.provenance import (
     FORK_METADATA,
     HOST_METADATA,
     MANIFESTS_METADATA,

@@ -14,7 +14,7 @@ import can
 from robrain.protocol.can.bus_state import BUS_OFF_ERRORS, PASSIVE_ERRORS, BusState, error_frame
 from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.clock import Clock
-from robrain.sim.disturbance import DelayLine
+from robrain.sim.firmware.disturbance import DelayLine
 
 
 class LineFault(StrEnum):

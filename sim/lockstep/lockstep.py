@@ -35,19 +35,19 @@ from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, LinkC
 from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.protocol.wire.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
-from robrain.recording.writer.provenance import Provenance, RunSetup
+from robrain.recording.provenance import Provenance, RunSetup
 from robrain.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
-from robrain.sim.disturbance import Disturbance
 from robrain.sim.errors import RunFailed
 from robrain.sim.faults.fault_checks import check_faults_alone
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
+from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.links.link_spec import check_alone
-from robrain.sim.links.radio_run import RadioRun
 from robrain.sim.lockstep.team_faults import ComponentStarts, TeamFaults
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.overlap import overlap
+from robrain.sim.world.radio_run import RadioRun
 from robrain.sim.world.time_use import TimeUseMeter
 from robrain.sim.world.world import World, manifest_texts
 

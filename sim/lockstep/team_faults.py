@@ -23,8 +23,8 @@ from robrain.sim.faults.fault_times import FaultTimes
 from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, FaultyWire, Process
-from robrain.sim.links.radio_run import RadioRun
 from robrain.sim.world.arena import Arena
+from robrain.sim.world.radio_run import RadioRun
 from robrain.sim.world.world import World
 
 BY_HAND = -1

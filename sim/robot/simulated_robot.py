@@ -14,11 +14,11 @@ from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.table.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
-from robrain.sim.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.battery import SimulatedBattery
 from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps
 from robrain.sim.firmware.described_controller import DescribedController, FrameController, obeyed
+from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
 from robrain.sim.firmware.line_controller import BASE_LINE, LineController, SerialPort
 from robrain.sim.firmware.motor_controller import MotorController

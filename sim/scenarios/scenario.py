@@ -22,11 +22,11 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.links.radio_network import EVERYWHERE
-from robrain.recording.writer.provenance import MAP_YAML_ATTACHMENT, RunSetup
-from robrain.sim.disturbance import DisturbanceSpec
+from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_checks import why_not_faults
 from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.firmware.disturbance import DisturbanceSpec
 from robrain.sim.links.link_spec import LinkSpec, check_alone
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt

@@ -14,9 +14,9 @@ from robrain.protocol.errors import BadToml
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
-from robrain.sim.disturbance import DisturbanceSpec
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.firmware.disturbance import DisturbanceSpec
 from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.maps.placement import Starts

@@ -22,10 +22,10 @@ from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.wire.table.topics import ARENA_CAMERA, ARENA_CLOCK, ARENA_RADIO_RX, ARENA_SENSE, ARENA_TRUTH
-from robrain.sim.disturbance import Disturbance
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S
 from robrain.sim.firmware.bus_line import LineFault
+from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.maps.wall_shapes import add_walls

@@ -20,10 +20,10 @@ from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial_lines.serial_line import SIMULATED
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.recording.writer.provenance import MAP_ATTACHMENT
-from robrain.sim.disturbance import Disturbance, DisturbanceSpec
+from robrain.recording.provenance import MAP_ATTACHMENT
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.described_controller import frames_of
+from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
 from robrain.sim.firmware.line_controller import BASE_LINE, CYCLES_PER_S
 from robrain.sim.firmware.wit_imu import IMU_LINE

@@ -27,8 +27,8 @@ from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.session import listening_at, open_session
+from robrain.recording.provenance import Provenance
 from robrain.recording.replay.player import Player
-from robrain.recording.writer.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder
 
 RATE_HZ = 10_000

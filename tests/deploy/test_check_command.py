@@ -28,8 +28,8 @@ from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.recording.invariants.findings import Invariant, InvariantState, MissingEvidence, Ruling
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.checking import check_recording
-from robrain.recording.writer.provenance import Provenance
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.arena import clearance_m
 from tests.recording.invariants.told import Told, at_task

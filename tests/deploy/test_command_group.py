@@ -4,7 +4,7 @@ import pytest
 from typer.main import get_command
 
 from robrain.cli import app
-from robrain.deploy.commands.command_group import GROUPS, CommandGroup
+from robrain.deploy.command_line.command_group import GROUPS, CommandGroup
 
 
 def test_every_command_is_under_one_heading() -> None:

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from robrain.algorithms import warm_up as model
 from robrain.algorithms.warm_up import KernelPart
-from robrain.deploy.commands import terminal
+from robrain.deploy.command_line import terminal
 from robrain.deploy.run import kernels
 
 

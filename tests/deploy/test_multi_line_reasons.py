@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from robrain import cli
 from robrain.client.team import Team
-from robrain.deploy.commands import team_options
+from robrain.deploy.command_line import team_options
 from robrain.deploy.observability.json_logs import SafeLines
 from robrain.deploy.processes.live_process import note, tell
 from robrain.protocol.errors import CallError, ErrorCode

@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.progress import Progress
 from rich.table import Table
 
-from robrain.deploy.commands.terminal import new_console, results, say, text_column
+from robrain.deploy.command_line.terminal import new_console, results, say, text_column
 from robrain.deploy.run.run_display import tell_recorded
 from tests.product import FOLDERS, ROOT
 
@@ -48,4 +48,4 @@ def test_there_is_no_other_console() -> None:
         for line in path.read_text(encoding="utf-8").splitlines()
         if other.search(line)
     ]
-    assert [line.partition(":")[0] for line in lines] == ["deploy/commands/terminal.py"] * 2, lines
+    assert [line.partition(":")[0] for line in lines] == ["deploy/command_line/terminal.py"] * 2, lines

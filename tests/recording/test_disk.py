@@ -19,9 +19,9 @@ from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.table.topics import ROBOT_IMAGE, ROBOT_LOG
 from robrain.recording.errors import RecordingError
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages, read_provenance
 from robrain.recording.writer import recording_file
-from robrain.recording.writer.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder, RecordingSummary
 
 LINE = b'{"robot":"r1","level":"info","source":"s","text":"t"}'
@@ -205,7 +205,7 @@ def test_a_disk_that_fills_up_at_the_very_end_loses_no_message(
 KILLED = """
 import signal, sys
 from pathlib import Path
-from robrain.recording.writer.provenance import Provenance
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages, read_provenance
 from robrain.recording.writer.recorder import Recorder
 from robrain.protocol.clock import VirtualClock

@@ -23,11 +23,11 @@ from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.table.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_MAP
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.checking import check_recording
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.replay.player import Player
 from robrain.recording.writer import recording_file, recording_files
-from robrain.recording.writer.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder
 from robrain.recording.writer.recording_files import SplitAt
 

@@ -15,9 +15,9 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS
+from robrain.recording.drawing.map_at import MapAt, Place
 from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.reader.chunked_file import ChunkedFile
-from robrain.recording.reader.map_at import MapAt, Place
 from robrain.recording.reader.reading import RecordedMessage
 from robrain.recording.replay.player import Player
 
@@ -79,7 +79,7 @@ def test_a_patch_that_does_not_decode_begins_no_map() -> None:
 
 
 def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robrain.recording.reader.map_at.PATCHES_BETWEEN", 10)
+    monkeypatch.setattr("robrain.recording.drawing.map_at.PATCHES_BETWEEN", 10)
     asked: list[tuple[Place, Place]] = []
 
     def patches(start: Place, end: Place) -> Iterator[bytes]:
@@ -98,7 +98,7 @@ def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest
 
 
 def test_copies_tell_where_submaps_lie_and_which_were_withdrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robrain.recording.reader.map_at.PATCHES_BETWEEN", 1)
+    monkeypatch.setattr("robrain.recording.drawing.map_at.PATCHES_BETWEEN", 1)
     said = [
         payload(3),
         msgspec.json.encode(pose_message("r1", GEOMETRY, 0, Pose2D(0.5, 0.0, 0.0))),
@@ -133,7 +133,7 @@ def recording(tmp_path: Path) -> Path:
 def test_a_player_that_was_prepared_need_not_read_the_file_from_its_beginning(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("robrain.recording.reader.map_at.PATCHES_BETWEEN", 3)
+    monkeypatch.setattr("robrain.recording.drawing.map_at.PATCHES_BETWEEN", 3)
     player = Player(recording)
     player.prepare()
     chunks_read: list[int] = []

@@ -8,7 +8,7 @@ import pytest
 
 from robrain.protocol.wire.table.topic import Topic
 from robrain.protocol.wire.table.topics import PUBLISHED
-from robrain.recording.writer.plain_schema import SCALARS, plain_schema
+from robrain.recording.foxglove.plain_schema import SCALARS, plain_schema
 
 
 class Colour(StrEnum):

@@ -11,8 +11,8 @@ from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.table.topics import ROBOT_LOG
 from robrain.recording.errors import RecordingError
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import RecordedMessage, read_messages, read_provenance, recording_info
-from robrain.recording.writer.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder, RecordingSummary
 
 PROVENANCE = Provenance(

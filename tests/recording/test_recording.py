@@ -23,9 +23,10 @@ from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.table.topic import Topic
 from robrain.protocol.wire.table.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
+from robrain.recording import provenance
 from robrain.recording.errors import RecordingError
-from robrain.recording.writer import provenance, recording_file
-from robrain.recording.writer.provenance import Provenance
+from robrain.recording.provenance import Provenance
+from robrain.recording.writer import recording_file
 from robrain.recording.writer.recorder import Recorder, RecordingSummary
 
 GOLDEN = Path(__file__).parents[1] / "protocol" / "golden"

@@ -24,9 +24,9 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
 )
 from robrain.recording.errors import RecordingError
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.replay.replay import Replay
-from robrain.recording.writer.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder
 
 NS_PER_S = 1_000_000_000

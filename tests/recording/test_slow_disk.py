@@ -15,10 +15,10 @@ from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.protocol.wire.table.topics import RECORDER_STATE, ROBOT_STATE
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.writer import recorder as recorder_module
 from robrain.recording.writer import recording_file
-from robrain.recording.writer.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder
 from tests.waiting import PATIENCE_S
 

@@ -23,10 +23,10 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.table.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_STATE
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.channels import FoxgloveChannels
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages, read_provenance
 from robrain.recording.writer import recording_file
 from robrain.recording.writer import rotation as rotation_module
-from robrain.recording.writer.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder, RecorderInbox
 from robrain.recording.writer.recording_files import SplitAt
 from robrain.recording.writer.rotation import KeepFiles, Rotation, own_recordings

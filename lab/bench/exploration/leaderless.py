@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from robrain.algorithms.navigation.clearance import least_clearance_m
-from robrain.deploy.commands.terminal import new_console, print_line
+from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json

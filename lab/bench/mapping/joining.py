@@ -15,7 +15,7 @@ import numpy as np
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam.map_overlap import MapMatcher
-from robrain.deploy.commands.terminal import new_console, print_line
+from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.figure import (

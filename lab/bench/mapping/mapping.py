@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.deploy.commands.terminal import new_console, print_line, say
+from robrain.deploy.command_line.terminal import new_console, print_line, say
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.figure import (
     WIDTH,

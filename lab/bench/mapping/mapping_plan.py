@@ -11,7 +11,7 @@ from typing import TypeVar
 import msgspec
 
 from robrain.deploy.errors import UsageError
-from robrain.sim.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
+from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
 from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.robot.wheels import WheelSpec
 from robrain.sim.scenarios.scenario import MAX_SEED, Scenario

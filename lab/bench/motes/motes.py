@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 
 from robrain.algorithms.motes.mote_energy import DAY_S, MoteEnergy
 from robrain.algorithms.motes.radio_graph import RadioGraph
-from robrain.deploy.commands.terminal import new_console, print_line
+from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.lab.bench.figure import Figure, are_kept, at_least, deterministic, show_figures, write_json
 from robrain.lab.bench.mapping.mapping_plan import all_runs, names_of, numbers_of

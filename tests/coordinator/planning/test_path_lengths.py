@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.coordinator.charging.charge_turns import Charge, Idle, assign_chargers
-from robrain.coordinator.charging.chargers import Charger
+from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import kinds_of, mean_within, profile_of
 from robrain.coordinator.planning.path_lengths import DETOUR, PathLengths
 from robrain.coordinator.planning.problem_codec import (

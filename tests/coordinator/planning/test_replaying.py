@@ -17,7 +17,7 @@ from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.table.topics import TASK_DECISION, TASK_PROBLEM
-from robrain.recording.writer.provenance import Provenance
+from robrain.recording.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder
 from tests.coordinator.conftest import Team
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run

@@ -99,7 +99,7 @@ def test_scenario_without_the_simulator_names_the_extra(tmp_path, free, monkeypa
     def refuse(*_: object) -> None:
         raise ModuleNotFoundError("No module named 'pymunk'", name="pymunk")
 
-    monkeypatch.setattr("robrain.deploy.commands.options.choose_scenario", refuse)
+    monkeypatch.setattr("robrain.deploy.command_line.options.choose_scenario", refuse)
     checks = examine_host(team_file(tmp_path, free), None)
     [wrong] = [check for check in checks if check.ok is False]
     assert (wrong.name, wrong.remedy) == (CheckName.EXTRA, "pip install 'robrain[sim]'")

@@ -7,8 +7,8 @@ import pytest
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.disturbance import DelayLine, DelaySpec
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps, LineFault
+from robrain.sim.firmware.disturbance import DelayLine, DelaySpec
 
 LATE_S = 0.1
 

@@ -7,8 +7,8 @@ import msgspec
 import pytest
 
 from robrain import LinkSpec, PartitionSpec, RobotHardware, Scenario
-from robrain.sim.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec
+from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.motes.mesh_spec import MeshSpec

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.sim.disturbance import DelaySpec, DisturbanceSpec
+from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts

@@ -10,7 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Self
 
-from robrain.recording.writer.provenance import MAP_ATTACHMENT
+from robrain.recording.provenance import MAP_ATTACHMENT
 from robrain.sim.scenarios.scenario import Scenario
 from tests.ros_domain import Domain
 from tests.system.conftest import Commands

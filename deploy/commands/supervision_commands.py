@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.commands.process_options import (
+from robrain.deploy.command_line.process_options import (
     JournalOption,
     ListenOption,
     PortOption,
@@ -15,7 +15,7 @@ from robrain.deploy.commands.process_options import (
     above_zero,
     until_explored,
 )
-from robrain.deploy.commands.scenario_options import (
+from robrain.deploy.command_line.scenario_options import (
     IdleOption,
     MapOption,
     MotesOption,
@@ -24,7 +24,7 @@ from robrain.deploy.commands.scenario_options import (
     TimeLimitOption,
     UntilOption,
 )
-from robrain.deploy.commands.team_options import ConnectOption, JsonOption, TeamOption
+from robrain.deploy.command_line.team_options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
@@ -95,8 +95,8 @@ def up(
             raise UsageError(f"{', '.join(wrong)}: the team file {scenario} says that, not the command line")
         result = up_host(Path(scenario), host, words)
     else:
-        from robrain.deploy.commands.options import choose_scenario
-        from robrain.deploy.commands.recording_path import new_recording
+        from robrain.deploy.command_line.options import choose_scenario
+        from robrain.deploy.command_line.recording_path import new_recording
 
         if host is not None:
             raise UsageError(f"--host {host}: expected a team file with [[hosts]]")

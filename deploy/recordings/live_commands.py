@@ -56,7 +56,7 @@ def replay_on_wire(
     recording: Path, speed: float, *, loop: bool, connect: list[str], team: str, start_s: float, paused: bool
 ) -> None:
     """Publish a recording on the wire, once or in a loop."""
-    from robrain.deploy.commands.terminal import print_line
+    from robrain.deploy.command_line.terminal import print_line
     from robrain.deploy.recordings.replay_terminal import replay_terminal
     from robrain.deploy.recordings.replaying import run_replay
     from robrain.recording.replay.replay import Replay

@@ -13,7 +13,8 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.table.topics import ARENA_SCAN
-from robrain.sim.disturbance import (
+from robrain.sim.errors import ScenarioError
+from robrain.sim.firmware.disturbance import (
     DelayLine,
     DelaySpec,
     Disturbance,
@@ -22,7 +23,6 @@ from robrain.sim.disturbance import (
     Pauses,
     PauseSpec,
 )
-from robrain.sim.errors import ScenarioError
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario_file import parse_scenario
 
@@ -231,7 +231,7 @@ def test_disturbances_without_sense_are_refused_with_file_and_key(table, line, s
 
 
 def test_scenario_of_the_documentation_is_one():
-    page = (Path(__file__).parents[2] / "docs" / "how-to" / "imperfect-sensors.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "how-to" / "imperfect-sensors.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     tables = parse_scenario(text, "hard.toml")
     assert tables.disturbance.can.is_on

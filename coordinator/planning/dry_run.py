@@ -3,8 +3,8 @@
 import msgspec
 
 from robrain.coordinator.planning.energy_budget import UNKNOWN
+from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.task_explanation import TaskExplanation
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.ranges import TEXT_MAX, cut

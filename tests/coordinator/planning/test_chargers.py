@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from robrain.coordinator.charging.chargers import ASKED_MAX, Charger, KnownChargers
+from robrain.coordinator.planning.chargers import ASKED_MAX, Charger, KnownChargers
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint

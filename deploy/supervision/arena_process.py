@@ -15,8 +15,8 @@ from robrain.deploy.agents.robot_files import (
     open_lines,
     write_robot_files,
 )
-from robrain.deploy.commands.recording_path import make_folder
-from robrain.deploy.commands.terminal import own_command, say
+from robrain.deploy.command_line.recording_path import make_folder
+from robrain.deploy.command_line.terminal import own_command, say
 from robrain.deploy.processes.forwarder_words import said
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there, tell
 from robrain.deploy.run.kernels import prepare_kernels

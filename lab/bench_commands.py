@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.commands.scenario_options import NearOption
-from robrain.deploy.commands.team_options import JsonOption
+from robrain.deploy.command_line.scenario_options import NearOption
+from robrain.deploy.command_line.team_options import JsonOption
 
 BENCHES = {
     "allocation": "task allocation: gaps to exact optima, times of first plans, public routing instances",
@@ -184,7 +184,7 @@ def exploration(
     ] = None,
 ) -> None:
     """Compare exploration strategies."""
-    from robrain.deploy.commands.options import place_of
+    from robrain.deploy.command_line.options import place_of
     from robrain.lab.bench.exploration.exploration import choose, run_bench
 
     around = place_of("--near", near)

@@ -20,9 +20,9 @@ from robrain.protocol.wire.table.topic import Topic
 from robrain.protocol.wire.table.topics import PUBLISHED, topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.tables import Cell, Table
+from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages, read_provenance, recording_info
 from robrain.recording.replay.player import Player
-from robrain.recording.writer.provenance import Provenance
 
 if TYPE_CHECKING:
     import pandas as pd
