@@ -12,7 +12,7 @@ from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.panels.halt_control import HaltControl
 from robrain.dashboard.panels.page import ClientPage, set_theme
 from robrain.dashboard.panels.page_context import Inquiries, PageContext
-from robrain.dashboard.replay.replay_bar import ReplayBar
+from robrain.dashboard.panels.replay_bar import ReplayBar
 from robrain.dashboard.replay.replay_source import ReplaySource
 from robrain.dashboard.server.asker import Asker
 from robrain.dashboard.server.server import close_server, open_server
@@ -21,7 +21,7 @@ from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.wire.endpoint import Endpoint
 
 if TYPE_CHECKING:  # loads what compares recordings
-    from robrain.dashboard.replay.what_if import ForkRunner, WhatIfTab
+    from robrain.dashboard.panels.what_if import ForkRunner, WhatIfTab
 
 logger = logging.getLogger(__name__)
 
@@ -82,7 +82,7 @@ class Dashboard:
             self._source = team
             replay = ReplayBar(self._server, team)
             if forks is not None:
-                from robrain.dashboard.replay import what_if
+                from robrain.dashboard.panels import what_if
 
                 self._what_if = what_if.WhatIfTab(self._server, replay.panel, team, forks)
             asker = Asker(None)

@@ -95,7 +95,7 @@ def consensus(
 ) -> None:
     """Measure allocation by consensus."""
     from robrain.deploy.errors import UsageError
-    from robrain.lab.bench.consensus import SIZES, measure
+    from robrain.lab.bench.allocation.consensus import SIZES, measure
     from robrain.lab.bench.figure import report
 
     if sizes not in range(1, len(SIZES) + 1):

@@ -20,7 +20,6 @@ from robrain.dashboard.html.html_words import (
     tile,
 )
 from robrain.dashboard.html.task_html import LONG_ID
-from robrain.dashboard.panels.halt_control import NAMES_SHOWN, acknowledgements
 from robrain.dashboard.state import headline
 from robrain.dashboard.state.alerts import Alert, AlertLevel, alerts_of
 from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
@@ -43,6 +42,17 @@ GRADES: dict[headline.Grade, tuple[str, str]] = {
 """Symbol and CSS class of the headline's dot."""
 MOTE_SHAPES = ("◆", "▲", "■", "◇")
 MOTE_KINDS = ("good", "warn", "bad", "soft")
+
+
+NAMES_SHOWN = 12
+
+
+def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
+    """Names of the robots that have stopped, and of those that have not confirmed it, lost ones included; sorted."""
+    robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))
+    stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
+    missing = [robot.name for robot in robots if robot.state is None or not robot.state.has_stopped]
+    return stopped, missing
 
 
 def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> str:

@@ -12,13 +12,13 @@ import viser
 import zenoh
 
 from robrain.dashboard.html.html_words import CLOSE_MARK, text
+from robrain.dashboard.html.panel_html import NAMES_SHOWN, acknowledgements
 from robrain.dashboard.panels.gui_values import set_visible
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.errors import CallError
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.table.topics import HALT
-from robrain.recording.drawing.natural_order import natural_key
 
 WIDTH_PX = 290
 MARGIN_PX = 15
@@ -28,7 +28,6 @@ BY = "operator:dashboard"
 LABEL_RESUME = "Resume after halt …"
 LABEL_CONFIRM = "Resume all robots"
 LABEL_KEEP = "Keep them halted"
-NAMES_SHOWN = 12
 PERIOD_S = 0.5
 
 
@@ -99,14 +98,6 @@ class HaltControl:
                 color="red",
                 auto_close_seconds=None,
             )
-
-
-def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
-    """Names of the robots that have stopped, and of those that have not confirmed it, lost ones included; sorted."""
-    robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))
-    stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
-    missing = [robot.name for robot in robots if robot.state is None or not robot.state.has_stopped]
-    return stopped, missing
 
 
 def acknowledgements_html(view: TeamView, beat: int) -> str:

@@ -23,13 +23,13 @@ from robrain.dashboard.html.panel_html import log_html, motes_html, robots_html,
 from robrain.dashboard.html.task_html import queue_html, why_html
 from robrain.dashboard.layers.floor_layers import FieldLayer
 from robrain.dashboard.layers.layer_switches import LayerSwitch, switches_of, troubles_of
+from robrain.dashboard.layers.selection import SelectionMark, floor_hit, mote_near, robot_near
 from robrain.dashboard.panels.form_panel import FormPanel
 from robrain.dashboard.panels.function_form import FormField, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value, set_visible
 from robrain.dashboard.panels.halt_control import BY
 from robrain.dashboard.panels.page_context import Page, PageContext
 from robrain.dashboard.panels.robot_tab import RobotTab
-from robrain.dashboard.scene.selection import SelectionMark, floor_hit, mote_near, robot_near
 from robrain.dashboard.server.asker import QueryOutcome
 from robrain.dashboard.server.retry import Retry
 from robrain.dashboard.state.focus import Focus

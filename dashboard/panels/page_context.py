@@ -10,7 +10,7 @@ import viser
 from robrain.dashboard.layers.layer_switches import LayerSwitch
 from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.panels.halt_control import HaltControl
-from robrain.dashboard.replay.replay_bar import ReplayBar
+from robrain.dashboard.panels.replay_bar import ReplayBar
 from robrain.dashboard.server.asker import Asker, QueryOutcome, Then
 from robrain.dashboard.server.hand_pilot import HandPilot, driver_of
 from robrain.dashboard.state.team_view import TeamView

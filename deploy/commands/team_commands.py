@@ -144,7 +144,7 @@ def log(
 @team_app.command()
 def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """Show each robot of a team in one line: state, battery, place, task, and plugins that do not run."""
-    from robrain.deploy.commands.status_command import show_status, status_of
+    from robrain.deploy.supervision.team_status import show_status, status_of
 
     found = status_of(connect, check_name("team", team))
     if as_json:

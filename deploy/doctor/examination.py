@@ -18,7 +18,6 @@ from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_r
 from robrain.agent.lifecycle.plugin_folders import PluginFolders, entry_point_places
 from robrain.agent.manifest import Manifest, read_manifest
 from robrain.agent.plugin import Level
-from robrain.deploy.commands.status_command import status_by
 from robrain.deploy.doctor.check import Check, CheckName, is_good
 from robrain.deploy.doctor.network_checks import check_address, check_port, check_router
 from robrain.deploy.doctor.team_checks import (
@@ -37,6 +36,7 @@ from robrain.deploy.processes.live_process import live_endpoint
 from robrain.deploy.supervision.credentials import OPERATOR, Credentials
 from robrain.deploy.supervision.part import ARENA, HUB
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
+from robrain.deploy.supervision.team_status import status_by
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import RobrainError, WireError
 from robrain.protocol.extras import missing_package

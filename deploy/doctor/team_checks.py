@@ -11,8 +11,8 @@ from typing import Any
 import msgspec
 import zenoh
 
-from robrain.deploy.commands.status_command import RobotCondition, RobotStanding, TeamStatus, reasons_of
 from robrain.deploy.doctor.check import Check, CheckName
+from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, reasons_of
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.wire.messages.message import Message

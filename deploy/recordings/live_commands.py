@@ -19,7 +19,7 @@ from robrain.protocol.keys import check_name
 from robrain.protocol.wire.session import listening_at, open_session
 
 if TYPE_CHECKING:
-    from robrain.dashboard.replay.what_if import ForkRunner
+    from robrain.dashboard.panels.what_if import ForkRunner
 
 DEFAULT_DASHBOARD_PORT = 8080
 

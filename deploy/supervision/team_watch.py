@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from robrain.coordinator.team.roster import Roster
-from robrain.deploy.commands.status_command import RobotCondition, standing_of
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
+from robrain.deploy.supervision.team_status import RobotCondition, standing_of
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.dashboard.replay.what_if import ForkState
+from robrain.dashboard.panels.what_if import ForkState
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.dashboard_process import StartingPage

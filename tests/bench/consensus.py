@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from robrain.lab.bench import consensus
+from robrain.lab.bench.allocation import consensus
 from robrain.lab.bench.figure import Figure
 
 SEEDS = range(41, 45)

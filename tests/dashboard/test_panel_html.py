@@ -15,7 +15,7 @@ from robrain.dashboard.html.plugin_html import (
 from robrain.dashboard.html.task_html import queue_html, why_html
 from robrain.dashboard.panels.halt_control import acknowledgements_html
 from robrain.dashboard.panels.page import scale_html
-from robrain.dashboard.replay.replay_bar import marks_html
+from robrain.dashboard.panels.replay_bar import marks_html
 from robrain.dashboard.replay.replay_index import Mark
 from robrain.dashboard.state.robot_view import MoteView
 from robrain.dashboard.state.team_view import TeamView

@@ -5,7 +5,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from robrain.dashboard.replay.replay_bar import ReplayBar
+from robrain.dashboard.panels.replay_bar import ReplayBar
 
 
 class Slider:

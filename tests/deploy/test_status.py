@@ -2,8 +2,8 @@
 
 import pytest
 
-from robrain.deploy.commands.status_command import RobotCondition, RobotStanding, TeamStatus, show_status, standing_of
 from robrain.deploy.doctor.team_checks import check_robots
+from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, show_status, standing_of
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from robrain.deploy.commands.status_command import standing_of
 from robrain.deploy.supervision.part import PartView
 from robrain.deploy.supervision.part_table import cells_of, drawn, lines_of
 from robrain.deploy.supervision.process_figures import UNKNOWN, ProcessFigures
 from robrain.deploy.supervision.restarts import Phase
+from robrain.deploy.supervision.team_status import standing_of
 from robrain.deploy.supervision.team_watch import HEARD, Rate, TeamWatch
 from robrain.protocol.clock import NS_PER_S, VirtualClock
 from robrain.protocol.model.geometry import Pose2D

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from robrain.lab.bench import agents, consensus
+from robrain.lab.bench import agents
+from robrain.lab.bench.allocation import consensus
 from robrain.lab.bench.mapping import live_mapping
 
 R101 = Path(__file__).parents[2] / "coordinator" / "allocation" / "data" / "R101_25.txt"
