@@ -36,7 +36,7 @@ EXCEPTIONS: dict[str, str] = {
         ),
         "measures a robot in bring-up; no plugin of a run reads it",
     ),
-    "plugins/device/ros2_scan/ros2_scan.py: np.arctan2": "reads what a ROS 2 robot reports, in live alone",
+    "plugins/device/ros2_scan.py: np.arctan2": "reads what a ROS 2 robot reports, in live alone",
 }
 """Permitted uses as `file: name`, each with the reason."""
 
@@ -55,8 +55,8 @@ CLOCKS = {
     "coordinator/planning/live_planner.py": "the live drive's planner",
     "coordinator/planning/worker_main.py": "the live drive's planner",
     "recording/writer/recorder.py": "tells of a slow disk, in live",
-    "plugins/unit/program/program.py": "refused in lockstep",
-    "plugins/unit/tcp_socket/tcp_socket.py": "refused in lockstep",
+    "plugins/unit/program.py": "refused in lockstep",
+    "plugins/unit/tcp_socket.py": "refused in lockstep",
     "protocol/wire/trial.py": "tries what a router lets through, in live",
     "protocol/wire/answers/answering.py": "answers on threads, in live",
     "protocol/clock.py": "the live drive's clock",

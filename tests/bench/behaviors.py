@@ -18,7 +18,7 @@ from robrain.agent.host.robot_file import RobotTable
 from robrain.agent.manifest import find_manifests
 from robrain.algorithms.warm_up import warm_up
 from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
-from robrain.plugins.behavior.monitor.monitor import changed_share, colors_of
+from robrain.plugins.behavior.monitor import changed_share, colors_of
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry

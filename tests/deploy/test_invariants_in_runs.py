@@ -17,7 +17,7 @@ from robrain.coordinator import frontier_desk
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
-from robrain.plugins.behavior.recharge.recharge import RechargeBehavior
+from robrain.plugins.behavior.recharge import RechargeBehavior
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.messages.robots.robot_messages import RobotState

@@ -14,7 +14,7 @@ PLACES = (
     "plugins/unit/",
     "plugins/skill/",
     "plugins/device/",
-    "plugins/behavior/recharge/",
+    "plugins/behavior/recharge.py",
 )
 NOT_YET = ("dashboard/",)  # tested in a browser, which is not done here
 

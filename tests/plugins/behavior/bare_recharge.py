@@ -5,7 +5,7 @@ from typing import Any
 
 from robrain.agent.task_desk import TaskDesk
 from robrain.plugins.behavior.budget import BudgetVerdict
-from robrain.plugins.behavior.recharge.recharge import (
+from robrain.plugins.behavior.recharge import (
     GUARD_S,
     RechargeBehavior,
 )

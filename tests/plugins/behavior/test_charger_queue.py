@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.plugins.behavior.errand import SETTLE_S, Failed
-from robrain.plugins.behavior.recharge.recharge import (
+from robrain.plugins.behavior.recharge import (
     APART_M,
     ASIDE_M,
     CLEAR_M,

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.plugins.behavior.errand import Failed
-from robrain.plugins.behavior.recharge.recharge import (
+from robrain.plugins.behavior.recharge import (
     DOCK_TRIES,
     DOCKED_M,
     GIVE_S,

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.algorithms.navigation.frontier import find_frontiers
-from robrain.plugins.behavior.explore.explore import ExploreBehavior
+from robrain.plugins.behavior.explore import ExploreBehavior
 from robrain.plugins.skill.mapper.frames import FrameMove
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame

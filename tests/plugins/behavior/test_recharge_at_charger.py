@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from robrain.plugins.behavior.errand import Failed, Run
-from robrain.plugins.behavior.recharge.recharge import (
+from robrain.plugins.behavior.recharge import (
     DOCK_S,
     FULL_ERROR,
     RechargeBehavior,

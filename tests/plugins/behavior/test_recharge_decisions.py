@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.plugins.behavior.errand import STEP_S
-from robrain.plugins.behavior.recharge.recharge import (
+from robrain.plugins.behavior.recharge import (
     AT_HOME_M,
     GUARD_S,
     HOMEWARD,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from robrain.plugins.behavior.monitor.monitor import changed_share, colors_of
+from robrain.plugins.behavior.monitor import changed_share, colors_of
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.sim.robot.camera import Camera, CameraSpec, SeenRobot

@@ -14,8 +14,8 @@ from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.agent.manifest import read_manifest
-from robrain.plugins.device.ld19.ld19 import Ld19
-from robrain.plugins.device.rplidar.rplidar import Rplidar
+from robrain.plugins.device.ld19 import Ld19
+from robrain.plugins.device.rplidar import Rplidar
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarFault
 from robrain.plugins.device.scan.lidar_mount import Mount

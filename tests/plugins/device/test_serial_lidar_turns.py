@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.plugins.device.ld19.ld19 import Ld19
+from robrain.plugins.device.ld19 import Ld19
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.serial_lidar import WAIT_NS
 from robrain.protocol.clock import to_seconds

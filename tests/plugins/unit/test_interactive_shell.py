@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from robrain.agent.errors import HardwareAbsent, PluginError
-from robrain.plugins.unit.interactive_shell.interactive_shell import InteractiveShell
+from robrain.plugins.unit.interactive_shell import InteractiveShell
 from robrain.protocol.wire.endpoint import Drive
 from tests.waiting import PATIENCE_S, until
 

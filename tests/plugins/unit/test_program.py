@@ -16,8 +16,8 @@ from robrain.agent.event import Mailbox
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.unit.program import program
-from robrain.plugins.unit.program.program import BadLine, Program, ProgramAbsent, ProgramEnded, ProgramLate
+from robrain.plugins.unit import program
+from robrain.plugins.unit.program import BadLine, Program, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.endpoint import Drive
@@ -272,7 +272,7 @@ def test_a_robot_has_two_programs_by_their_manifests_alone(tmp_path):
     for name, factor in (("double", 2), ("triple", 3)):
         code = f"while True: print(int(input()) * {factor}, flush=True)"
         (tmp_path / f"{name}.toml").write_text(
-            '[plugin]\nclass = "robrain.plugins.unit.program.program:Program"\n'
+            '[plugin]\nclass = "robrain.plugins.unit.program:Program"\n'
             f"[parameters]\ncommand = {msgspec.json.encode([sys.executable, '-c', code]).decode()}\n"
             f"time_limit_s = {PATIENCE_S}\n[tag]\nhang_s = {PATIENCE_S}\n"
         )

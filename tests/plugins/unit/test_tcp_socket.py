@@ -7,8 +7,8 @@ import msgspec
 import pytest
 
 from robrain.agent.errors import PluginError
-from robrain.plugins.unit.tcp_socket import tcp_socket as server
-from robrain.plugins.unit.tcp_socket.tcp_socket import TcpSocket
+from robrain.plugins.unit import tcp_socket as server
+from robrain.plugins.unit.tcp_socket import TcpSocket
 from robrain.protocol.wire.endpoint import Drive
 from tests.waiting import PATIENCE_S, until
 

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from robrain.lab.bench.exploration.leaderless import LeaderlessCase, run_case
-from robrain.plugins.behavior.explore.explore import ALONE
+from robrain.plugins.behavior.explore import ALONE
 from robrain.sim.lockstep.lockstep import LockstepRun
 
 SMALL = LeaderlessCase(map="arena_small", robots=2, seed=4, time_limit_s=60.0)

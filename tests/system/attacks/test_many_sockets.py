@@ -13,7 +13,7 @@ import viser
 import websockets.sync.client
 
 from robrain.dashboard.server.server import LocalServer, close_server, open_server
-from robrain.plugins.unit.tcp_socket.tcp_socket import TcpSocket
+from robrain.plugins.unit.tcp_socket import TcpSocket
 from robrain.protocol.wire.endpoint import Drive
 from tests.waiting import PATIENCE_S, until
 

@@ -16,7 +16,7 @@ from robrain import Team
 from robrain.agent.access.external_function import external_functions
 from robrain.agent.plugin import Unit, external
 from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
-from robrain.plugins.unit.interactive_shell.interactive_shell import InteractiveShell
+from robrain.plugins.unit.interactive_shell import InteractiveShell
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.wire.endpoint import Drive, Endpoint

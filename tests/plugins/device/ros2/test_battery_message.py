@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robrain.plugins.device.bm2.counting import BadReading
-from robrain.plugins.device.ros2_battery.ros2_battery import read_battery
+from robrain.plugins.device.ros2_battery import read_battery
 from tests.plugins.device.ros2.ros_words import battery
 
 

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.plugins.device.ros2_scan.ros2_scan import BadScan, ScanReader
+from robrain.plugins.device.ros2_scan import BadScan, ScanReader
 from robrain.plugins.device.scan.lidar_mount import Mount
 from tests.plugins.device.ros2.ros_words import header, scan
 

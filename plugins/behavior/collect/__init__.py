@@ -1,1 +1,0 @@
-"""Collect: the robot fetches what a mote has stored."""

@@ -1,1 +1,0 @@
-"""Idle: what the robot does with nothing to do."""

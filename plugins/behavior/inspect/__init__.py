@@ -1,1 +1,0 @@
-"""Inspect: the robot goes to a place and takes a picture."""

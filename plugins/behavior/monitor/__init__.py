@@ -1,1 +1,0 @@
-"""Monitor: the robot watches a room."""

@@ -1,1 +1,0 @@
-"""Recharge: the robot docks at a charger, when told and when it must."""

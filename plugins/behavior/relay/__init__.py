@@ -1,1 +1,0 @@
-"""Relay: the robot is the link to a mote."""

@@ -1,1 +1,0 @@
-"""Replace: the robot stands in for a mote."""

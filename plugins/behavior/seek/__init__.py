@@ -1,1 +1,0 @@
-"""Seek: the robot finds the source of what is sensed."""

@@ -1,1 +1,0 @@
-"""Sense: the robot brings one reading from a place."""

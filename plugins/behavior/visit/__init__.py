@@ -1,1 +1,0 @@
-"""Visit: the robot goes to a place."""

@@ -1,1 +1,0 @@
-"""Wander: the robot goes about at random."""

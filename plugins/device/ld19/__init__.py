@@ -1,1 +1,0 @@
-"""LDROBOT's LD06 and LD19, on a serial line."""

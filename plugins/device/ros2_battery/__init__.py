@@ -1,1 +1,0 @@
-"""The battery of a ROS 2 robot."""

@@ -1,1 +1,0 @@
-"""The IMU of a ROS 2 robot."""

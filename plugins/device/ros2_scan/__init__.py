@@ -1,1 +1,0 @@
-"""The lidar of a ROS 2 robot."""

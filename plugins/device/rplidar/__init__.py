@@ -1,1 +1,0 @@
-"""Slamtec's RPLIDAR A-series, on a serial line."""

@@ -1,1 +1,0 @@
-"""Counter: the paper's example of a skill that needs no hardware."""

@@ -1,1 +1,0 @@
-"""What motes' signals say of where the robot is."""

@@ -1,1 +1,0 @@
-"""The text form at a terminal of the robot."""

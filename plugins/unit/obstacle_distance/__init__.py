@@ -1,1 +1,0 @@
-"""The nearest obstacle in each direction."""

@@ -1,0 +1,523 @@
+"""Program: wraps any executable by its manifest alone.
+
+A manifest of your own, `NAME.toml`, with
+
+    [plugin]
+    class = "robrain.plugins.unit.program:Program"
+
+    [parameters]
+    command = ["bc", "--quiet"]
+
+makes it the plugin NAME: `robrain call ROBOT NAME send '"1+2"'`, or from a plugin of a higher level
+`env.use("NAME", ProgramInterface).send("1+2")`. As many programs as there are manifests.
+"""
+
+import logging
+import os
+import select
+import shutil
+import subprocess
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import IO, Literal, Protocol
+
+import msgspec
+
+from robrain.agent.errors import HardwareAbsent, PluginError
+from robrain.agent.event import Event
+from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
+from robrain.agent.plugin import Unit, external
+from robrain.protocol.codec import BAD_PAYLOAD
+from robrain.protocol.errors import ErrorCode
+from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.wire.endpoint import Drive
+
+WAITING_LINES = 256
+END_TIMEOUT_S = 1.0
+"""A program that was asked to end is killed after this."""
+STDERR_LINES_A_SECOND = 100
+"""What a program says to stderr beyond this is counted, not logged."""
+
+
+class LineProcess:
+    """One run of a program.
+
+    Args:
+        plugin: whose it is, for the log.
+        command: program and arguments.
+        folder: where it runs; here if None.
+        environment: variables beside those of this process.
+        max_line_bytes: longer lines are left out.
+        on_line: told of each line that it says, on a thread of the process's own; False if it is to be left out.
+
+    Raises:
+        OSError: it cannot be started.
+
+    """
+
+    def __init__(
+        self,
+        plugin: str,
+        command: Sequence[str],
+        folder: Path | None,
+        environment: Mapping[str, str],
+        max_line_bytes: int,
+        on_line: Callable[[str], bool],
+    ) -> None:
+        self.lines = 0
+        self.left_out = 0
+        self.started_s = time.monotonic()
+        self._plugin = plugin
+        self._max_line_bytes = max_line_bytes
+        self._on_line = on_line
+        self._said: deque[str] = deque(maxlen=WAITING_LINES)
+        self._change = threading.Condition()
+        self.is_silent = False
+        """Whether it has closed its output, so that it will say no more."""
+        self._group = ProcessGroup(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            folder=folder,
+            environment={**os.environ, **environment},
+        )
+        process = self._group.process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
+        self._stdin = process.stdin.fileno()
+        os.set_blocking(self._stdin, False)
+        self._threads = [
+            threading.Thread(target=read, args=(stream,), name=f"{name}-{plugin}", daemon=True)
+            for name, read, stream in (
+                ("stdout", self._read_stdout, process.stdout),
+                ("stderr", self._read_stderr, process.stderr),
+            )
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._group.process.pid
+
+    @property
+    def status(self) -> int | None:
+        """None while it runs, else as in subprocess."""
+        return self._group.status
+
+    def write(self, line: str, limit_s: float) -> bool:
+        """Give it a line; False if it does not take it in time.
+
+        Raises:
+            OSError: it does not listen any more.
+
+        """
+        left = memoryview(f"{line}\n".encode())
+        deadline_s = time.monotonic() + limit_s
+        while left:
+            ready = select.select([], [self._stdin], [], max(deadline_s - time.monotonic(), 0.0))[1]
+            if not ready:
+                return False
+            left = left[os.write(self._stdin, left) :]
+        return True
+
+    def forget(self) -> None:
+        """Lines that it has said so far answer nothing."""
+        with self._change:
+            self._said.clear()
+
+    def next_line(self, limit_s: float) -> str | None:
+        """The next line that it says; None if none comes in time, or none will come any more."""
+        with self._change:
+            self._change.wait_for(lambda: bool(self._said) or self.is_silent, limit_s)
+            return self._said.popleft() if self._said else None
+
+    def end(self) -> None:
+        """Ask it to end, see that it does, with all that it has started, and give everything back."""
+        self._group.ask_to_end()
+        self._group.wait(END_TIMEOUT_S)
+        self.kill()
+        for thread in self._threads:
+            # Something that left the group may hold the other end open: its thread is left behind, and closes then.
+            thread.join(END_TIMEOUT_S)
+        if self._group.process.stdin is not None:
+            self._group.process.stdin.close()
+
+    def ends_within(self, timeout_s: float) -> bool:
+        """Whether it has ended by then."""
+        return self._group.wait(timeout_s)
+
+    def kill(self) -> None:
+        """End it at once, with all that it has started."""
+        self._group.kill()
+
+    def _read_stdout(self, stream: IO[bytes]) -> None:
+        try:
+            with stream:
+                for line in self._lines(stream):
+                    self.lines += 1
+                    if not self._on_line(line):
+                        self.left_out += 1
+                        continue
+                    with self._change:
+                        self._said.append(line)
+                        self._change.notify_all()
+        finally:
+            with self._change:
+                self.is_silent = True
+                self._change.notify_all()
+
+    def _read_stderr(self, stream: IO[bytes]) -> None:
+        second, count = 0, 0
+        with stream:
+            for line in self._lines(stream):
+                now = int(time.monotonic())
+                if now != second:
+                    self._note_kept_back(count)
+                    second, count = now, 0
+                count += 1
+                if count <= STDERR_LINES_A_SECOND:
+                    logger.info("%s: %s", self._plugin, line)
+        self._note_kept_back(count)
+
+    def _note_kept_back(self, count: int) -> None:
+        kept_back = count - STDERR_LINES_A_SECOND
+        if kept_back > 0:
+            logger.warning("%s: %d more lines on stderr were not logged", self._plugin, kept_back)
+
+    def _lines(self, stream: IO[bytes]) -> "Lines":
+        return Lines(stream.fileno(), self._max_line_bytes, self._note_too_long)
+
+    def _note_too_long(self) -> None:
+        self.left_out += 1
+        logger.warning("%s: ignored a line of more than %d bytes", self._plugin, self._max_line_bytes)
+
+
+class Lines:
+    """Iterates over the lines of a file descriptor; never holds more than one line of the greatest length.
+
+    Args:
+        number: the file descriptor.
+        max_bytes: of one line.
+        on_too_long: told of each line that is longer, and left out.
+
+    """
+
+    def __init__(self, number: int, max_bytes: int, on_too_long: Callable[[], None]) -> None:
+        self._number = number
+        self._max_bytes = max_bytes
+        self._on_too_long = on_too_long
+        self._waiting: deque[bytes] = deque()
+        self._begun = bytearray()
+        self._is_too_long = False
+
+    def __iter__(self) -> "Lines":
+        return self
+
+    def __next__(self) -> str:
+        while not self._waiting:
+            received = os.read(self._number, max(self._max_bytes, 1))
+            if not received:
+                if not self._begun:
+                    raise StopIteration
+                received = b"\n"  # the last line need not end with a line's end
+            self._take(received)
+        return self._waiting.popleft().decode(errors="replace")
+
+    def _take(self, received: bytes) -> None:
+        *whole, rest = received.split(b"\n")
+        for part in whole:
+            self._begin(part)
+            if not self._is_too_long:
+                self._waiting.append(bytes(self._begun).removesuffix(b"\r"))
+            self._begun.clear()
+            self._is_too_long = False
+        self._begin(rest)
+
+    def _begin(self, part: bytes) -> None:
+        if self._is_too_long:
+            return
+        self._begun += part
+        if len(self._begun) > self._max_bytes:
+            self._begun.clear()
+            self._is_too_long = True
+            self._on_too_long()
+
+
+class ProgramAbsent(HardwareAbsent):
+    """There is no such executable; the plugin is left out as if its hardware were absent."""
+
+
+class BadLine(PluginError):
+    """That cannot be given to the program."""
+
+    code = ErrorCode.BAD_ARGUMENTS
+
+
+class ProgramEnded(PluginError):
+    """The program does not run."""
+
+    code = ErrorCode.INACTIVE
+
+
+class ProgramLate(PluginError):
+    """The program did not answer in time, and was killed."""
+
+    code = ErrorCode.TIMEOUT
+
+
+class Running(StrEnum):
+    """Whether a program runs."""
+
+    RUNNING = "running"
+    WAITING = "waiting"
+    """It has failed and will be started again."""
+    ENDED = "ended"
+
+
+class ProgramState(msgspec.Struct, frozen=True, kw_only=True):
+    """How a program stands."""
+
+    running: Running
+    pid: int | None = None
+    restarts: int = 0
+    """Restarts since it last ran for a while."""
+    lines: int = 0
+    """Lines that it has said."""
+    lines_left_out: int = 0
+    """Lines that were too long, or no JSON where JSON was expected."""
+    why: str = ""
+    """How it ended last."""
+
+
+class ProgramInterface(Protocol):
+    """Lines in, lines out."""
+
+    said: Event[str]
+    """Each line of the program's standard output, also those that answer a `send`."""
+
+    def send(self, text: str) -> str:
+        """Give the program one line and return the next one that it says."""
+
+    def tell(self, text: str) -> None:
+        """Give the program one line; whatever it says comes as `said`."""
+
+    def state(self) -> ProgramState:
+        """How the program stands."""
+
+
+logger = logging.getLogger(__name__)
+
+Form = Literal["lines", "json"]
+
+BACKOFF_S = 0.5
+LONGEST_BACKOFF_S = 30.0
+A_MOMENT_S = 0.1
+"""Between a program's last word and its end."""
+SILENT_S = 2.0
+"""The same for one that has closed its output, and so is ending: on a busy machine that takes its time."""
+STEADY_S = 10.0
+"""A program that has run for so long has its restarts forgiven."""
+
+
+class Program(Unit):
+    """Runs a program and speaks with it in lines, over its standard input and output."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Lines are UTF-8. With `json` each line is a JSON document, and what is none is refused or left out."""
+
+        command: list[str]
+        input: Form = "lines"
+        output: Form = "lines"
+        time_limit_s: float = 2.0
+        """A program that takes longer to answer is killed: its next line would be taken for the wrong answer."""
+        restart: Literal["no", "on-failure"] = "no"
+        """After an exit status other than 0, a signal or a late answer; else the plugin is faulted."""
+        restart_limit: int = 5
+        """After so many restarts in a row the plugin is faulted."""
+        folder: str = ""
+        """Where it runs; relative to where the robot's agent runs, which is the default."""
+        environment: dict[str, str] = {}
+        """Variables beside those of the robot's agent."""
+        max_line_bytes: int = 65536
+        kill_on_halt: bool = False
+        """An emergency halt ends it at once; it is started again after the resume."""
+
+        def __post_init__(self) -> None:
+            if not self.command or not self.command[0]:
+                raise ValueError("expected command = [program, arguments …], got nothing")
+            check_positive(self, "time_limit_s", "max_line_bytes")
+            check_not_negative(self, "restart_limit")
+
+    interface = ProgramInterface
+    said = Event[str]()
+    period_s = 0.1
+    parameters: Parameters
+
+    def init(self) -> None:
+        if self.env.wire.drive is Drive.LOCKSTEP:
+            raise PluginError(self.env.plugin, f"{self.env.plugin}: programs run only in the live drive")
+        self._process: LineProcess | None = None
+        self._again_s: float | None = None
+        self._restarts = 0
+        self._why = ""
+        self._was_halted = False
+
+    def activate(self) -> None:
+        folder = Path(self.parameters.folder) if self.parameters.folder else None
+        if folder is not None and not folder.is_dir():
+            raise ProgramAbsent(self.env.plugin, f"no folder {folder}: correct [parameters] folder")
+        self._find(self.parameters.command[0], folder)
+        self._start()
+
+    def step(self) -> None:
+        if self._again_s is not None:
+            if time.monotonic() >= self._again_s:
+                self._start()
+            return
+        process = self._process
+        if process is not None and process.status is not None:
+            self._ended(process, process.status)
+
+    def deactivate(self) -> None:
+        self._end()
+
+    def emergency_halt(self) -> None:
+        process = self._process
+        if self.parameters.kill_on_halt and process is not None:
+            self._was_halted = True
+            process.kill()
+
+    @external
+    def send(self, text: str) -> str:
+        """Give the program one line and return the next one that it says."""
+        process = self._running()
+        line = self._line(text)
+        process.forget()
+        self._write(process, line)
+        answer = process.next_line(self.parameters.time_limit_s)
+        if answer is None:
+            raise self._late(process, "answer")
+        return answer
+
+    @external
+    def tell(self, text: str) -> None:
+        """Give the program one line; whatever it says comes as the event `said`."""
+        process = self._running()
+        self._write(process, self._line(text))
+
+    @external
+    def state(self) -> ProgramState:
+        """Whether the program runs, how often it was restarted, how it ended last."""
+        process = self._process
+        running = Running.WAITING if self._again_s is not None else Running.ENDED
+        if process is not None and process.status is None:
+            running = Running.RUNNING
+        return ProgramState(
+            running=running,
+            pid=process.pid if process is not None and running is Running.RUNNING else None,
+            restarts=self._restarts,
+            lines=process.lines if process is not None else 0,
+            lines_left_out=process.left_out if process is not None else 0,
+            why=self._why,
+        )
+
+    def _find(self, program: str, folder: Path | None) -> None:
+        beside = folder / program if folder is not None and os.sep in program else program
+        if shutil.which(beside) is None:
+            raise ProgramAbsent(
+                self.env.plugin,
+                f"no executable {program}: install it, or correct [parameters] command of {self.env.plugin}",
+            )
+
+    def _start(self) -> None:
+        given = self.parameters
+        folder = Path(given.folder) if given.folder else None
+        self._again_s = None
+        try:
+            self._process = LineProcess(
+                self.env.plugin, given.command, folder, given.environment, given.max_line_bytes, self._hear
+            )
+        except OSError as error:
+            raise ProgramAbsent(self.env.plugin, f"{given.command[0]} cannot be started: {error}") from error
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        self._again_s = None
+        if process is not None:
+            process.end()
+
+    def _ended(self, process: LineProcess, status: int) -> None:
+        """The program has ended by itself, or was killed: start it again, or leave it at that, or be at fault."""
+        self._why = f"{self.parameters.command[0]} {how_it_ended(status)}"
+        self._end()
+        if self._was_halted:
+            self._was_halted = False
+            self._start()
+        elif status == 0:
+            logger.info("%s: %s", self.env.plugin, self._why)
+        else:
+            if time.monotonic() - process.started_s > STEADY_S:
+                self._restarts = 0
+            if self.parameters.restart == "no" or self._restarts >= self.parameters.restart_limit:
+                raise ProgramEnded(self.env.plugin, self._why)
+            wait_s = min(BACKOFF_S * 2**self._restarts, LONGEST_BACKOFF_S)
+            self._restarts += 1
+            self._again_s = time.monotonic() + wait_s
+            logger.warning("%s: %s, and is started again in %g s", self.env.plugin, self._why, wait_s)
+
+    def _running(self) -> LineProcess:
+        process = self._process
+        if process is None or process.status is not None:
+            raise ProgramEnded(self.env.plugin, f"{self.env.plugin} does not run: {self._why or 'it has just ended'}")
+        return process
+
+    def _line(self, text: str) -> str:
+        if self.parameters.input == "json":
+            try:
+                return msgspec.json.format(text.encode(), indent=-1).decode()
+            except (*BAD_PAYLOAD, UnicodeEncodeError) as error:
+                raise BadLine(self.env.plugin, f"{self.env.plugin} takes JSON: {error}") from error
+        if "\n" in text or "\r" in text:
+            raise BadLine(self.env.plugin, f"{self.env.plugin} takes one line at a time")
+        if len(text.encode(errors="replace")) > self.parameters.max_line_bytes:
+            raise BadLine(
+                self.env.plugin, f"{self.env.plugin} takes lines of up to {self.parameters.max_line_bytes} bytes"
+            )
+        return text
+
+    def _write(self, process: LineProcess, line: str) -> None:
+        try:
+            is_taken = process.write(line, self.parameters.time_limit_s)
+        except OSError as error:
+            raise ProgramEnded(self.env.plugin, f"{self.env.plugin} no longer accepts input: {error}") from error
+        if not is_taken:
+            raise self._late(process, "take a line")
+
+    def _late(self, process: LineProcess, what: str) -> PluginError:
+        moment_s = SILENT_S if process.is_silent else A_MOMENT_S
+        if process.ends_within(moment_s) and process.status is not None:
+            return ProgramEnded(self.env.plugin, f"{self.env.plugin} {how_it_ended(process.status)} and did not {what}")
+        process.kill()
+        return ProgramLate(
+            self.env.plugin,
+            f"{self.env.plugin} did not {what} within {self.parameters.time_limit_s:g} s and was killed",
+        )
+
+    def _hear(self, line: str) -> bool:
+        """A line that the program says, on the thread that reads it."""
+        if self.parameters.output == "json":
+            try:
+                msgspec.json.decode(line.encode(errors="replace"), type=msgspec.Raw)
+            except BAD_PAYLOAD:
+                logger.warning("%s: ignored a line that is not JSON: %.200s", self.env.plugin, line)
+                return False
+        self.said.notify(line)
+        return True

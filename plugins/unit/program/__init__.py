@@ -1,1 +1,0 @@
-"""Any executable as a plugin."""

@@ -1,1 +1,0 @@
-"""A driver for robots whose own Nav2 drives."""
