@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # imported when a plugin asks for them
     import can
     import numpy as np
 
-    from robrain.protocol.serial_lines.serial_line import SerialLine
+    from robrain.protocol.serial.serial_line import SerialLine
 
 logger = logging.getLogger(__name__)
 
@@ -237,7 +237,7 @@ class Environment:
             HardwareAbsent: it cannot be opened.
 
         """
-        from robrain.protocol.serial_lines.serial_line import SIMULATED, PortLine, SimulatedLine
+        from robrain.protocol.serial.serial_line import SIMULATED, PortLine, SimulatedLine
 
         if port.startswith(SIMULATED):
             return SimulatedLine(self.wire, self.robot, port.removeprefix(SIMULATED), self.hurry)

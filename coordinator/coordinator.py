@@ -14,7 +14,7 @@ from robrain.coordinator.frontier_desk import FrontierDesk
 from robrain.coordinator.journal.backup_desk import BackupDesk
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.motes.field.field_keeper import FieldKeeper
+from robrain.coordinator.motes.field_keeper import FieldKeeper
 from robrain.coordinator.motes.mote_members import MoteDesk
 from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.dry_run import DryRuns

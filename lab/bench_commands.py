@@ -152,7 +152,7 @@ def mapping(
 ) -> None:
     """Measure the accuracy of maps and positions."""
     from robrain.lab.bench.mapping.mapping import run_bench
-    from robrain.lab.bench.mapping.mapping_plan import choose
+    from robrain.lab.bench.mapping_plan import choose
 
     run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder, conditions), json_file)
 
@@ -185,7 +185,7 @@ def exploration(
 ) -> None:
     """Compare exploration strategies."""
     from robrain.deploy.command_line.options import place_of
-    from robrain.lab.bench.exploration.exploration import choose, run_bench
+    from robrain.lab.bench.exploration import choose, run_bench
 
     around = place_of("--near", near)
     place = None if around is None else (around.x_m, around.y_m)
@@ -209,7 +209,7 @@ def leaderless(
     json_file: JsonFileOption = None,
 ) -> None:
     """Measure exploration without a coordinator."""
-    from robrain.lab.bench.exploration.leaderless import choose, run_bench
+    from robrain.lab.bench.leaderless import choose, run_bench
 
     run_bench(choose(maps, robots, seeds, killed_at, time_limit_s, map_folder), jobs, json_file)
 
@@ -227,7 +227,7 @@ def motes(
     json_file: JsonFileOption = None,
 ) -> None:
     """Measure how long a mote field lives."""
-    from robrain.lab.bench.motes.motes import choose, run_bench
+    from robrain.lab.bench.motes import choose, run_bench
 
     run_bench(choose(ways, seeds, count, tours_per_day, goal_days, jobs), json_file)
 
@@ -246,7 +246,7 @@ def joining(
 ) -> None:
     """Measure how robots that do not know their place join the team's map."""
     from robrain.lab.bench.mapping.joining import kinds_of, run_bench
-    from robrain.lab.bench.mapping.mapping_plan import choose
+    from robrain.lab.bench.mapping_plan import choose
 
     plan = choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder)
     run_bench(plan, kinds_of(kinds), json_file)

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from robrain.sim.errors import ScenarioError
     from robrain.sim.firmware.battery import BatterySpec
     from robrain.sim.firmware.disturbance import DisturbanceSpec, PauseSpec
-    from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
     from robrain.sim.lockstep.result import RunResult
     from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
     from robrain.sim.maps.surfaces import SurfaceSpec
@@ -56,6 +55,7 @@ if TYPE_CHECKING:
     from robrain.sim.scenarios.driving import Progress
     from robrain.sim.scenarios.scenario import Scenario
     from robrain.sim.world.chargers import ChargerSpec
+    from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
 
 __all__ = [
     "AccessDenied",
@@ -182,7 +182,7 @@ _NAMES = {
     "robrain.protocol.wire.messages.team.team_messages": ("TeamState",),
     "robrain.sim.world.chargers": ("ChargerSpec",),
     "robrain.sim.firmware.disturbance": ("DisturbanceSpec", "PauseSpec"),
-    "robrain.sim.links.link_spec": ("LinkSpec", "PartitionSpec"),
+    "robrain.sim.world.link_spec": ("LinkSpec", "PartitionSpec"),
     "robrain.sim.errors": ("ScenarioError",),
     "robrain.sim.firmware.battery": ("BatterySpec",),
     "robrain.sim.maps.drawing": ("Block", "FloorDrawing", "Pillar", "Wall", "rasterise"),

@@ -244,8 +244,8 @@ def coordinator(
     lead_anyway: LeadAnywayOption = False,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
-    from robrain.deploy.coordination.coordinator_command import LeadershipOptions, coordinator_command
     from robrain.deploy.processes.live_process import place_of
+    from robrain.deploy.run.coordinator_command import LeadershipOptions, coordinator_command
 
     where = place_of(connect, listen)
     team = check_name("team", team)

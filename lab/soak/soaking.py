@@ -14,7 +14,7 @@ import numpy as np
 
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.deploy.run.kernels import prepare_kernels
-from robrain.lab.bench.mapping.mapping_plan import errors_alone
+from robrain.lab.bench.mapping_plan import errors_alone
 from robrain.lab.soak.planted import BUGS, planted
 from robrain.lab.soak.shrink import TRIALS_MAX, Shrinker, with_sides_of
 from robrain.lab.sweep.crew import LocalCrew
@@ -27,7 +27,6 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.invariants.judging import Judging
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
-from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.lockstep.pacing import StopOnInterrupt
 from robrain.sim.scenarios.scenario import Scenario
@@ -46,6 +45,7 @@ from robrain.sim.stand_in.promises import Promises
 from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.trial import TrialVerdict, quiet, run_trial
 from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.robot_specs import RobotSpec
 
 SCENARIO = "arena_small"

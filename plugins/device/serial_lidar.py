@@ -10,7 +10,7 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.lidar.points import LidarDecoder, LineCounts, Piece, Point
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.serial_lines.serial_line import SerialLine
+from robrain.protocol.serial.serial_line import SerialLine
 
 POLL_S = 0.02
 """Period of the look for bytes; a turn takes 0.1 s or more."""

@@ -42,10 +42,10 @@ from robrain.sim.faults.fault_checks import check_faults_alone
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
 from robrain.sim.firmware.disturbance import Disturbance
-from robrain.sim.links.link_spec import check_alone
 from robrain.sim.lockstep.team_faults import ComponentStarts, TeamFaults
 from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
+from robrain.sim.world.link_spec import check_alone
 from robrain.sim.world.overlap import overlap
 from robrain.sim.world.radio_run import RadioRun
 from robrain.sim.world.time_use import TimeUseMeter

@@ -27,7 +27,6 @@ from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_checks import why_not_faults
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.disturbance import DisturbanceSpec
-from robrain.sim.links.link_spec import LinkSpec, check_alone
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.lockstep.result import RobotResult, RunResult
@@ -59,6 +58,7 @@ from robrain.sim.traffic.specs import TrafficSpec
 from robrain.sim.traffic.traffic import plan_traffic
 from robrain.sim.world.arena import RobotHardware, clearance_m
 from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.link_spec import LinkSpec, check_alone
 from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 from robrain.sim.world.world import World, build_world

@@ -17,7 +17,6 @@ from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.disturbance import DisturbanceSpec
-from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
@@ -28,6 +27,7 @@ from robrain.sim.motes.radio import RadioModel
 from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
 from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
 

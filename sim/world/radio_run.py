@@ -19,10 +19,10 @@ from robrain.protocol.wire.messages.team.arena_messages import ArenaLinks, LinkC
 from robrain.protocol.wire.table.topics import ARENA_LINKS
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.faults.wire_faults import WireFaults
-from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.gateway import gateway_motes
 from robrain.sim.robot.robot_body import RobotBody
+from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.world import World
 
 STEPS_PER_CELL = 2.0

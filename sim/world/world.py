@@ -18,7 +18,7 @@ from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.plugins.device.scan.lidar_mount import Mount
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.serial_lines.serial_line import SIMULATED
+from robrain.protocol.serial.serial_line import SIMULATED
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.provenance import MAP_ATTACHMENT
 from robrain.sim.faults.fault_spec import FaultSpec
@@ -27,7 +27,6 @@ from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
 from robrain.sim.firmware.line_controller import BASE_LINE, CYCLES_PER_S
 from robrain.sim.firmware.wit_imu import IMU_LINE
-from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts, scatter_points
@@ -38,6 +37,7 @@ from robrain.sim.robot.robot_hardware import Controller
 from robrain.sim.traffic.traffic import TrafficPlan
 from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.referee import team_geometry
 from robrain.sim.world.robot_specs import (
     BASE_PLUGIN,

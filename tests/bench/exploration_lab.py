@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from robrain.algorithms.exploration.strategies import STRATEGIES
 from robrain.algorithms.warm_up import warm_up
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.lab.bench.exploration.exploration import FULL, IDEAL, ExplorationCase, ExplorationRun, by_group, run_case
+from robrain.lab.bench.exploration import FULL, IDEAL, ExplorationCase, ExplorationRun, by_group, run_case
 from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic, timing
-from robrain.lab.bench.mapping.mapping_plan import OWN_MAPS
+from robrain.lab.bench.mapping_plan import OWN_MAPS
 
 FLOOR = "clinic"
 SEEDS = range(51, 53)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from robrain.lab.bench.figure import Figure
 from robrain.lab.bench.mapping import joining as bench_joining
 from robrain.lab.bench.mapping import mapping as bench_mapping
-from robrain.lab.bench.mapping.mapping_plan import choose
+from robrain.lab.bench.mapping_plan import choose
 
 FLOORS = "clinic,warehouse"
 ROBOTS, SEEDS = "4", "1-2"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.lab.bench.exploration.exploration import STANDPOINT_M, bound_s, sight_bound_s
+from robrain.lab.bench.exploration import STANDPOINT_M, bound_s, sight_bound_s
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.floor_plan import FloorPlan
 

@@ -9,7 +9,7 @@ import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.exploration.exploration import (
+from robrain.lab.bench.exploration import (
     FULL,
     IDEAL,
     ExplorationCase,

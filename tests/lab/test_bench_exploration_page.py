@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.exploration.exploration import (
+from robrain.lab.bench.exploration import (
     FULL,
     IDEAL,
     ExplorationCase,

@@ -16,7 +16,7 @@ from robrain.lab.bench.mapping.joining import (
     run_bench,
     run_case,
 )
-from robrain.lab.bench.mapping.mapping_plan import Case, MappingPlan
+from robrain.lab.bench.mapping_plan import Case, MappingPlan
 
 SMALL = Case(map="arena_small", path="", robots=2, seed=3, wheels="exact", time_limit_s=2.0)
 

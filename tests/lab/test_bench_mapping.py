@@ -17,7 +17,7 @@ from robrain.lab.bench.mapping.mapping import (
     run_bench,
     run_case,
 )
-from robrain.lab.bench.mapping.mapping_plan import OWN_MAPS, Case, MappingPlan, choose
+from robrain.lab.bench.mapping_plan import OWN_MAPS, Case, MappingPlan, choose
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.sim.lockstep.result import RunResult
 

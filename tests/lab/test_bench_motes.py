@@ -8,7 +8,7 @@ from rich.console import Console
 
 from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.motes.motes import (
+from robrain.lab.bench.motes import (
     MULES,
     RELIEF,
     ROUTES,

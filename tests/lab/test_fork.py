@@ -24,8 +24,8 @@ from robrain.recording.reader.reading import read_messages, recording_info
 from robrain.recording.reader.two_runs import compare_runs
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.firmware.disturbance import DisturbanceSpec, PauseSpec
-from robrain.sim.links.link_spec import LinkSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.world.link_spec import LinkSpec
 
 DRAWING = FloorDrawing(
     size_m=(14.0, 6.0),

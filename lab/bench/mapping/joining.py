@@ -28,7 +28,7 @@ from robrain.lab.bench.figure import (
     show_figures,
     write_json,
 )
-from robrain.lab.bench.mapping.mapping_plan import Case, MappingPlan, all_runs, errors_alone
+from robrain.lab.bench.mapping_plan import Case, MappingPlan, all_runs, errors_alone
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA

@@ -27,7 +27,7 @@ from robrain.lab.bench.figure import (
     show_figures,
     write_json,
 )
-from robrain.lab.bench.mapping.mapping_plan import (
+from robrain.lab.bench.mapping_plan import (
     CONDITIONS,
     SHARED_MAPS,
     USUAL,

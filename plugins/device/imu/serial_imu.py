@@ -22,7 +22,7 @@ from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
 from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_finite, check_positive
-from robrain.protocol.serial_lines.serial_line import SerialLine
+from robrain.protocol.serial.serial_line import SerialLine
 
 HEADER = 0x55
 FRAME_BYTES = 11

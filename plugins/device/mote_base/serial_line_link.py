@@ -3,7 +3,7 @@
 import serial
 
 from robrain.plugins.device.mote_base.link import Backoff
-from robrain.protocol.serial_lines.serial_line import write_at_once
+from robrain.protocol.serial.serial_line import write_at_once
 from robrain.protocol.tinyos.serial_line import SerialLink
 
 CHUNK_BYTES = 16_384

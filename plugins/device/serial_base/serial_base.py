@@ -18,7 +18,7 @@ from robrain.plugins.device.serial_base.line_codec import LineWords, WheelCodec,
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.serial_lines.serial_line import SerialLine
+from robrain.protocol.serial.serial_line import SerialLine
 
 NOISE_NS = to_ns(2.0)
 """Bytes without counts for this long are a fault."""

@@ -15,7 +15,7 @@ from robrain.algorithms.motes.routes import (
     routes_of,
     share_at_once,
 )
-from robrain.lab.bench.motes.motes import lifetime_bound_days
+from robrain.lab.bench.motes import lifetime_bound_days
 from tests.algorithms.motes.fields import line, scattered
 
 ENERGY = mica2()

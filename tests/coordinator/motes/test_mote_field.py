@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
+from robrain.coordinator.motes.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState

@@ -1,7 +1,7 @@
 """A device plugin on a real serial line, without host or Zenoh."""
 
 from robrain.agent.errors import HardwareAbsent
-from robrain.protocol.serial_lines.serial_line import PortLine
+from robrain.protocol.serial.serial_line import PortLine
 from tests.plugins.device.bare_device import BareDevice
 
 

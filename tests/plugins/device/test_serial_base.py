@@ -19,7 +19,7 @@ from robrain.plugins.device.mocdevice.frame_map import SignalUnit
 from robrain.plugins.device.serial_base.line_codec import LINE_BYTES_MAX, LineWords, WheelLineCodec
 from robrain.plugins.device.serial_base.serial_base import SerialBase, WheelSerialLink
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.serial_lines.serial_line import PortLine
+from robrain.protocol.serial.serial_line import PortLine
 from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.plugins.device.bare_device import BareDevice
 

@@ -23,7 +23,7 @@ from robrain.plugins.device.serial_lidar import POINTS_MAX, SerialLidar
 from robrain.protocol.lidar.ld19 import encode_ld19
 from robrain.protocol.lidar.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, encode_rplidar
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.serial_lines.serial_line import PortLine
+from robrain.protocol.serial.serial_line import PortLine
 from tests.plugins.device.bare_device import BareDevice
 
 

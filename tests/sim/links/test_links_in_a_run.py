@@ -20,8 +20,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
 )
 from robrain.sim.errors import ScenarioError
-from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
 from tests.sim.links.radio_team import RadioTeam, corridor, counted, robots_in
 
 RANGE = "range_m = 10.0"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.maps.drawing import FloorDrawing, Wall, rasterise
+from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.world.radio_run import TeamRadio, walls_between
 
 CHAIN = {"r1": (5.0, 5.0), "r2": (14.0, 5.0), "r3": (23.0, 5.0), "r4": (32.0, 5.0)}

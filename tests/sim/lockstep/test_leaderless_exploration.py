@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import msgspec
 import pytest
 
-from robrain.lab.bench.exploration.leaderless import LeaderlessCase, run_case
+from robrain.lab.bench.leaderless import LeaderlessCase, run_case
 from robrain.plugins.behavior.explore import ALONE
 from robrain.sim.lockstep.lockstep import LockstepRun
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.motes.mote_energy import DAY_S, mica2
-from robrain.lab.bench.motes.motes import lifetime_bound_days
+from robrain.lab.bench.motes import lifetime_bound_days
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, RobotFigures, Routing
 from robrain.sim.mote_days.mote_days import FieldLife, FieldRun

@@ -6,7 +6,7 @@ from collections import Counter
 import msgspec
 import pytest
 
-from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
+from robrain.coordinator.motes.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -14,9 +14,9 @@ from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.protocol.wire.table.topics import MOTE_READING
 from robrain.sim.errors import ScenarioError
-from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.world.robot_specs import RobotSpec
 
 NORTH = {f"m{number}" for number in range(9, 17)}

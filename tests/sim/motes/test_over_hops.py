@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
+from robrain.coordinator.motes.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.geometry import Point2D

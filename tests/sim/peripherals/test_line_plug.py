@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from robrain.protocol.clock import VirtualClock
-from robrain.protocol.serial_lines.serial_line import PortLine
+from robrain.protocol.serial.serial_line import PortLine
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session

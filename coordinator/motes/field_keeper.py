@@ -14,7 +14,7 @@ from robrain.algorithms.motes.cell_trend import CellTrend
 from robrain.algorithms.motes.collect_tour import stops_for, visit_weight
 from robrain.algorithms.motes.coverage import CoverageMap, duty_set
 from robrain.algorithms.motes.mote_energy import FLAT_V, FRESH_V
-from robrain.coordinator.motes.field.field_policy import MoteFieldPolicy
+from robrain.coordinator.motes.field_policy import MoteFieldPolicy
 from robrain.coordinator.motes.mote_registry import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.clock import to_ns, to_seconds

@@ -20,7 +20,7 @@ from robrain.deploy.command_line.terminal import new_console, print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
-from robrain.lab.bench.mapping.mapping_plan import (
+from robrain.lab.bench.mapping_plan import (
     SHARED_MAPS,
     all_runs,
     check_limits,

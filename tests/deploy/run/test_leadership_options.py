@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.coordination.coordinator_command import LeadershipOptions
+from robrain.deploy.run.coordinator_command import LeadershipOptions
 from robrain.protocol.errors import RobrainError
 
 

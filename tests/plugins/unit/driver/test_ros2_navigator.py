@@ -8,9 +8,9 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'r
 
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.ros2_base import ros2_base
-from robrain.plugins.unit import ros2_navigator
+from robrain.plugins.unit.driver import ros2_navigator
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.plugins.unit.ros2_navigator import GoalEnd, GoalState
+from robrain.plugins.unit.driver.ros2_navigator import GoalEnd, GoalState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.table.topics import ROBOT_EVENT
 from tests.plugins.device.ros2.fake_link import Link

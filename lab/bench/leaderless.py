@@ -14,7 +14,7 @@ from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
-from robrain.lab.bench.mapping.mapping_plan import all_runs, check_limits, choose_maps, errors_alone, numbers_of
+from robrain.lab.bench.mapping_plan import all_runs, check_limits, choose_maps, errors_alone, numbers_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.placement import Starts

@@ -14,7 +14,7 @@ from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.lab.bench.figure import Figure, are_kept, at_least, deterministic, show_figures, write_json
-from robrain.lab.bench.mapping.mapping_plan import all_runs, names_of, numbers_of
+from robrain.lab.bench.mapping_plan import all_runs, names_of, numbers_of
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, Routing

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from robrain.sim.errors import ScenarioError
-from robrain.sim.links.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
 from tests.sim.links.radio_team import corridor
 
 FULL = """

@@ -17,7 +17,7 @@ from robrain.sim.robot.wheels import WheelSpec
 from robrain.sim.scenarios.scenario import MAX_SEED, Scenario
 from robrain.sim.scenarios.scenario_file import MAX_ROBOTS, builtin_names
 
-PROJECT = Path(__file__).resolve().parents[3]
+PROJECT = Path(__file__).resolve().parents[2]
 OWN_MAPS = PROJECT / "examples" / "maps"
 SHARED_MAPS = PROJECT.parent / "shared" / "maps"
 SHARED_NAMES = ("stage_cave", "stage_hospital_section", "stage_autolab", "nav2_depot")

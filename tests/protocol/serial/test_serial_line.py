@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.protocol.serial_lines.serial_line import PortLine
+from robrain.protocol.serial.serial_line import PortLine
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.standing.stand_by import SILENT_NS
-from robrain.deploy.coordination.coordinator_command import follow_journal
+from robrain.deploy.run.coordinator_command import follow_journal
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint

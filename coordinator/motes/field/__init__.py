@@ -1,1 +1,0 @@
-"""The mote field kept alive by the coordinator itself."""

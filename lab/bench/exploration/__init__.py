@@ -1,1 +1,0 @@
-"""Exploration strategies and team sizes, compared."""

@@ -1,0 +1,1 @@
+"""Serial lines: ports of this computer, and simulated ones over Zenoh."""

@@ -1,1 +1,0 @@
-"""Serial lines: those of the computer, and those of the simulator."""
