@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from robrain.algorithms.localization.scan_match import match_walls
@@ -16,7 +17,6 @@ from robrain.algorithms.localization.scan_match_kernels import distance_window
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import INT8, Floats, kernel_array
 from robrain.algorithms.numeric.small_linear_algebra import least_solution
-from robrain.algorithms.slam import map_overlap_kernels as kernels
 from robrain.algorithms.slam.place_search import search_places
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -67,6 +67,104 @@ REPEATED_NEARLY = 0.7
 
 NEAR_CELLS = 2.3
 """Walls that are this near to each other are the same wall."""
+
+
+UNMARKED, CONTRADICTS, COMMON = 0, 1, 2
+"""Marks of cells that two maps know."""
+CLUSTER_MIN = 4
+"""Least number of connected cells for a contradiction: single cells are noise of the lidar."""
+BESIDE = 3
+"""What is within so many cells of a wall may be a part of it: nearer cells contradict nothing."""
+
+
+@njit(cache=True, nogil=True)
+def compare(
+    own: NDArray[np.int8],
+    own_distance: NDArray[np.float32],
+    other: NDArray[np.int8],
+    other_distance: NDArray[np.float32],
+    placed: tuple[float, float, float, float],
+    near: float,
+    marks: NDArray[np.uint8],
+) -> tuple[int, int]:
+    """Wall cells of `own` that agree, and cells that are floor on both maps.
+
+    Marks each cell of `own` that is known on both maps: what one has as a wall and the other as floor contradicts.
+    """
+    cos, sin, first_x, first_y = placed
+    agreeing, floor = 0, 0
+    for i in range(own.shape[0]):
+        for j in range(own.shape[1]):
+            if own[i, j] == 0:
+                continue
+            row = math.floor(first_y + sin * j + cos * i)
+            column = math.floor(first_x + cos * j - sin * i)
+            if row < 0 or column < 0 or row >= other.shape[0] or column >= other.shape[1] or other[row, column] == 0:
+                continue
+            if own[i, j] > 0:
+                if other_distance[row, column] <= near:
+                    agreeing += 1
+                    marks[i, j] = COMMON
+                elif other[row, column] < 0:
+                    marks[i, j] = CONTRADICTS
+            elif other[row, column] < 0:
+                floor += 1
+                marks[i, j] = COMMON
+            elif own_distance[i, j] > near:
+                marks[i, j] = CONTRADICTS
+    return agreeing, floor
+
+
+@njit(cache=True, nogil=True)
+def in_clusters(marked: NDArray[np.uint8], own: NDArray[np.int8], small_max: float) -> tuple[int, NDArray[np.int64]]:
+    """Contradicting cells connected with at least `CLUSTER_MIN` − 1 others, of the eight around each; unmarks them.
+
+    Returns how many are in clusters longer or wider than `small_max` cells or beside a wall of the own map, and the
+    number in each other one.
+    """
+    height, width = marked.shape
+    stack = np.empty((np.sum(marked == CONTRADICTS), 2), np.int32)
+    small = np.empty(stack.shape[0], np.int64)
+    large, smalls = 0, 0
+    for i in range(height):
+        for j in range(width):
+            if marked[i, j] != CONTRADICTS:
+                continue
+            marked[i, j] = UNMARKED
+            stack[0, 0], stack[0, 1] = i, j
+            waiting, cells = 1, 0
+            low, left, right_most, walls = i, j, j, 0
+            while waiting:
+                waiting -= 1
+                row, column = stack[waiting, 0], stack[waiting, 1]
+                cells += 1
+                walls += own[row, column] > 0
+                low, left, right_most = max(low, row), min(left, column), max(right_most, column)
+                for up in range(max(row - 1, 0), min(row + 2, height)):
+                    for right in range(max(column - 1, 0), min(column + 2, width)):
+                        if marked[up, right] == CONTRADICTS:
+                            marked[up, right] = UNMARKED
+                            stack[waiting, 0], stack[waiting, 1] = up, right
+                            waiting += 1
+            if cells < CLUSTER_MIN:
+                continue
+            is_small = low - i < small_max and right_most - left < small_max
+            if is_small and _walls_about(own, i, low, left, right_most) == walls:
+                small[smalls] = cells
+                smalls += 1
+            else:
+                large += cells
+    return large, small[:smalls]
+
+
+@njit(cache=True, nogil=True)
+def _walls_about(own: NDArray[np.int8], first: int, last: int, left: int, right: int) -> int:
+    """Wall cells in a box, and beside it."""
+    total = 0
+    for i in range(max(first - BESIDE, 0), min(last + BESIDE + 1, own.shape[0])):
+        for j in range(max(left - BESIDE, 0), min(right + BESIDE + 1, own.shape[1])):
+            total += own[i, j] > 0
+    return total
 
 
 class Overlap(NamedTuple):
@@ -205,7 +303,7 @@ class MapMatcher:
         """Whether what agrees is there a second time, on either map: then it is no evidence."""
         _, marks = self._compared(found.T_other_own)
         common = OccupancyGrid(self._own.geometry)
-        common.log_odds[:] = np.where(marks == kernels.COMMON, self._own.log_odds, 0)
+        common.log_odds[:] = np.where(marks == COMMON, self._own.log_odds, 0)
         return MapMatcher(common, self._own).fits_elsewhere(at, Pose2D(0.0, 0.0, 0.0)) or MapMatcher(
             common, self._other
         ).fits_elsewhere(at, found.T_other_own)
@@ -219,7 +317,7 @@ class MapMatcher:
         first_x = (T_other_own.x_m + cos * x_m - sin * y_m - other.origin_x_m) / other.resolution_m
         first_y = (T_other_own.y_m + sin * x_m + cos * y_m - other.origin_y_m) / other.resolution_m
         marks = np.zeros(own.shape, np.uint8)
-        agreeing, floor = kernels.compare(
+        agreeing, floor = compare(
             kernel_array(self._own.log_odds, INT8),
             self._own_distance,
             kernel_array(self._other.log_odds, INT8),
@@ -229,14 +327,12 @@ class MapMatcher:
             marks,
         )
         self._leave_out_bodies(marks, T_other_own)
-        large, small = kernels.in_clusters(
-            marks, kernel_array(self._own.log_odds, INT8), SMALL_MAX_M / own.resolution_m
-        )
+        large, small = in_clusters(marks, kernel_array(self._own.log_odds, INT8), SMALL_MAX_M / own.resolution_m)
         contradicting = large + sum(sorted(small.tolist())[: max(len(small) - self._strangers, 0)])
         return Overlap(agreeing, contradicting, floor), marks
 
     def _leave_out_bodies(self, marks: NDArray[np.uint8], T_other_own: Pose2D) -> None:
-        rows, columns = np.nonzero(marks == kernels.CONTRADICTS)
+        rows, columns = np.nonzero(marks == CONTRADICTS)
         geometry = self._own.geometry
         x_m = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
         y_m = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
@@ -245,7 +341,7 @@ class MapMatcher:
         bodies = [*self._own_bodies.tolist(), *((at.x_m, at.y_m, radius_m) for at, radius_m in others)]
         for body_x_m, body_y_m, radius_m in bodies:
             is_body = (x_m - body_x_m) ** 2 + (y_m - body_y_m) ** 2 < (radius_m + BODY_MARGIN_M) ** 2
-            marks[rows[is_body], columns[is_body]] = kernels.UNMARKED
+            marks[rows[is_body], columns[is_body]] = UNMARKED
 
     def _laid(self, place: Pose2D, T_own_place: Pose2D) -> MapOverlap:
         T_other_own = place.compose(T_own_place.inverse())

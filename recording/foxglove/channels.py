@@ -4,12 +4,24 @@
 latest that was kept. The same messages in the same order give the same channels, at the recording or later.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
+from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
+from foxglove_schemas_protobuf.KeyValuePair_pb2 import KeyValuePair
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
+from numpy import float32
+from numpy.typing import NDArray
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
@@ -31,9 +43,10 @@ from robrain.protocol.wire.table.topics import (
     TASK_EVENT,
 )
 from robrain.recording.drawing.map_at import KnownMap
+from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, NOSE, WALL, WARNING, Rgb, look_of, mote_color
 from robrain.recording.foxglove import messages as make
-from robrain.recording.foxglove import scene as foxglove_scene
 from robrain.recording.foxglove import visual_topics
+from robrain.recording.foxglove.messages import ARENA, color, point, pose, timestamp, wall_cubes
 from robrain.recording.foxglove.plain_schema import plain_schema
 
 Kind = TypeVar("Kind")
@@ -53,6 +66,123 @@ TRAIL_POINTS = 200
 BATTERY_SCHEMA = "robrain.Battery"
 LINES_MAX = 1000
 """Log lines between two calls of `due`."""
+
+
+ROBOT_HEIGHT_M = 0.25
+LABEL_M = 0.35
+TEXT: Rgb = (235, 238, 242)
+
+
+def scene_update(entities: Iterable[SceneEntity], stamp_ns: int) -> SceneUpdate:
+    """A message that takes the place of all before it on its channel."""
+    return SceneUpdate(
+        deletions=[SceneEntityDeletion(timestamp=timestamp(stamp_ns), type=SceneEntityDeletion.ALL)], entities=entities
+    )
+
+
+def robot_entity(state: RobotState, index: int, stamp_ns: int) -> SceneEntity:
+    """A robot in its own frame: footprint, nose and name; `index` chooses its colour."""
+    radius_m = state.radius_m or 0.2
+    body = HALTED if state.halted else LOST if state.lost else look_of(index).color
+    battery = "" if state.battery is None else f" {100 * state.battery.soc:.0f} %"
+    entity = _entity(f"robot {state.robot}", state.robot, stamp_ns)
+    entity.frame_locked = True
+    entity.metadata.extend(
+        KeyValuePair(key=key, value=value)
+        for key, value in (
+            ("behavior", state.behavior),
+            ("task", state.task.id if state.task is not None else ""),
+            ("halted by", ", ".join(state.halted_by)),
+            ("lost", state.lost),
+            ("faulted", ", ".join(fault.plugin for fault in state.faulted)),
+        )
+        if value
+    )
+    entity.cylinders.append(
+        CylinderPrimitive(
+            pose=pose(0.0, 0.0, ROBOT_HEIGHT_M / 2),
+            size=Vector3(x=2 * radius_m, y=2 * radius_m, z=ROBOT_HEIGHT_M),
+            bottom_scale=1.0,
+            top_scale=0.9,
+            color=color(body),
+        )
+    )
+    entity.arrows.append(
+        ArrowPrimitive(
+            pose=pose(0.0, 0.0, ROBOT_HEIGHT_M + 0.02),
+            shaft_length=radius_m * 0.6,
+            shaft_diameter=radius_m * 0.25,
+            head_length=radius_m * 0.6,
+            head_diameter=radius_m * 0.6,
+            color=color(NOSE),
+        )
+    )
+    word = " HALTED" if state.halted else " lost" if state.lost else ""
+    entity.texts.append(_label(f"{state.robot}{battery}{word}", ROBOT_HEIGHT_M + 0.35))
+    return entity
+
+
+def mote_entity(reading: MoteReading, stamp_ns: int) -> SceneEntity | None:
+    """A mote with its latest reading; None where its place is not known."""
+    if reading.place is None:
+        return None
+    at = reading.place
+    entity = _entity(f"mote {reading.mote}", ARENA, stamp_ns)
+    entity.spheres.append(
+        SpherePrimitive(
+            pose=pose(at.x_m, at.y_m, 0.12),
+            size=Vector3(x=0.24, y=0.24, z=0.24),
+            color=color(mote_color(reading.voltage_v)),
+        )
+    )
+    text = f"{reading.mote} {reading.value:.1f} {reading.quantity}"
+    entity.texts.append(_label(text, 0.45, at.x_m, at.y_m, size_m=0.2))
+    return entity
+
+
+def task_entity(event: TaskEvent, stamp_ns: int) -> SceneEntity:
+    """An open task: a flag at its place."""
+    at = event.task.place
+    entity = _entity(f"task {event.task.id}", ARENA, stamp_ns)
+    mast = LinePrimitive(
+        type=LinePrimitive.LINE_STRIP,
+        pose=pose(0.0, 0.0),
+        thickness=3.0,
+        scale_invariant=True,
+        points=[point(at), point(at, 0.6)],
+        color=color(FRONTIER if event.robot else WARNING),
+    )
+    entity.lines.append(mast)
+    holder = f" {event.robot}" if event.robot else ""
+    kind = "" if event.task.id.startswith(event.task.kind) else f"{event.task.kind} "
+    text = f"{kind}{event.task.id} {event.state.replace('_', ' ')}{holder}"
+    entity.texts.append(_label(text, 0.75, at.x_m, at.y_m, size_m=0.22))
+    return entity
+
+
+def walls_entity(boxes: NDArray[float32], stamp_ns: int) -> SceneEntity:
+    """The known walls, raised."""
+    entity = _entity("walls", ARENA, stamp_ns)
+    entity.cubes.extend(wall_cubes(boxes, WALL))
+    return entity
+
+
+def robots_scene(states: Mapping[str, RobotState], indices: Mapping[str, int], stamp_ns: int) -> SceneUpdate:
+    """All robots that know where they are."""
+    entities = (
+        robot_entity(state, indices[robot], stamp_ns) for robot, state in states.items() if state.pose is not None
+    )
+    return scene_update(entities, stamp_ns)
+
+
+def _entity(name: str, frame: str, stamp_ns: int) -> SceneEntity:
+    return SceneEntity(timestamp=timestamp(stamp_ns), frame_id=frame, id=name)
+
+
+def _label(text: str, z_m: float, x_m: float = 0.0, y_m: float = 0.0, *, size_m: float = LABEL_M) -> TextPrimitive:
+    return TextPrimitive(
+        pose=pose(x_m, y_m, z_m), billboard=True, font_size=size_m, scale_invariant=False, color=color(TEXT), text=text
+    )
 
 
 class BatteryPlot(msgspec.Struct, frozen=True, kw_only=True):
@@ -189,7 +319,7 @@ class FoxgloveChannels:
         self._states.clear()
 
     def _robots(self, now_ns: int) -> Iterator[VisualMessage]:
-        robots = foxglove_scene.robots_scene(self._decoded, self._indices, now_ns)
+        robots = robots_scene(self._decoded, self._indices, now_ns)
         yield VisualMessage(visual_topics.ROBOTS, robots, now_ns)
         for state in self._decoded.values():
             if state.pose is not None:
@@ -205,13 +335,13 @@ class FoxgloveChannels:
         self._paths.clear()
         if self._readings and self._is_due("motes", 2 * MARKS_NS, now_ns):
             readings = list(self._decoded_all(self._readings, MoteReading))
-            entities = [entity for reading in readings if (entity := foxglove_scene.mote_entity(reading, now_ns))]
+            entities = [entity for reading in readings if (entity := mote_entity(reading, now_ns))]
             if readings:
-                yield VisualMessage(visual_topics.MOTES, foxglove_scene.scene(entities, now_ns), now_ns)
+                yield VisualMessage(visual_topics.MOTES, scene_update(entities, now_ns), now_ns)
         if self._tasks_changed:
             self._tasks_changed = False
-            entities = [foxglove_scene.task_entity(event, now_ns) for event in self._open_tasks.values()]
-            yield VisualMessage(visual_topics.TASKS, foxglove_scene.scene(entities, now_ns), now_ns)
+            entities = [task_entity(event, now_ns) for event in self._open_tasks.values()]
+            yield VisualMessage(visual_topics.TASKS, scene_update(entities, now_ns), now_ns)
 
     def _map_period_ns(self) -> int:
         grid = self._map_view.grid
@@ -229,8 +359,8 @@ class FoxgloveChannels:
         view = self._map_view
         if view.grid is not None and self._walls_shown != view.version and self._is_due("walls", WALLS_NS, now_ns):
             self._walls_shown = view.version
-            walls = foxglove_scene.walls_entity(view.wall_boxes(), now_ns)
-            yield VisualMessage(visual_topics.WALLS, foxglove_scene.scene([walls], now_ns), now_ns)
+            walls = walls_entity(view.wall_boxes(), now_ns)
+            yield VisualMessage(visual_topics.WALLS, scene_update([walls], now_ns), now_ns)
             yield VisualMessage(visual_topics.WALL_POINTS, make.wall_points(view.grid, now_ns), now_ns)
 
     def _told_lines(self, now_ns: int) -> Iterator[VisualMessage]:

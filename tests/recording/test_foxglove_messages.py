@@ -29,8 +29,8 @@ from robrain.recording.drawing.palette import (
     WARNING,
     look_of,
 )
+from robrain.recording.foxglove import channels as foxglove_scene
 from robrain.recording.foxglove import messages as make
-from robrain.recording.foxglove import scene as foxglove_scene
 
 
 def scan(*ranges_mm: int, **fields: Any) -> Scan:

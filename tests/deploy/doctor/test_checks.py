@@ -14,14 +14,16 @@ from robrain.agent.errors import PackageMissing
 from robrain.deploy.doctor.check import Check, CheckName, is_good
 from robrain.deploy.doctor.examination import (
     RobotFound,
+    check_address,
     check_can,
     check_devices,
     check_extras,
     check_grid,
+    check_port,
     check_robot_file,
     check_robot_ports,
+    check_router,
 )
-from robrain.deploy.doctor.network_checks import check_address, check_port, check_router
 from robrain.deploy.doctor.team_checks import (
     check_clock,
     check_key_space,

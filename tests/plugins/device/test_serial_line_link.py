@@ -2,9 +2,9 @@
 
 import pytest
 
-from robrain.plugins.device.mote_base import serial_line_link
+from robrain.plugins.device.mote_base import mote_base
 from robrain.plugins.device.mote_base.link import Backoff
-from robrain.plugins.device.mote_base.serial_line_link import SerialLineLink
+from robrain.plugins.device.mote_base.mote_base import SerialLineLink
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.tinyos.serial_line import frame
 
@@ -51,7 +51,7 @@ class Socket:
 @pytest.fixture
 def socket(monkeypatch):
     plug = Socket()
-    monkeypatch.setattr(serial_line_link.serial, "Serial", plug.open)
+    monkeypatch.setattr(mote_base.serial, "Serial", plug.open)
     return plug
 
 
