@@ -51,7 +51,9 @@ def measure() -> dict[str, int]:
         "test_lines": sum(lines_of_code(path.read_text()) for path in (ROOT / "tests").rglob("*.py")),
         "class_names_defined_twice": class_names_defined_twice(trees),
         "folders_that_import_each_other": folders_that_import_each_other(imported),
-        "files_that_fit_into_their_only_importer": files_that_fit_into_their_only_importer(sources, imported),
+        "files_that_fit_into_their_only_importer": files_that_fit_into_their_only_importer(
+            sources, imported, imports(trees, at_import=True)
+        ),
         "visit_files": len(visit),
         "visit_functions": sum(map(len, visit.values())),
         "calls_per_robot_second_of_4": exploring,
@@ -85,12 +87,12 @@ def class_names_defined_twice(trees: Mapping[Path, ast.Module]) -> int:
     return sum(count > 1 for count in names.values())
 
 
-def imports(trees: Mapping[Path, ast.Module]) -> dict[Path, set[Path]]:
-    """Files of the product that each file imports."""
+def imports(trees: Mapping[Path, ast.Module], *, at_import: bool = False) -> dict[Path, set[Path]]:
+    """Files of the product that each file imports; with `at_import`, only those that its own import loads."""
     modules = {_module_name(path): path for path in trees}
     found: dict[Path, set[Path]] = defaultdict(set)
     for path, tree in trees.items():
-        for node in ast.walk(tree):
+        for node in tree.body if at_import else ast.walk(tree):
             match node:
                 case ast.ImportFrom(module=str(module)):
                     names = [f"{module}.{alias.name}" for alias in node.names]
@@ -107,8 +109,13 @@ def folders_that_import_each_other(imported: Mapping[Path, set[Path]]) -> int:
     return sum((b, a) in folders for a, b in folders if a < b)
 
 
-def files_that_fit_into_their_only_importer(sources: Mapping[Path, str], imported: Mapping[Path, set[Path]]) -> int:
-    """Number of files with one importer, in the same folder, that stay below `MERGED_LINES_MAX` lines with it."""
+def files_that_fit_into_their_only_importer(
+    sources: Mapping[Path, str], imported: Mapping[Path, set[Path]], loaded: Mapping[Path, set[Path]]
+) -> int:
+    """Number of files with one importer, in the same folder, that stay below `MERGED_LINES_MAX` lines with it.
+
+    A file that its importer loads within a function does not count: it is kept out of the start of a process.
+    """
     importers: dict[Path, set[Path]] = defaultdict(set)
     for path, others in imported.items():
         for other in others:
@@ -116,7 +123,7 @@ def files_that_fit_into_their_only_importer(sources: Mapping[Path, str], importe
                 importers[other].add(path)
     lines = {path: len(source.splitlines()) for path, source in sources.items()}
     return sum(
-        importer.parent == path.parent and lines[path] + lines[importer] < MERGED_LINES_MAX
+        importer.parent == path.parent and path in loaded[importer] and lines[path] + lines[importer] < MERGED_LINES_MAX
         for path, (importer, *more) in importers.items()
         if not more and path.name != "__init__.py"
     )
