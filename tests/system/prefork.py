@@ -194,7 +194,7 @@ def import_everything(missing: tuple[type[Exception], ...] = ()) -> None:
         "cli",
         "agent.host.live_drive",
         "coordinator.live",
-        "coordinator.dashboard.server.server",
+        "dashboard.server.server",
     ):
         with suppress(*missing):
             importlib.import_module(f"robrain.{name}")
