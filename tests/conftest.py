@@ -15,11 +15,11 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
-from robrain.protocol.clock import VirtualClock
+from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, HUB_VARIABLE
-from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.session import open_lockstep_session, open_session
 from tests.own_hub import OwnHub
 from tests.real_maps import WHY_NOT
 
@@ -100,3 +100,13 @@ def wire() -> Iterator[Endpoint]:
     yield endpoint
     endpoint.close()
     session.close()
+
+
+@pytest.fixture
+def endpoint() -> Iterator[Endpoint]:
+    """A live endpoint with a router of its own, as a dashboard gets it."""
+    session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
+    endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
+    yield endpoint
+    endpoint.close()
+    session.close()  # type: ignore[no-untyped-call]

@@ -56,7 +56,7 @@ def parse_call(text: str) -> TextCall:
         CallError: `bad_arguments`, saying what was expected.
 
     >>> parse_call('call driver drive(distance_m=1.0, "a, b")')
-    Call(plugin='driver', function='drive', arguments=['distance_m=1.0', '"a, b"'])
+    TextCall(plugin='driver', function='drive', arguments=['distance_m=1.0', '"a, b"'])
     """
     found = _CALL.fullmatch(text.strip())
     if found is None:

@@ -53,7 +53,7 @@ class FormField(msgspec.Struct, frozen=True, kw_only=True):
     def title(self) -> str:
         """The text beside it.
 
-        >>> Field(path=("place", "x_m"), kind=FieldKind.NUMBER, required=True).title
+        >>> FormField(path=("place", "x_m"), kind=FieldKind.NUMBER, required=True).title
         'x (m)'
         """
         words = [part for part in self.path if part != "place"] or list(self.path)

@@ -102,7 +102,7 @@ ROBOT_GRADES: dict[RobotHealth, Grade] = {
 def headline_of(vitals: Vitals) -> Headline:
     """The worst grade of all, with its findings.
 
-    >>> headline_of(Vitals({Condition.UP: 2}, coordinator_up=False)).grade
+    >>> headline_of(Vitals({RobotHealth.UP: 2}, coordinator_up=False)).grade
     <Grade.BAD: 2>
     """
     robots = max((ROBOT_GRADES[one] for one, count in vitals.conditions.items() if count), default=Grade.GOOD)

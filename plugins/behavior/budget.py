@@ -56,7 +56,7 @@ class BudgetVerdict(msgspec.Struct, frozen=True):
     def words(self) -> str:
         """The same in words.
 
-        >>> Verdict(5200.4, 4800.0, 60.0).words
+        >>> BudgetVerdict(5200.4, 4800.0, 60.0).words
         'needs 5200 J of 4800 J usable'
         """
         return told(self.reason)

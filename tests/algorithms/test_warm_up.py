@@ -9,12 +9,13 @@ from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
 from robrain.algorithms.localization import mote_relocalisation, surface_match
-from robrain.algorithms.mapping import grid_geometry, occupancy_grid, ray_cast
+from robrain.algorithms.mapping import occupancy_grid, ray_cast
 from robrain.algorithms.navigation import clearance_kernels, frontier, path_planning, right_of_way
 from robrain.algorithms.navigation import navigation_grid as navigation
 from robrain.algorithms.numeric import small_linear_algebra
-from robrain.algorithms.slam import mates_in_scan, pose_graph, submap, submap_atlas, submap_drawing_kernels
+from robrain.algorithms.slam import mates_in_scan, pose_graph, submap, submap_atlas
 from robrain.algorithms.warm_up import warm_up
+from robrain.protocol.model import grid_geometry
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
 pytestmark = pytest.mark.slow
@@ -31,7 +32,6 @@ MODULES: tuple[ModuleType, ...] = (
     small_linear_algebra,
     submap,
     submap_atlas,
-    submap_drawing_kernels,
     surface_match,
 )
 
@@ -139,7 +139,7 @@ def test_warming_up_calls_each_kernel_of_maps_paths_obstacles_and_motes(monkeypa
 
     others = (navigation, clearance_kernels, mote_relocalisation)
     needed = {kernel for module in (*MODULES, *others) for kernel in kernels_of(module)}
-    models = [module for name, module in sys.modules.items() if name.startswith("robrain.protocol.model.")]
+    models = [module for name, module in sys.modules.items() if name.startswith("robrain.algorithms.")]
     for module in models:
         for name, kernel in list(vars(module).items()):
             if isinstance(kernel, Dispatcher):

@@ -15,7 +15,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.tasks.task_book import LEGAL
-from robrain.protocol.clock import LiveClock, VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -28,7 +28,7 @@ from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, R
 from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskEvent, TaskOffer, TaskWithdrawal
 from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskSubmission
 from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.session import open_lockstep_session, open_session
+from robrain.protocol.wire.session import open_lockstep_session
 from robrain.protocol.wire.table.topic import Query
 from robrain.protocol.wire.table.topics import (
     COORDINATOR_STATE,
@@ -280,13 +280,3 @@ def team() -> Iterator[Team]:
         for event in team.heard:
             assert event.state in LEGAL[states.get(event.task.id)], (event, states.get(event.task.id))
             states[event.task.id] = event.state
-
-
-@pytest.fixture
-def endpoint() -> Iterator[Endpoint]:
-    """A live endpoint with a router of its own, as a dashboard gets it."""
-    session = open_session(mode="router", listen=("tcp/127.0.0.1:0",))
-    endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
-    yield endpoint
-    endpoint.close()
-    session.close()  # type: ignore[no-untyped-call]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from robrain.algorithms.mapping import grid_geometry as cells
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.model import grid_geometry as cells
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -149,7 +149,7 @@ def test_a_line_of_a_log_has_its_level(level: str, told: int) -> None:
 
 
 def test_a_scene_takes_the_place_of_all_before_it() -> None:
-    found = foxglove_scene.scene([foxglove_scene.walls_entity(np.zeros((0, 4), np.float32), 3)], 7)
+    found = foxglove_scene.scene_update([foxglove_scene.walls_entity(np.zeros((0, 4), np.float32), 3)], 7)
     assert [(one.type, one.timestamp.nanos) for one in found.deletions] == [(1, 7)]
     assert [entity.id for entity in found.entities] == ["walls"]
 

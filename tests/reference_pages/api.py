@@ -22,7 +22,7 @@ What authors of plugins import; [Write plugins](../how-to/plugins.md) shows it a
 """
 GROUPS = {
     "Scenarios and runs": "robrain.sim.",
-    "Scripts and teams": ("robrain.client.", "robrain.deploy."),
+    "Scripts and teams": ("robrain.client.", "robrain.lab."),
     "Tasks, geometry and errors": "robrain.protocol.",
     "Planning": "robrain.coordinator.planning.",
     "Recordings": "robrain.recording.",

@@ -198,12 +198,12 @@ def import_everything(missing: tuple[type[Exception], ...] = ()) -> None:
     ):
         with suppress(*missing):
             importlib.import_module(f"robrain.{name}")
-    deploy = importlib.import_module("robrain.deploy").__path__
-    for module in pkgutil.walk_packages(deploy, "robrain.deploy."):
-        # Processes that are forked with rclpy loaded abort at their end: "exception not rethrown".
-        if "bench" not in module.name and "rclpy" not in module.name:
-            with suppress(*missing):
-                importlib.import_module(module.name)
+    for package in ("robrain.deploy", "robrain.lab"):
+        for module in pkgutil.walk_packages(importlib.import_module(package).__path__, f"{package}."):
+            # Processes that are forked with rclpy loaded abort at their end: "exception not rethrown".
+            if "bench" not in module.name and "rclpy" not in module.name:
+                with suppress(*missing):
+                    importlib.import_module(module.name)
     with suppress(*missing):
         importlib.import_module("robrain.deploy.run.kernels").prepare_kernels(quiet=True)
 

@@ -358,7 +358,7 @@ ISOLATED = """
     import gc, os
     from robrain.agent.access.handle import Handle
     from robrain.agent.host.agent_host import AgentHost
-    from robrain.agent.isolation.messages import Call, Use
+    from robrain.agent.isolation.messages import CallRequest, Use
     from robrain.agent.host.plugin_manager import PluginManager
     from robrain.agent.plugin import Plugin
     from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
@@ -391,7 +391,7 @@ ISOLATED = """
         def by_the_connection_itself(self) -> None:
             self.env._parent.ask(Use("switch", SwitchInterface.__module__, "SwitchInterface"))
         @external
-        def by_the_number_of_a_handle(self) -> None: self.env._parent.ask(Call(2, "press", b""))
+        def by_the_number_of_a_handle(self) -> None: self.env._parent.ask(CallRequest(2, "press", b""))
         @external
         def by_handing_on(self) -> None: self.handed.notify(self.lamp)
 """

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from robrain.algorithms.mapping import grid_geometry
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, map_png
+from robrain.protocol.model import grid_geometry
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.recording.drawing.map_view import ComposedMap

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from robrain.protocol.ros2 import ros_graph, ros_subscription
+from robrain.protocol.ros2 import ros_graph, ros_node
 from robrain.protocol.ros2.attachment import Attachment
 from robrain.protocol.ros2.definitions import Nothing, TriggerResponse
 from robrain.protocol.ros2.errors import BadRosName, NoReply
@@ -111,7 +111,7 @@ def test_a_subscription_holds_its_depth_and_counts_what_it_drops(two):
 
 
 def test_a_subscription_holds_so_many_bytes_whatever_its_depth(two, monkeypatch):
-    monkeypatch.setattr(ros_subscription, "INBOX_BYTES_MAX", 100)
+    monkeypatch.setattr(ros_node, "INBOX_BYTES_MAX", 100)
     heard = two.one.subscribe("/talk", STRING, Qos(depth=10))
     publisher = two.one.advertise("/talk", STRING)
     for text in ("a" * 40, "b" * 40, "c" * 40):
